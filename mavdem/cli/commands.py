@@ -24,12 +24,6 @@ from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import RunEnd
-from mavdem.log_formats import (
-    COMPRESSED_ENDING,
-    UNCOMPRESSED_ENDINGS,
-    UNREAD_LOG_ENDINGS,
-    ZIP_ENDING,
-)
 
 COMMAND_GROUPS = {
     "After a flight": {
@@ -70,6 +64,9 @@ COMMAND_SUMMARIES = {
 }
 """What each command does, by its name."""
 
+MARKS_OF_SOURCES = (".", ":", "/", "\\")
+"""Characters of paths and of addresses, which the name of a command does not have."""
+
 ANNOUNCED_COMMANDS = ("learn", "tune", "wind")
 """Commands that say on a terminal which log they read, before their imports, which take a second."""
 
@@ -99,7 +96,8 @@ class LazyCommandGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Finds and imports the command that the arguments name.
 
-        A log in the place of the command's name means ``mavdem review LOG``. The activity is announced before the
+        A log in the place of the command's name means ``mavdem review LOG``, which also reports a link or a log that
+        does not exist. The activity is announced before the
         command is imported, since both import and reading may take a while.
 
         Args:
@@ -111,7 +109,7 @@ class LazyCommandGroup(click.Group):
             completions.
         """
         first_argument = args[0]
-        if first_argument not in self.commands and looks_like_log_name(first_argument):
+        if first_argument not in self.commands and looks_like_source(first_argument):
             if first_argument.startswith("-"):
                 # The name of the log stood behind "--", which the group has taken. Without it, it would be an option.
                 args = ["--", *args]
@@ -167,19 +165,16 @@ def _refuse_option_as_value(context: click.Context, parameter: click.Parameter, 
     return value
 
 
-def looks_like_log_name(argument: str) -> bool:
-    """Returns whether an argument names an existing file or folder, has the ending of a log, or is a web address.
+def looks_like_source(argument: str) -> bool:
+    """Returns whether an argument is the name of a file or folder, or the address of a link, and no mistyped command.
 
-    A log that does not exist and a web address count too, so that the error says so instead of "No such command".
+    No command has a dot, a colon or a slash. So a log that does not exist is reported as that, even if its ending is
+    mistyped, and not as a command that does not exist.
 
     Args:
         argument: The argument, as the user gave it.
     """
-    if os.path.exists(argument) or "://" in argument:
-        return True
-    endings_of_logs = (*UNCOMPRESSED_ENDINGS, *UNREAD_LOG_ENDINGS, ZIP_ENDING)
-    uncompressed_name = argument.lower().removesuffix(COMPRESSED_ENDING)
-    return uncompressed_name.endswith(endings_of_logs)
+    return os.path.exists(argument) or any(mark in argument for mark in MARKS_OF_SOURCES)
 
 
 def _announce_activity(activity: str, args: Sequence[str]) -> None:

@@ -5,7 +5,12 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import motion_options, sources_argument, window_options
+from mavdem.cli.options import (
+    WholeNumberRange,
+    motion_options,
+    sources_argument,
+    window_options,
+)
 from mavdem.cli.output import print_result, progress
 from mavdem.cli.sources import map_flights, sources_by_flight_name
 from mavdem.cli.streams import print_to_stderr
@@ -22,7 +27,7 @@ from mavdem.report.comparison import comparison_report
 @window_options(f"{TRAIN_SECONDS:g}s", "Held-out test data after them: seconds or samples.")
 @click.option(
     "--hop",
-    type=click.IntRange(1),
+    type=WholeNumberRange(1),
     help="Samples from one window to the next. [default: half of --train and --test]",
 )
 def compare_command(

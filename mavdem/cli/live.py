@@ -27,6 +27,7 @@ from mavdem.cli.live_lines import FILE_MARKER
 from mavdem.cli.live_status import StatusLines
 from mavdem.cli.options import (
     NumberRange,
+    WholeNumberRange,
     file_option,
     host_option,
     json_option,
@@ -163,7 +164,7 @@ class FollowedFlight:
 @host_option
 @click.option(
     "--port",
-    type=click.IntRange(0, 65535),
+    type=WholeNumberRange(0, 65535),
     help=f"Port of --serve. [default: {PAGE_PORT}, or a free one while another session has that]",
 )
 @token_option("Secret that browsers of --serve need")

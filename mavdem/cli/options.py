@@ -83,6 +83,31 @@ class NumberRange(click.FloatRange):
         return number
 
 
+class WholeNumberRange(click.IntRange):
+    """Type of an option for a whole number in a range, whose limits it states in words, not as an inequality."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Parses the number that a user has given.
+
+        Args:
+            value: Text from the user, such as "7", or the default.
+            param: The option.
+            ctx: Context of the command.
+
+        Returns:
+            The number.
+
+        Raises:
+            click.BadParameter: It is no whole number, or outside the range.
+        """
+        limits = f"from {self.min} on" if self.max is None else f"from {self.min} to {self.max}"
+        try:
+            number: int = super().convert(value, param, ctx)
+        except click.BadParameter:
+            self.fail(f"{value} is no whole number {limits}.", param, ctx)
+        return number
+
+
 def token_option(use: str) -> Callable[[Command], Command]:
     """Returns a decorator for ``token``, the secret of a server; empty unless given.
 
@@ -124,7 +149,7 @@ def _combined_options(*decorators: Callable[[Command], Command]) -> Callable[[Co
 
 
 jobs_option = click.option(
-    "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
+    "--jobs", type=WholeNumberRange(1, 1024), help="Logs read at a time. [default: one for each core]"
 )
 """Decorator for ``jobs``, the number of processes that read logs; None unless given."""
 

@@ -5,7 +5,7 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import motion_options, sources_argument
+from mavdem.cli.options import WholeNumberRange, motion_options, sources_argument
 from mavdem.cli.output import print_result, progress
 from mavdem.cli.sources import map_flights, report_excluded
 from mavdem.cli.streams import print_to_stderr
@@ -29,7 +29,7 @@ from mavdem.report.numbers import counted
 @sources_argument
 @click.option(
     "--max-order",
-    type=click.IntRange(1, LARGEST_ORDER),
+    type=WholeNumberRange(1, LARGEST_ORDER),
     default=DEFAULT_MAX_ORDER,
     show_default=True,
     help="The largest number of states to try.",

@@ -6,6 +6,7 @@ import click
 
 from mavdem.cli.options import (
     NumberRange,
+    WholeNumberRange,
     host_option,
     jobs_option,
     token_option,
@@ -43,7 +44,7 @@ a process is replaced after a few logs, since Rerun leaves 20 MB and four thread
     type=click.Path(file_okay=False, path_type=Path),
 )
 @host_option
-@click.option("--port", default=8600, show_default=True, type=click.IntRange(0, 65535))
+@click.option("--port", default=8600, show_default=True, type=WholeNumberRange(0, 65535))
 @token_option("Secret that uploading and the list of flights need")
 @click.option(
     "--behind-proxy",

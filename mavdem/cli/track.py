@@ -9,7 +9,7 @@ import click
 
 from mavdem.cli.exit_codes import EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.links import refuse_link
-from mavdem.cli.options import NumberRange, jobs_option, json_option
+from mavdem.cli.options import NumberRange, WholeNumberRange, jobs_option, json_option
 from mavdem.cli.output import print_blocks, print_json, progress, progress_bar
 from mavdem.cli.streams import print_to_stderr, print_to_stdout, stderr_is_terminal
 from mavdem.containers import Names
@@ -100,7 +100,7 @@ BlocksByVehicle = dict[str, Blocks]
 )
 @click.option(
     "--memory-limit",
-    type=click.IntRange(256, MAX_LIMIT),
+    type=WholeNumberRange(256, MAX_LIMIT),
     default=JobLimits().megabytes,
     show_default=True,
     help="Memory in MB that the reading of one log may take.",

@@ -89,6 +89,7 @@ def read_ulog(path: PathName) -> Log:
             path=source,
             names=topic_names,
             damaged=loss.lost_bytes > 0,
+            is_px4=other_records.information.get("sys_name") == "PX4",
         )
     attitude_notes = attitude_repairs(topics, messages)
     if other_records.texts:
@@ -156,7 +157,7 @@ def _sound_records_of(path: PathName) -> SoundRecords:
         records = sound_records(content)
     except EOFError:
         raise Unreadable(
-            SourceFact.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True
+            SourceFact.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True, is_px4=False
         ) from None
     if is_of_later_format(records):
         raise Unreadable(SourceFact.ULOG_OF_LATER_FORMAT, path=source)

@@ -8,6 +8,7 @@ from mavdem.assessment.ending import ENDINGS
 from mavdem.assessment.severity import severity_rank
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.motors import MotorWatchFact
 
 
 class CountedEvent(NamedTuple):
@@ -24,7 +25,8 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
 
     Only events that are bad or to be watched are shown. Events of one kind have the same code, level and subject, and
     the longest of them is selected; of events without a duration, the first. An event of the motion, such as a tumble,
-    is left out if the flight ended at the same time by what ``ENDINGS`` lists for it, since that ending states more.
+    is left out if the flight ended at the same time by what ``ENDINGS`` lists for it, since that ending states more. So
+    is a motor's stay at its limit if it was found saturated from the same time on.
 
     Args:
         events: events of a log, in the order of time, each a coded finding.
@@ -33,11 +35,18 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         The selected events, the worst kind first (``severity_rank``); kinds that are as bad are in the order of time.
     """
     codes_and_times = {(event.code, event.time) for event in events}
+    saturated_motors = {
+        (event.subject, event.time)
+        for event in events
+        if event.code is MotorWatchFact.MOTOR_SATURATED
+    }
     counts: Counter[tuple[str, str, str]] = Counter()
     longest_indices: dict[tuple[str, str, str], int] = {}
     for index, event in enumerate(events):
         has_ending = (ENDINGS.get(event.code), event.time) in codes_and_times
-        if not event.is_watch_or_bad or has_ending:
+        is_at_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP
+        is_saturation = is_at_limit and (event.subject, event.time) in saturated_motors
+        if not event.is_watch_or_bad or has_ending or is_saturation:
             continue
         kind = (str(event.code), str(event.level), event.subject)
         counts[kind] += 1

@@ -142,6 +142,8 @@
   // Pixels above a plot in which its marks stand, where things are counted.
   const MARKS_ABOVE = 13;
   const isDots = line => line.kind === "dots" || line.kind === "joined";
+  // Dots of two lines are told apart without their colours: those of the second one are rings.
+  const isRing = (line, lines) => isDots(line) && lines.filter(isDots).indexOf(line) % 2 === 1;
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
   // "3–5, 9", which has the colour of alarms if one of them is an alarm.
   const isOverFlight = data => data.group === "flight" || data.group === "whole flight";
@@ -207,9 +209,10 @@
         const left = chart.valToPos(x, "x", true) + offset;
         ctx.beginPath();
         if (!stems) {
-          ctx.fillStyle = line.colour;
-          ctx.arc(left, chart.valToPos(line.y[i], "y", true), 2.8 * ratio, 0, 7);
+          ctx.fillStyle = isRing(line, data.lines) ? colour("--card") : line.colour;
+          ctx.arc(left, chart.valToPos(line.y[i], "y", true), 2.6 * ratio, 0, 7);
           ctx.fill();
+          ctx.stroke();
           ctx.beginPath();
           if (!line.low) return;
         }
@@ -385,7 +388,9 @@
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
     // Many lines in one plot, such as those of all motors, are told apart only where it is high.
     const isCrowded = data.lines.length > 3, isWide = figure.clientWidth > 500;
-    const plotHeight = isForPaper ? (isCrowded ? 84 : isFlat || isWide ? 60 : 96) : (isCrowded || !isFlat ? 154 : 118);
+    // On paper two of the first plots stand beside each other, and plots below each other share an axis on one sheet.
+    const isFirst = hasTimes(figure), heightOnPaper = isFirst || isCrowded || isBare ? 84 : isFlat || isWide ? 60 : 96;
+    const plotHeight = isForPaper ? heightOnPaper : (isCrowded || !isFlat ? 154 : 118);
     const axisHeight = isBare ? (hasTimes(figure) ? (isForPaper ? 16 : 18) : 0) : isForPaper ? 26 : 34;
     return above(data) + plotHeight + axisHeight;
   };
@@ -467,8 +472,10 @@
     if (group) {
       if (strip) group.modes = data.spans;
       group.charts.push(chart);
-      // The chart's own scale is set later.
+      // The chart's own scale is set later. The plots of a lost flight open around the loss.
       group.whole ??= wholeOf(data);
+      const span = data.group === "flight" && figure.closest("[data-opens-at]")?.dataset.opensAt;
+      if (span) group.span ??= span.split(" ").map(Number);
       const [min, max] = group.span ?? group.whole;
       cutPeaks(figure, data, [min, max]);
       chart.setScale("x", { min, max });
@@ -493,7 +500,8 @@
 
   // The legend of a chart: the cursor's place, and for each line its name and its value there. A name hides its line.
   const markOf = (line, lines) => {
-    const mark = Object.assign(element("i"), { style: `background: ${line.colour}` });
+    const mark = Object.assign(element("i"), { style: `background: ${line.colour}; border-color: ${line.colour}` });
+    if (isDots(line)) mark.className = isRing(line, lines) ? "dot ring" : "dot";
     if (isDashedOnPaper(line, lines)) mark.style.setProperty("--on-paper", dashedBackground(dashesOnPaper(line, lines), line.colour));
     return mark;
   };
@@ -651,18 +659,21 @@
       fit(figure, true);
       chart.redraw(false, true);
     }
+    alignHeaders();
   };
-  // Charts beside each other begin at one height, though some legends take two lines.
+  // Charts beside each other begin at one height, though some legends take two lines: the headers that begin at one height
+  // are as high as the highest of them, from the uppermost row of charts on, since each row moves those below it.
   const alignHeaders = () => {
+    const topOf = header => header.getBoundingClientRect().top;
     for (const group of document.querySelectorAll(".charts")) {
-      const columns = [...group.children].map(column => [...column.querySelectorAll("figure.chart > header")]);
-      const rows = Math.max(0, ...columns.map(column => column.length));
-      for (let row = 0; row < rows; row++) {
-        const headers = columns.map(column => column[row]).filter(Boolean);
-        for (const header of headers) header.style.minHeight = "";
-        const isStacked = new Set([...group.children].map(column => column.offsetTop)).size > 1;
-        const most = Math.max(...headers.map(header => header.offsetHeight));
-        if (!isStacked && headers.some(header => header.offsetHeight < most)) for (const header of headers) header.style.minHeight = `${most}px`;
+      let headers = [...group.querySelectorAll("figure.chart > header")].filter(header => header.offsetHeight);
+      for (const header of headers) header.style.minHeight = "";
+      while (headers.length) {
+        const top = Math.min(...headers.map(topOf)), row = headers.filter(header => topOf(header) < top + 1);
+        headers = headers.filter(header => !row.includes(header));
+        const most = Math.max(...row.map(header => header.offsetHeight));
+        // The highest one gets that height too, since on wider paper its legend may take one line.
+        if (row.some(header => header.offsetHeight < most)) for (const header of row) header.style.minHeight = `${most}px`;
       }
     }
   };

@@ -110,12 +110,7 @@
     (isListShort ? part : plots).scrollIntoView({ block: isListShort ? "start" : "nearest" });
   };
   addEventListener("hashchange", followAddress);
-  root.addEventListener("drawn", () => {
-    // The plots of a lost flight open around the loss, unless the address says what to show.
-    const span = document.querySelector("[data-opens-at]")?.dataset.opensAt.split(" ").map(Number);
-    if (span && flight()) zoom(flight(), ...span);
-    followAddress();
-  });
+  root.addEventListener("drawn", followAddress);
   // A second click on an event goes back.
   onClick("tr[data-at]", (row, event) => {
     const address = row.querySelector("a").hash;

@@ -32,7 +32,7 @@ from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
 from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import first_clause, headline, render_section
-from mavdem.report.why import cause_sentences
+from mavdem.report.why import headline_evidence
 
 SCREEN_COLUMNS = 80
 """Columns of a terminal that nobody has widened."""
@@ -186,7 +186,7 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
     """
     lines = list(_event_lines(assessment, columns))
     lines += headline_lines(assessment, columns)
-    lines += _evidence_lines(assessment.headline, columns)
+    lines += _evidence_lines(assessment, columns)
     lines += _wrapped_lines(f"Next: {assessment.next_step}", columns)
     for sentence in flight_sentences(assessment, has_headline_above=True):
         lines += wrap(sentence.text, columns)
@@ -218,17 +218,20 @@ def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> lis
     return wrap(text, columns)
 
 
-def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
-    """Yields the lines below the headline of a review that say which measurements confirm its cause.
+def _evidence_lines(assessment: Assessment, columns: int) -> Iterator[str]:
+    """Yields the lines below the headline of a review that say which measurements confirm it or its cause.
 
     Args:
-        event: the headline, a coded finding that may have a cause, such as a failed motor.
+        assessment: all results on the flight: events, status lights, model, loops and wind.
         columns: number of characters in a line.
 
     Yields:
-        Wrapped lines; none if no measurement confirms the cause.
+        Wrapped lines; none if no measurement confirms the headline, or if a light above states the evidence.
     """
-    for sentence in cause_sentences(event):
+    light_sentences = {light.sentence for light in assessment.lights.values()}
+    for sentence in headline_evidence(assessment.headline, assessment.lights):
+        if sentence.text in light_sentences:
+            continue
         yield from wrap(f"{sentence.lead} {sentence.text}", columns)
 
 

@@ -9,7 +9,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.blocks import Sentence
-from mavdem.report.templates import render_section
+from mavdem.report.templates import headline, render_section, without_full_stop
 
 FACTS_OF_END = (SensorFact.LOG_ENDED, SensorFact.RESTED)
 """Facts that follow an event, though they may have no time."""
@@ -104,7 +104,7 @@ def cause_sentences(fact: Fact) -> list[Sentence]:
 
 
 def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
-    """Returns the sentence below a page's headline that says which measurements confirm it.
+    """Returns the sentence below a headline, on a page and on the screen, that says which measurements confirm it.
 
     If the event in the headline has a cause, the evidence for the cause is stated, since what followed is in the list
     of events. An event that only the autopilot reports, such as an empty battery, is confirmed by no measurement of its
@@ -115,7 +115,7 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
         lights: status lights by name, each the judgement of one part of the vehicle with a level.
 
     Returns:
-        A list with one sentence; empty if nothing confirms the headline.
+        A list with one sentence; empty if nothing confirms the headline, or if it states its evidence itself.
     """
     # Imported here, since pages without a headline need nothing of it.
     from mavdem.assessment.event_lights import light_of_event
@@ -125,7 +125,12 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
     else:
         sentences = evidence_sentences(fact, MAX_WITNESSES_OF_HEADLINE)
     if sentences:
-        return sentences
+        headline_text = headline(fact)
+        return [
+            sentence
+            for sentence in sentences
+            if without_full_stop(sentence.text) not in headline_text
+        ]
     light_name = light_of_event(fact)
     light = None if light_name is None else lights.get(light_name)
     if light is None or not light.is_watch_or_bad:

@@ -109,7 +109,12 @@ def listening_socket(host: str, port: int) -> socket.socket:
         if error.errno == errno.EADDRNOTAVAIL:
             raise Unreadable(StartFailure.HOST_UNKNOWN, address=host, reason=reason) from None
         address = f"{host}:{port}"
-        raise Unreadable(StartFailure.ADDRESS_NOT_FREE, address=address, reason=reason) from None
+        raise Unreadable(
+            StartFailure.ADDRESS_NOT_FREE,
+            address=address,
+            reason=reason,
+            is_in_use=error.errno == errno.EADDRINUSE,
+        ) from None
 
 
 def server_url(host: str, listener: socket.socket) -> str:

@@ -10,6 +10,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.loops import LoopFact
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.online import SurpriseCause
 from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
@@ -52,6 +53,14 @@ def test_what_happened_in_flight_comes_before_what_is_reported_on_the_ground():
         CLIPS[0],
         restarted,
     ]
+
+
+def test_a_saturated_motor_is_listed_once():
+    subject = "motor 4"
+    at_limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=subject, time=9.0)
+    saturated = Fact(MotorWatchFact.MOTOR_SATURATED, Level.BAD, subject=subject, time=9.0)
+    assert worst_events((at_limit, saturated)) == [(1, 1)]
+    assert worst_events((at_limit.replace(time=3.0), saturated)) == [(1, 1), (0, 1)]
 
 
 def test_the_longest_event_of_a_kind_stands_for_all():

@@ -28,7 +28,10 @@ def test_steps_of_both_gains_are_drawn_over_each_other():
     groups = gain_trial_groups(WITHOUT_TWIN, advice)
     assert groups.keys() == {"roll"}
     charts = [chart for column in groups["roll"].columns for chart in column]
-    assert [chart.title for chart in charts] == ["Roll rate: step", "Roll attitude: step"]
+    assert [chart.title for chart in charts] == [
+        "Roll rate: identified step",
+        "Roll attitude: identified step",
+    ]
     for chart in charts:
         advised, now = chart.lines
         assert (now.style, advised.style) == (LineStyle.DASHES, LineStyle.LINE)
@@ -45,9 +48,9 @@ def test_the_caption_of_steps_explains_only_what_is_drawn():
         Chart("", axis, axis, (Line("", colour, np.arange(2.0), np.arange(2.0)),))
         for colour in (PREDICTED, PHYSICAL)
     )
-    assert "setpoint. Blue: " in _step_caption({"roll": {"rate": [now]}})
+    assert "setpoint. “Predicted”" in _step_caption({"roll": {"rate": [now]}})
     caption = _step_caption({"roll": {"rate": [now, advised]}})
-    assert "Green: " in caption and "Grey" not in caption
+    assert "“Advised”" in caption and "“Measured”" not in caption
 
 
 def test_kept_gains_say_how_many_models_have_the_margins_with_and_without_other_thrust():
@@ -75,7 +78,7 @@ def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch
     assert [line.name for line in tracking.lines] == ["setpoint", "advised", "now"]
     assert [line.name for line in wind.lines] == ["advised", "now"]
     assert tracking.lines[0].y.max() == approx(np.degrees(0.1))
-    assert f"{motion.present_error:.2g} → {motion.expected_error:.2g}°" in tracking.title
+    assert f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° advised" in tracking.title
 
 
 def test_the_twin_repeats_the_part_in_which_the_setpoint_moves_most():

@@ -109,7 +109,9 @@ def step_charts(
             title = f"{axis.capitalize()} {loop_name}"
             advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
             step_lines = _step_lines(response, measured_response, advised_step)
-            charts.append(step_chart(f"{title}: step", loop_name, step_lines))
+            # The title says it, since a line that is alone has no legend.
+            kind = "identified step" if measured_response.is_identified else "step"
+            charts.append(step_chart(f"{title}: {kind}", loop_name, step_lines))
             if has_gain and loop_name == "rate":
                 charts.append(_gain_chart(title, response, measured_response))
         if charts:
@@ -154,7 +156,9 @@ def _step_lines(
         Line.with_band(step_name, colour, time, measured_response.step, measured_response.step_half)
     ]
     if advised_step is not None:
-        lines.append(Line("advised gains", PHYSICAL, time, advised_step))
+        # Beside a solid line of the same loop with the present gains it is dashed, so that both are seen.
+        style = LineStyle.DASHES if measured_response.is_identified else LineStyle.LINE
+        lines.append(Line("advised gains", PHYSICAL, time, advised_step, style=style))
     # The dashed line is drawn over the solid one of the advised gains, so that both are seen where they are equal. A
     # step of the identified loop is the prediction already.
     if response.predicted_step is not None and not measured_response.is_identified:

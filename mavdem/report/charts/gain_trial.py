@@ -20,12 +20,18 @@ HOVER_SECONDS = 4.0
 """Part of the twin's hover in wind that is drawn, s: a choice."""
 GAIN_COLOURS = {"now": PREDICTED, "advised": PHYSICAL}
 """Colours of what the gains that flew do, and of what the advised ones would, as in all charts of loops."""
+EQUAL_ERRORS = 0.1
+"""Errors of the twin's two flights that differ by at most this part are stated as one.
+
+A standard deviation of some 50 independent values, as of ten seconds in which a motion changes five times a second, is
+known to 10 %.
+"""
 TRIAL_TIME = Axis("time (s)")
 """Time since the twin's flight began."""
 CAPTION = (
-    "Blue: with the gains that flew; green: with the advised ones. The twin, a simulation by the identified loops, "
-    "flies the recorded setpoints{hovers} in wind and gyro noise of the recorded spectra. Errors are the "
-    "standard deviations of these seconds; those expected by wind torque alone are of long flights."
+    "The twin, a simulation by the identified loops, flies the recorded setpoints{hovers} with the gains that flew and "
+    "with the advised ones, in wind and gyro noise of the recorded spectra. Errors are the standard deviations of these "
+    "seconds; those expected by wind torque alone are of long flights."
 )
 """What stands below the charts of the twin, with a place for what it flies besides."""
 STEP_CAPTION = "Steps by the identified loops. "
@@ -133,7 +139,7 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
             loop = loops[gains].open_loop(loop_name)
             step = step_from_frequency_response(loop.frequency, loop.closed_loop_of_estimate, time)
             lines.append(Line(gains, GAIN_COLOURS[gains], time, step, style=style))
-    title = f"{loops['now'].axis.capitalize()} {loop_name}: step"
+    title = f"{loops['now'].axis.capitalize()} {loop_name}: identified step"
     return step_chart(title, loop_name, lines)
 
 
@@ -141,11 +147,15 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     """Returns the chart of an angle in a simulated flight, °: with the present gains, with advised ones, and setpoint.
 
     Args:
-        title: names the axis and the flight. The error of the angle with both sets of gains, °, is added to it.
+        title: names the axis and the flight. The error of the angle with both sets of gains, °, is added to it: one
+            error if they hardly differ.
         motion: motion of the twin, the simulated vehicle, with both sets of gains.
         is_drawn: (T,) whether a sample is drawn; the errors are of all samples.
     """
-    errors = f"{motion.present_error:.2g} → {motion.expected_error:.2g}°"
+    if abs(motion.expected_error - motion.present_error) <= EQUAL_ERRORS * motion.present_error:
+        errors = f"about {motion.expected_error:.2g}° with both gains"
+    else:
+        errors = f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° advised"
     time = motion.time[is_drawn]
     lines = []
     # The setpoint of a hover is 0 throughout and needs no line.

@@ -45,10 +45,10 @@ def render_page(template: Template, **values: Any) -> str:
 def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
-    Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units``, ``with_unbroken_intervals`` and
-    ``evidence_text``, the tests ``is table`` and ``is chart`` by which they choose how to draw a block, and as globals
-    the version of the program and the colours of charts. The environment is cached and shared: a filter that one page
-    adds is there for all pages.
+    Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units``, ``with_unbroken_intervals``,
+    ``css_string`` and ``evidence_text``, the tests ``is table`` and ``is chart`` by which they choose how to draw a
+    block, and as globals the version of the program and the colours of charts. The environment is cached and shared: a
+    filter that one page adds is there for all pages.
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
@@ -68,6 +68,7 @@ def environment() -> Environment:
     jinja.filters["prose"] = _prose_as_html
     jinja.filters["with_unbroken_units"] = _with_unbroken_units
     jinja.filters["with_unbroken_intervals"] = _with_unbroken_intervals
+    jinja.filters["css_string"] = _css_string
     jinja.filters["evidence_text"] = evidence_text
     return jinja
 
@@ -89,6 +90,19 @@ def _prose_as_html(text: str) -> Markup:
     if has_unpaired_backquote:
         return Markup(html)
     return Markup(_CODE.sub(r"<code>\1</code>", html))
+
+
+def _css_string(text: str) -> Markup:
+    """Returns text as a string of a style sheet, in which characters that could end it are escaped by their number.
+
+    Args:
+        text: plain text, such as the name of a file.
+    """
+    characters = [
+        character if character.isalnum() or character in " .,-_" else f"\\{ord(character):x} "
+        for character in text
+    ]
+    return Markup('"' + "".join(characters) + '"')
 
 
 def _with_unbroken_units(html: Markup) -> Markup:

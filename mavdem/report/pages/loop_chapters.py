@@ -147,7 +147,7 @@ def responses_chapter(
 def _responses_caption(
     responses: Responses, *, has_identified_step: bool, has_advised_steps: bool
 ) -> str:
-    """Returns the caption of the charts of step responses: the meaning of each colour, and remarks that apply.
+    """Returns the caption of the charts of step responses: what their lines are, and remarks that apply.
 
     Args:
         responses: responses by axis and loop.
@@ -155,12 +155,12 @@ def _responses_caption(
             slow.
         has_advised_steps: whether responses with advised gains are drawn.
     """
-    caption = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
+    caption = "Measured, with a 90 % band; where the loop is identified, also predicted."
     if has_identified_step:
         caption += " A rate that rises within few messages has the step of the identified loop, with its 90 % band; "
         caption += "its |T| is measured."
     if has_advised_steps:
-        caption += " Green: predicted with the advised gains."
+        caption += " With the advised gains a step is predicted."
     has_measured_feedforward = False
     for responses_of_axis in responses.values():
         attitude = responses_of_axis.get("attitude")
@@ -243,8 +243,6 @@ def loops_chapters(
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
-    if any(len(compared) > 1 for compared in loops_by_axis.values()):
-        text += " Blue: gains now; green: advised."
     group = Group.of_axes(columns, assessment.lights[Light.MARGINS], text)
     yield Chapter("Control loops", summary, [group._replace(has_common_x=True)])
     groups: list[Group] = []

@@ -44,12 +44,12 @@ STEP_CAPTION = "Response to a step of the setpoint."
 """What stands below the charts of the steps, before the meaning of the colours that are drawn."""
 
 COLOUR_MEANINGS = {
-    MEASURED: "Grey: measured in this flight, with its 90 % band.",
-    PREDICTED: "Blue: by the identified loop with the gains that flew; with a 90 % band where the rate rises too fast "
-    "for its messages to show it.",
-    PHYSICAL: "Green: by the identified loop with the advised gains.",
+    MEASURED: "“Measured” is of this flight, with its 90 % band.",
+    PREDICTED: "“Predicted”, “identified” and “now” are of the identified loop with the gains that flew; with a 90 % "
+    "band where the rate rises too fast for its messages to show it.",
+    PHYSICAL: "“Advised” is of the identified loop with the advised gains.",
 }
-"""What the colours of step responses mean, in the order of the caption."""
+"""What the lines of step responses are, by their colours, in the order of the caption."""
 
 TRIED_GAINS_MEANING = "Where these were tried and are not to be loaded, the tables say so."
 """What the caption adds if another flight is to confirm some of the advised gains."""
@@ -207,7 +207,7 @@ def _reasons_without_response(
 
 
 def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
-    """Returns the caption of the charts of step responses, with the meaning of each colour that they use.
+    """Returns the caption of the charts of step responses, which says what the lines of each colour that they use are.
 
     Args:
         panels: charts by axis, and then by loop.

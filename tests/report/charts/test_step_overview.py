@@ -36,6 +36,10 @@ def test_each_loop_has_a_chart_with_a_line_for_each_axis_that_was_measured():
 
 
 def test_a_step_that_was_not_measured_is_called_identified():
-    response = LoopResponse(measured_response(1.0, is_identified=True))
-    (line,) = step_overview_charts({"roll": {"rate": response}})["rate"].lines
-    assert line.name == "roll (identified)"
+    identified = LoopResponse(measured_response(1.0, is_identified=True))
+    chart = step_overview_charts({"roll": {"rate": identified}})["rate"]
+    assert (chart.title, chart.lines[0].name) == ("Rate: identified step", "roll")
+    measured = LoopResponse(measured_response(1.0))
+    chart = step_overview_charts({"roll": {"rate": identified}, "yaw": {"rate": measured}})["rate"]
+    assert chart.title == "Rate: step"
+    assert [line.name for line in chart.lines] == ["roll (identified)", "yaw"]

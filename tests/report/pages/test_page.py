@@ -482,6 +482,11 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_its_chapters(
     }
 
 
+def test_the_foot_of_a_sheet_has_the_title_which_cannot_end_the_style_sheet():
+    page = render_document('a"} </style>\\.ulg', "", [], [])
+    assert r'@bottom-left { content: "a\22 \7d  \3c \2f style\3e \5c .ulg";' in page
+
+
 def test_a_live_flight_has_what_was_trained_on_and_no_wind_below_0():
     """The history of a live session has trained intervals and poses.
 
