@@ -149,7 +149,9 @@ def _combined_options(*decorators: Callable[[Command], Command]) -> Callable[[Co
 
 
 jobs_option = click.option(
-    "--jobs", type=WholeNumberRange(1, 1024), help="Logs read at a time. [default: one for each core]"
+    "--jobs",
+    type=WholeNumberRange(1, 1024),
+    help="Logs read at a time. [default: one for each core]",
 )
 """Decorator for ``jobs``, the number of processes that read logs; None unless given."""
 

@@ -30,8 +30,8 @@ TRIAL_TIME = Axis("time (s)")
 """Time since the twin's flight began."""
 CAPTION = (
     "The twin, a simulation by the identified loops, flies the recorded setpoints{hovers} with the gains that flew and "
-    "with the advised ones, in wind and gyro noise of the recorded spectra. Errors are the standard deviations of these "
-    "seconds; those expected by wind torque alone are of long flights."
+    "with the advised ones, in wind and gyro noise of the recorded spectra. Errors are the standard deviations of "
+    "these seconds; those expected by wind torque alone are of long flights."
 )
 """What stands below the charts of the twin, with a place for what it flies besides."""
 STEP_CAPTION = "Steps by the identified loops. "
