@@ -44,4 +44,5 @@ class WatchFact(Code):
     SINKS_AT_LIMIT = "sinks_at_limit"
     GOOD_IN_FLIGHT = "good_in_flight"
     ALARM_OVER = "alarm_over"
+    MOTORS_JUST_STOPPED = "motors_just_stopped"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

@@ -14,9 +14,8 @@ from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Override
 from mavdem.facts.lights import Unjudged
-from mavdem.facts.watch import WatchFact
 from mavdem.live.learning import FlightLearning
-from mavdem.live.margin_review import FIRST_REVIEW_SECONDS
+from mavdem.live.margin_review import MARGINS_AWAITED
 from mavdem.live.model_judgement import JudgedModel, judge_model
 from mavdem.live.rows import RowFormat
 from mavdem.live.stream import LiveStream
@@ -24,11 +23,6 @@ from mavdem.motors.motor_changes import MotorChange
 
 JUDGING_PERIOD = 10.0
 """Time between the beginnings of two judgements, s: a choice of computing time."""
-
-MARGINS_AWAITED = Fact(
-    WatchFact.NO_OSCILLATION, reason=Fact(WatchFact.MARGINS_AWAITED, duration=FIRST_REVIEW_SECONDS)
-)
-"""The light of the margins in flight until ``MarginReview`` has identified the loops, if nothing oscillates."""
 
 OWN_TORQUE_OVERRIDES = (Override.OSCILLATION, Override.MOTORS)
 """Findings with which the torque that was estimated as the wind's is the vehicle's own: a limit cycle, a weak motor."""

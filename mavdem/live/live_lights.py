@@ -28,6 +28,7 @@ def lights_before_model(
     rates: Mapping[str, float],
     watch_facts: Mapping[str, Fact],
     no_wind_reason: Fact | None,
+    margins_awaited: Fact | None,
 ) -> dict[str, Fact]:
     """Returns the light of each part of the vehicle before a model is judged.
 
@@ -40,6 +41,7 @@ def lights_before_model(
         watch_facts: for each quantity that is watched on the followed vehicle, by its name: since when, or why it is
             not.
         no_wind_reason: why there is no estimate of the wind although the vehicle flies; None if nothing prevents it.
+        margins_awaited: the light of the margins where setpoints of the body rate will show them; None elsewhere.
 
     Returns:
         A fact for each light, by name, in the order in which they are shown.
@@ -48,7 +50,7 @@ def lights_before_model(
     for light, quantity in AWAITED_QUANTITIES.items():
         lights[str(light)] = _awaited_light(quantity, watch_facts, reason)
     lights[str(Light.MOTORS)] = _motors_light(watch_facts, reason)
-    lights[str(Light.MARGINS)] = _margins_light(watch_facts, reason)
+    lights[str(Light.MARGINS)] = _margins_light(watch_facts, reason, margins_awaited)
     if no_wind_reason is not None:
         lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=no_wind_reason)
     elif watch_facts:
@@ -124,15 +126,18 @@ def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
     return Fact(WatchFact.NO_MOTOR_AT_LIMIT, reason=why_loss_undetectable)
 
 
-def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
+def _margins_light(
+    watch_facts: Mapping[str, Fact], reason: Fact, margins_awaited: Fact | None
+) -> Fact:
     """Returns the light (judgement) of the control loops' stability margins as long as there was no alarm about them.
 
-    Margins are computed from a model. Before there is one, the light states that no oscillation was seen so far, or if
-    not even that is watched, why the margins are not judged.
+    Margins are computed from a model, or from setpoints of the body rate. Before that, the light states that no
+    oscillation was seen so far, or if not even that is watched, why the margins are not judged.
 
     Args:
         watch_facts: since when each quantity is watched, or why it is not, by its name.
         reason: why there is no model.
+        margins_awaited: the light where setpoints of the body rate will show the margins; None elsewhere.
 
     Returns:
         The fact. Its figure ``reason`` is why the margins themselves are not known.
@@ -140,6 +145,8 @@ def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
     why_not_watched = _reason_not_watched(WatchedQuantity.OSCILLATION, watch_facts, reason)
     if why_not_watched is not None:
         return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
+    if margins_awaited is not None:
+        return margins_awaited
     why_margins_unknown = reason
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # The fact which messages are too slow for a model is stated as a log's review states it.

@@ -25,6 +25,7 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.watch import WatchFact
 from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.telemetry import Log, Parameters
@@ -58,6 +59,11 @@ many bytes. Of a longer flight the beginning is forgotten.
 MAX_PIECE_BYTES = MAX_BYTES // 8
 """Bytes from which on another piece begins before ``PIECE_SECONDS`` are over: a choice. So ``MAX_BYTES`` hold although
 the latest piece is never forgotten, however fast messages come."""
+
+MARGINS_AWAITED = Fact(
+    WatchFact.NO_OSCILLATION, reason=Fact(WatchFact.MARGINS_AWAITED, duration=FIRST_REVIEW_SECONDS)
+)
+"""The light of the margins in flight until the loops are identified by setpoints of the rate, if nothing oscillates."""
 
 UNNAMED_RECORDING = "FILE.tlog"
 """Name of the recording in advice on commands if nothing is recorded."""
@@ -296,6 +302,11 @@ class MarginReview:
         # When the latest review began, and when the next one may begin, s of the monotonic clock.
         self._start_time = -inf
         self._next_review_time = inf
+
+    @property
+    def awaited_light(self) -> Fact | None:
+        """The light of the margins until they are reviewed; None where no setpoint comes by which they can be."""
+        return MARGINS_AWAITED if self.has_rate_setpoint else None
 
     def add_messages(
         self, stamp: float, frames: Sequence[Frame], vehicle: Component | None, boot: int

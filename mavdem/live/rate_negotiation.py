@@ -138,21 +138,22 @@ class RateNegotiation:
             self._arrival_rates = ArrivalRates()
             self._request.allow_new_requests()
 
-    def restore(self, *, is_silent_on_ground: bool = False) -> None:
+    def restore(self, *, is_silent: bool = False, is_flying: bool = True) -> None:
         """Restores the vehicle's own message rates at the end of a session, and waits for its confirmation.
 
         Rates that the vehicle does not confirm are sent again, ``MAX_TRIES`` times in all, since radios lose frames. If
         some rate remains unconfirmed, a fact reports it, as the vehicle may keep the requested rates.
 
         Args:
-            is_silent_on_ground: whether the vehicle does not fly, and has sent nothing for some seconds, as one that is
-                switched off. It cannot confirm anything, and has its own rates again when it is switched on.
+            is_silent: whether the vehicle has sent nothing for some seconds.
+            is_flying: whether it flies, as far as is known. A silent one that does not is switched off. It cannot
+                confirm anything, and has its own rates again when it is switched on.
         """
         request = self._request
         if request is None:
             return
         frames = request.restoring_frames()
-        if is_silent_on_ground and frames:
+        if is_silent and not is_flying and frames:
             self._intake.send(frames)
             self._log(Fact(RateFact.RATES_NOT_RESTORED, Level.UNKNOWN, is_on_ground=True))
             return
@@ -164,7 +165,7 @@ class RateNegotiation:
                 self._intake.send(frames)
                 self._await_confirmations(request)
         if request.restoring_frames():
-            self._log(Fact(RateFact.RATES_NOT_RESTORED))
+            self._log(Fact(RateFact.RATES_NOT_RESTORED, is_silent=is_silent))
 
     def _await_confirmations(self, request: RateRequest) -> None:
         """Receives messages until all restored rates are confirmed, for ``RETRY_SECONDS`` at most.

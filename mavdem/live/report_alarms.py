@@ -20,6 +20,17 @@ ALARMING_STATES = frozenset((ReportedEvent.FAILSAFE, *FAILSAFE_TRIGGERS)) - {
 }
 """Faults that are alarms where a state reports them, which has no severity: failsafes, and what they begin for."""
 
+FAILSAFES_IN_WORDS = frozenset(
+    {
+        ReportedEvent.FAILSAFE,
+        ReportedEvent.RADIO_LOST,
+        ReportedEvent.GROUND_STATION_LOST,
+        ReportedEvent.FENCE_BREACHED,
+    }
+)
+"""Faults that are alarms where any text warns of them: the autopilot takes the vehicle from the pilot, and ArduPilot
+reports that as a mere warning (``Copter::announce_failsafe``)."""
+
 
 class ReportAlarms:
     """The alarms about faults that the autopilot reports, since it started.
@@ -130,8 +141,9 @@ def is_lasting_state(report: Fact) -> bool:
 def is_alarming(report: Fact) -> bool:
     """Returns whether something that the autopilot reports is an alarm in flight.
 
-    A report that is bad is an alarm. One that is only to be watched is an alarm in two cases: it is a text of the
-    severity "critical" or higher, or a state, such as a failsafe, that is among the ``ALARMING_STATES``.
+    A report that is bad is an alarm. One that is only to be watched is an alarm in three cases: it is a text of the
+    severity "critical" or higher; a text that warns of one of the ``FAILSAFES_IN_WORDS``; or a state, such as a
+    failsafe, that is among the ``ALARMING_STATES``.
 
     Args:
         report: a coded finding: either the text of a message, with its figures "text" and "severity", or the interval
@@ -141,7 +153,9 @@ def is_alarming(report: Fact) -> bool:
         return True
     if not report.is_watch_or_bad:
         return False
-    is_critical_text = report.figures.get("severity") in CRITICAL_SEVERITIES
+    severity = report.figures.get("severity")
+    is_critical_text = severity in CRITICAL_SEVERITIES
+    is_failsafe_text = severity is not None and report.code in FAILSAFES_IN_WORDS
     is_state = "text" not in report.figures
     is_alarming_state = is_state and report.code in ALARMING_STATES
-    return is_critical_text or is_alarming_state
+    return is_critical_text or is_failsafe_text or is_alarming_state

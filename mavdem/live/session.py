@@ -904,7 +904,7 @@ class LiveSession:
         """Restores the vehicle's rates, which it must confirm if it still sends or flies, and ends the recording."""
         message_age = self._silence_monitor.message_age(self.intake.read_until)
         is_silent = message_age is not None and message_age >= SILENCE_SECONDS
-        self._rates.restore(is_silent_on_ground=is_silent and not self.stream.is_flying)
+        self._rates.restore(is_silent=is_silent, is_flying=self.stream.is_flying)
         self.intake.end_recording()
 
 

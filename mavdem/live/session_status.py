@@ -234,6 +234,9 @@ class SessionStatus(ImmutableResult):
     margins: Fact | None = None
     """The light of the margins by the loops that were identified in this flight; None before they were."""
 
+    margins_awaited: Fact | None = None
+    """The light of the margins until they are identified by setpoints of the rate; None where none of these come."""
+
     flight_seconds: float | None = None
     """Time since the take-off, s; None on the ground, or where the take-off was not seen."""
 
@@ -315,7 +318,8 @@ class SessionStatus(ImmutableResult):
            could not be judged;
         3. how the flight was lost;
         4. in flight, what cannot wait until the landing; at the end of the session, that the link was lost in flight;
-           otherwise the verdict of the recording, or that it is awaited.
+           just after the motors stopped, that this may have been in the air; otherwise the verdict of the recording, or
+           that it is awaited.
         """
         judgement = self._judgement_with_all_lights
         is_nothing_checked = judgement.headline.code in (
@@ -336,6 +340,11 @@ class SessionStatus(ImmutableResult):
             # What was found before, such as a weak motor, is the cause that this fact has.
             lights_to_show = self._lights_with_recording(judgement.lights)
             return _judgement_with_headline(link_loss, lights_to_show)
+        may_be_falling = not self.has_landed and not self.is_over
+        if may_be_falling and not judgement.headline.is_watch_or_bad:
+            stopped = Fact(WatchFact.MOTORS_JUST_STOPPED)
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=stopped)
+            return replace(judgement, headline=stopped, next_step=next_step)
         return self._judgement_with_recording(judgement)
 
     @property
@@ -540,7 +549,9 @@ class SessionStatus(ImmutableResult):
         if self._is_silent_after_flight:
             # The flight is over, and nothing need be watched any more. So no light gets the silent link as its reason.
             watch_facts = {}
-        unjudged_lights = lights_before_model(reason, self.rates, watch_facts, self.no_wind_reason)
+        unjudged_lights = lights_before_model(
+            reason, self.rates, watch_facts, self.no_wind_reason, self.margins_awaited
+        )
         if self.model_judgement is None:
             headline = reason
             if self._weak_motors:
@@ -810,20 +821,34 @@ class SessionStatus(ImmutableResult):
     def _is_urgent(self, headline: Fact) -> bool:
         """Returns whether the pilot should land now, because of what a headline in flight states.
 
-        That is the case for an active alarm, and for a bad fault that has arisen in flight. A permanent fault, such as
-        small stability margins, is no more dangerous than at the take-off.
+        That is the case for an active alarm, and for a bad fault that has arisen in flight and is not over. A permanent
+        fault, such as small stability margins, is no more dangerous than at the take-off.
 
         Args:
             headline: the headline, a fact about the vehicle.
         """
         if headline in self.active_alarms:
             return True
-        return headline.is_bad and headline.code not in PERMANENT_FAULTS
+        is_permanent = headline.code in PERMANENT_FAULTS
+        return headline.is_bad and not is_permanent and not self._is_past_event(headline)
+
+    def _is_past_event(self, fact: Fact) -> bool:
+        """Returns whether an event is over, such as a height that diverged: it has an end, and is no alarm any more.
+
+        Args:
+            fact: any fact about the flight.
+        """
+        is_alarm = any(
+            alarm.code is fact.code and alarm.subject == fact.subject
+            for alarm in self.active_alarms
+        )
+        return _is_event(fact) and fact.end_time is not None and not is_alarm
 
     def _most_urgent_headline(self, headline: Fact) -> Fact:
         """Returns the headline to show in flight: an active alarm, if that is more urgent than the given headline.
 
-        A bad event, such as a loss of control, comes before any lasting fault; otherwise a bad headline stays.
+        A bad event, such as a loss of control, comes before any lasting fault; otherwise a bad headline stays, unless
+        it is an event that is over.
 
         Args:
             headline: headline of the judgement: its first sentence on the screen, as a fact.
@@ -831,9 +856,13 @@ class SessionStatus(ImmutableResult):
         bad_events = [alarm for alarm in self.active_alarms if alarm.is_bad and _is_event(alarm)]
         if bad_events and not _is_event(headline):
             return bad_events[0]
-        if self.active_alarms and not headline.is_bad:
-            return worst_fact(self.active_alarms)
-        return headline
+        if headline.is_bad and not self._is_past_event(headline):
+            return headline
+        alarms = self.active_alarms
+        if headline.is_bad:
+            # What is only to be watched does not come before a bad event, though that is over.
+            alarms = tuple(alarm for alarm in alarms if alarm.is_bad)
+        return worst_fact(alarms) if alarms else headline
 
     def _next_step_in_flight(self, judgement: Judgement) -> Fact:
         """Returns what the pilot of a vehicle in flight without an active alarm should do.

@@ -11,7 +11,7 @@ from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
-from mavdem.facts.ending import Ending
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.log import LogLight
@@ -496,6 +496,34 @@ def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
     judged = replace(flying, worst_lights=dict.fromkeys(VEHICLE_LIGHTS, good))
     assert judged.overall_judgement.headline.is_good
     assert replace(flying, is_flying=False).overall_judgement.headline.is_good
+
+
+def test_a_vehicle_whose_motors_have_just_stopped_is_not_called_sound():
+    """A disarming in the air is found a moment after the disarming."""
+    lights = dict.fromkeys(VEHICLE_LIGHTS, Fact(LogLight.RECORDED_FAST, Level.GOOD))
+    stopped = SessionStatus("1:1", flight_number=1, has_landed=False, worst_lights=lights)
+    judgement = stopped.overall_judgement
+    assert judgement.headline.code is WatchFact.MOTORS_JUST_STOPPED
+    assert judgement.headline.level is Level.UNKNOWN and str(judgement.next_step) == "Keep clear."
+    assert replace(stopped, has_landed=True).overall_judgement.headline.is_good
+
+
+def test_what_to_do_against_an_event_ends_with_the_event():
+    """The height estimate diverged from 23 s to 28 s; afterwards the throttle need not be taken any more."""
+    diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=23.0, climb_rate=-1.6, speed=4.9, cause=None)
+    lasting = SessionStatus(
+        "1:1",
+        is_flying=True,
+        worst_lights={Light.ESTIMATOR: diverged},
+        active_alarms=(diverged,),
+    )
+    assert lasting.overall_judgement.next_step.code is NextStep.LAND_NOW
+    over = diverged.replace(end_time=28.0)
+    past = replace(lasting, worst_lights={Light.ESTIMATOR: over}, active_alarms=())
+    assert past.overall_judgement.headline == over
+    assert past.overall_judgement.next_step.code is NextStep.LAND_SOON
+    shaken = Fact(VibrationLight.VIBRATION_MEASURED, Level.BAD)
+    assert replace(past, active_alarms=(shaken,)).overall_judgement.headline == shaken
 
 
 def test_a_light_whose_reason_has_no_short_form_has_its_first_clause(slow):

@@ -24,6 +24,8 @@ def report(code, severity="critical", **figures):
         (report(ReportedEvent.GPS_JUMPED), Level.WATCH),
         (report(ReportedEvent.GPS_JUMPED, "warning"), None),
         (report(ReportedEvent.AUTOPILOT_SAID, "error"), None),
+        (report(ReportedEvent.RADIO_LOST, "warning"), Level.WATCH),
+        (report(ReportedEvent.RADIO_LOST, None), None),
         (Fact(ReportedEvent.FAILSAFE, time=20.0, boot=0), Level.WATCH),
         (Fact(ReportedEvent.SENSOR_FAILED, time=20.0, boot=0), None),
         (Fact(ReportedEvent.MODE_CHANGED, time=20.0, boot=0, cause=""), None),

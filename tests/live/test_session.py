@@ -373,6 +373,12 @@ def test_rates_are_asked_for_and_given_back(now, monkeypatch):
     assert asked.count((511, 30, 250_000)) == 3
     unconfirmed = session.history.events[-1].fact
     assert unconfirmed.code is RateFact.RATES_NOT_RESTORED and unconfirmed.is_watch_or_bad
+    assert "did not confirm" in unconfirmed.sentence
+    # One that is silent in flight cannot do so.
+    session._silence_monitor.message_time -= 60.0
+    now[0] += 60.0
+    session.end()
+    assert "was silent at the end" in session.history.events[-1].fact.sentence
     # A vehicle that was switched off on the ground cannot confirm it, and nothing is to be done.
     session.stream._phase.is_flying = False
     session._silence_monitor.message_time -= 60.0
