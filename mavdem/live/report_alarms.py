@@ -138,6 +138,19 @@ def is_lasting_state(report: Fact) -> bool:
     return is_state and report.end_time is None
 
 
+def is_moment_or_reported_end(fault: Fact) -> bool:
+    """Returns whether the end of a fault is no news: it was a moment, or the autopilot itself has reported its end.
+
+    Args:
+        fault: a fault that is no longer found. A text of the autopilot that came once, such as a reset of the
+            estimator, is a moment.
+    """
+    if not isinstance(fault.code, ReportedEvent):
+        return False
+    is_moment = fault.end_time is None and not is_lasting_state(fault)
+    return is_moment or bool(fault.figures.get("is_over"))
+
+
 def is_alarming(report: Fact) -> bool:
     """Returns whether something that the autopilot reports is an alarm in flight.
 

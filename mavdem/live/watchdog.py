@@ -63,7 +63,11 @@ from mavdem.live.motor_limits import (
     with_motors_of_alarm,
 )
 from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
-from mavdem.live.report_alarms import ReportAlarms, is_lasting_state
+from mavdem.live.report_alarms import (
+    ReportAlarms,
+    is_lasting_state,
+    is_moment_or_reported_end,
+)
 from mavdem.live.report_search import ReportSearch
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.live.tracking_watch import TrackingWatch
@@ -1363,7 +1367,8 @@ class Watchdog:
     def _is_end_reported(self, quantity: WatchedQuantity, review: _Review) -> bool:
         """Returns whether the end of an alarm is reported.
 
-        In flight it always is. A landing ends all alarms, but not all faults, and only the end of a fault is reported:
+        In flight it is, unless the autopilot has reported it, or the fault was a moment. A landing ends all alarms, but
+        not all faults, and only the end of a fault is reported:
         after a loss the vehicle stays lost, and a landing neither charges a battery, nor ends a state that lasts, such
         as a GPS receiver without a fix, nor corrects a barometer.
 
@@ -1371,11 +1376,11 @@ class Watchdog:
             quantity: quantity of the alarm, which is still active.
             review: the review that ends, with whether the vehicle flies.
         """
+        alarm = self.alarms.facts[quantity]
         if review.is_flying:
-            return True
+            return not is_moment_or_reported_end(alarm)
         if self.loss is not None or quantity is WatchedQuantity.BATTERY:
             return False
-        alarm = self.alarms.facts[quantity]
         is_lasting = is_lasting_state(alarm) or alarm.code is MotionEvent.HEIGHTS_DISAGREE
         return not is_lasting
 

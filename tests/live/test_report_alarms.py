@@ -6,10 +6,11 @@ from pytest import mark
 
 from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.facts import Fact, Level
+from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
-from mavdem.live.report_alarms import ReportAlarms
+from mavdem.live.report_alarms import ReportAlarms, is_moment_or_reported_end
 from mavdem.live.report_limit import MAX_REPORTS_OF_KIND, ReportLimit
 
 
@@ -80,6 +81,20 @@ def test_a_glitch_is_over_when_the_autopilot_says_so():
     assert not alarms.active
     assert (end.code, end.time, end.remedy) == (WatchFact.ALARM_OVER, 26.0, "")
     assert "glitch for 6.0 s" in end.sentence
+
+
+@mark.parametrize(
+    "fault, is_no_news",
+    [
+        (report(ReportedEvent.ESTIMATOR_RESET), True),
+        (report(ReportedEvent.GPS_JUMPED, end_time=26.0, is_over=True), True),
+        (Fact(ReportedEvent.GPS_LOST, time=20.0, end_time=26.0), False),
+        (Fact(EstimatorLight.FILTER_DOUBTED, time=20.0), False),
+    ],
+)
+def test_the_end_of_a_moment_is_no_news(fault, is_no_news):
+    """A reset of the estimator has no duration, and the end of a glitch was reported by the autopilot."""
+    assert is_moment_or_reported_end(fault) is is_no_news
 
 
 def test_a_flood_of_texts_is_counted_and_hides_no_known_fault():
