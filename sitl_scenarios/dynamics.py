@@ -428,19 +428,19 @@ class Body:
         """
         body = self._airframe
         pulse_range = MAX_PULSE - MIN_PULSE
-        command_per_microsecond = body.full_command / pulse_range
+        speeds = []
         if body.thrust_expo is not None:
-            speeds = [
-                battery * body.rotor_speed(command_per_microsecond * (pulse - MIN_PULSE))
-                for pulse in outputs
-            ]
+            command_per_microsecond = body.full_command / pulse_range
+            for pulse in outputs:
+                command = command_per_microsecond * (pulse - MIN_PULSE)
+                speeds.append(battery * body.rotor_speed(command))
         else:
+            # The line has the speed per normalised command, and the speed at a command of 0.
             slope, offset = body.speed_line
             speed_per_microsecond = battery * slope * body.full_command / pulse_range
-            battery_offset = battery * offset
-            speeds = [
-                speed_per_microsecond * (pulse - MIN_PULSE) + battery_offset for pulse in outputs
-            ]
+            speed_at_min_pulse = battery * offset
+            for pulse in outputs:
+                speeds.append(speed_per_microsecond * (pulse - MIN_PULSE) + speed_at_min_pulse)
         return tuple(map(mul, speeds, self.damage.speed))
 
     def advanced(

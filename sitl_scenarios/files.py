@@ -234,12 +234,12 @@ def scenario_toml(scenario: Scenario) -> str:
     Returns:
         Text of a .toml file, which gives the same scenario when it is read.
     """
-    # In TOML all plain values come before the first section.
-    sections = {
-        key: value
-        for key, value in scenario
-        if isinstance(value, tuple | BaseModel) or key in SECTION_KINDS
-    }
+    # A section is a table, or a list of tables, of values that belong together. In TOML all plain values come before
+    # the first section.
+    sections = {}
+    for key, value in scenario:
+        if isinstance(value, tuple | BaseModel) or key in SECTION_KINDS:
+            sections[key] = value
     lines = _value_lines(scenario, excluded_keys=sections)
     for key, value in sections.items():
         is_list = isinstance(value, tuple)

@@ -84,14 +84,16 @@ def _flights_in_air(signals: Signals, boot: int) -> Intervals:
     Returns:
         Intervals, s since boot.
     """
-    flights = intersection(
-        armed_intervals(signals, boot), landed_state_intervals(signals, boot, (IN_AIR,))
-    )
-    landing = series_of_boot(signals.landing, boot)
+    armed = armed_intervals(signals, boot)
+    in_air = landed_state_intervals(signals, boot, (IN_AIR,))
+    flights = intersection(armed, in_air)
     climb_rate = series_of_boot(signals.climb_rate, boot)
     landed_state = series_of_boot(signals.landed_state, boot)
-    if landing is not None and climb_rate is None and landed_state is None:
-        flights = intersection(flights, true_intervals(landing.time, landing.values == 0))
+    # Whether the flight mode is one that lands, 1 or 0.
+    landing_mode = series_of_boot(signals.landing, boot)
+    if landing_mode is not None and climb_rate is None and landed_state is None:
+        in_other_modes = true_intervals(landing_mode.time, landing_mode.values == 0)
+        flights = intersection(flights, in_other_modes)
     return flights
 
 

@@ -322,7 +322,8 @@ class VehicleSignals:
         """
         for message, (name, factor) in fields.items():
             columns = self.telemetry.messages.get(message, {})
-            if name in columns and len(columns["time"]) > 1 and columns[name].any():
+            has_samples = name in columns and len(columns["time"]) > 1
+            if has_samples and columns[name].any():
                 return clean_series(columns, factor * float_column(columns, name))
         return None
 

@@ -147,10 +147,14 @@ def renamed_gain(before: Parameters, after: Parameters) -> RenamedGain | None:
     Args:
         before: values by the autopilot's name, in the first state.
         after: values in the second state.
+
+    Returns:
+        Name and value of the gain in both states. None if they have a name in common, or if one lacks the gain.
     """
     names_before = [name for name in before if RATE_GAIN.match(name)]
     names_after = [name for name in after if RATE_GAIN.match(name)]
-    if not names_before or not names_after or not set(names_before).isdisjoint(names_after):
+    has_common_name = not set(names_before).isdisjoint(names_after)
+    if not names_before or not names_after or has_common_name:
         return None
     name_before, name_after = names_before[0], names_after[0]
     return RenamedGain(name_before, before[name_before], name_after, after[name_after])

@@ -233,11 +233,12 @@ def _log_factors_of_load(
     """
     prior_variance = OTHER_CHANGE_SD**2
     measured_variance = changes.variance[:, TILT_COLUMNS]
+    # Posterior means and variances (w, 2) of R and P: a normal prior of mean 0 shrinks the measured changes.
     shrinkage = prior_variance / (prior_variance + measured_variance)
     tilt_change = shrinkage * changes.change[:, TILT_COLUMNS]
     tilt_variance = shrinkage * measured_variance
     yaw_change = _yaw_change_of_load(tilt_change, tilt_variance, lean)
-    # (7, w, 3): ratios by windows by axes.
+    # Mean and variance of the changes by a load: an axis for the ratios, then windows, then roll, pitch and yaw.
     ratios = YAW_PER_TILT[:, None]
     expected = np.zeros((len(YAW_PER_TILT), *changes.change.shape))
     expected[..., YAW] = ratios * yaw_change.mean

@@ -249,24 +249,25 @@ class ChangeHypotheses:
 
 
 def _mean_and_interval_of_rises(by_motor_and_rise: Array) -> Array:
-    """Returns mean and 90 % interval of each motor's rise, given that this motor is the weak one.
+    """Returns by how much the command of each motor rises if this motor is the weak one: mean and 90 % interval.
 
     Args:
-        by_motor_and_rise: (k, r) posterior probability of each motor and each of ``RISES``.
+        by_motor_and_rise: (k, r) posterior probability that a motor is the weak one and its command rose by one of the
+            r ``RISES``.
 
     Returns:
         (3, k) mean, 5 % and 95 % quantile of each motor.
     """
-    motor_probabilities = by_motor_and_rise.sum(axis=1)
-    # Conditional probabilities; a motor without any probability is not divided by 0.
-    normalisation = np.maximum(motor_probabilities, SMALLEST_POSITIVE)
-    cumulative = np.cumsum(by_motor_and_rise, axis=1) / normalisation[:, None]
-    mean = by_motor_and_rise @ RISES / normalisation
+    # Probabilities given the motor are divided by its own. The limit avoids a division by 0 for impossible motors.
+    motor_probabilities = np.maximum(by_motor_and_rise.sum(axis=1), SMALLEST_POSITIVE)
+    mean = by_motor_and_rise @ RISES / motor_probabilities
+    cumulative = np.cumsum(by_motor_and_rise, axis=1) / motor_probabilities[:, None]
     quantiles = []
     for quantile in INTERVAL_QUANTILES:
-        # The first rise at which the cumulative probability reaches the quantile.
-        row = (cumulative < quantile).sum(axis=1).clip(max=len(RISES) - 1)
-        quantiles.append(RISES[row])
+        # Index of the first rise at which the cumulative probability reaches the quantile. Rounding may keep the sum of
+        # all probabilities below it.
+        rise_index = (cumulative < quantile).sum(axis=1).clip(max=len(RISES) - 1)
+        quantiles.append(RISES[rise_index])
     return np.array([mean, *quantiles])
 
 

@@ -87,7 +87,7 @@ def _witness_time(witness: Fact) -> float:
 
 
 def cause_sentences(fact: Fact) -> list[Sentence]:
-    """Returns the sentence with the evidence for the cause of an event; for an event without a cause, for itself.
+    """Returns the sentence with the evidence for the cause of an event or, without a cause, for the event itself.
 
     Args:
         fact: the event, whose figure ``cause`` may be its cause.

@@ -252,12 +252,13 @@ def _battery_fields(motion: InstrumentedMotion, boot_microseconds: NDArray[np.in
         Columns (N,), or one number for all samples, by field.
     """
     seconds = boot_microseconds // 1_000_000
-    has_second_battery = ~np.isnan(motion.battery_voltage[:, 1])
-    is_second = has_second_battery & (seconds % 2 == 1)
+    first_voltage, second_voltage = motion.battery_voltage.T
+    has_second_battery = ~np.isnan(second_voltage)
+    is_odd_second = seconds % 2 == 1
+    is_second = has_second_battery & is_odd_second
     battery = is_second.astype(int)
-    row_numbers = np.arange(len(boot_microseconds))
     voltages = np.full((len(boot_microseconds), CELLS_OF_MESSAGE), float(UNKNOWN_VOLTAGE))
-    voltages[:, 0] = np.round(1000 * motion.battery_voltage[row_numbers, battery])
+    voltages[:, 0] = np.round(1000 * np.where(is_second, second_voltage, first_voltage))
     charge = np.where(is_second, charge_share(motion, 1), charge_share(motion, 0))
     current_shares = np.where(is_second, SECOND_BATTERY_SHARE, 1.0)
     return {

@@ -346,12 +346,17 @@ def _ardupilot_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
         Values by the name of the parameter.
     """
     layout = scenario.vehicle.layout
-    frame_type = CIRCLES[layout].frame_type if layout in CIRCLES else int(layout == "x")
+    if layout in CIRCLES:
+        frame_type = CIRCLES[layout].frame_type
+    else:
+        # A quadrotor: 1 with its arms in an X, 0 with an arm forward.
+        frame_type = int(layout == "x")
     parameters = {
         "MAV_SYSID": scenario.stream.system,
         "FRAME_TYPE": frame_type,
         "ATC_ANGLE_MAX": round(degrees(MAX_TILT)),
     }
+    # The outputs of the first four motors are among the autopilot's fixed parameters.
     for motor in _motors_beyond_four(layout):
         parameters[f"SERVO{motor}_FUNCTION"] = ARDUPILOT_MOTOR_OFFSET + motor
     return parameters

@@ -421,13 +421,16 @@ class Transmitter:
                 yield OutgoingMessage(row, "STATUSTEXT", payload.tobytes())
         for name in self._rates:
             rows = self.schedule.due_cycles(name, clock)
-            if len(rows):
-                boot_microseconds = np.round(clock[rows] * 1e6).astype(np.int64)
-                payloads = message_payloads(name, motion[rows], boot_microseconds, self.autopilot)
-                size = payloads.itemsize
-                content = payloads.tobytes()
-                for number, row in enumerate(rows.tolist()):
-                    yield OutgoingMessage(row, name, content[number * size : (number + 1) * size])
+            if not len(rows):
+                continue
+            boot_microseconds = np.round(clock[rows] * 1e6).astype(np.int64)
+            payloads = message_payloads(name, motion[rows], boot_microseconds, self.autopilot)
+            # The payloads of all rows are one after the other in memory, each of the same size.
+            size = payloads.itemsize
+            content = payloads.tobytes()
+            for number, row in enumerate(rows.tolist()):
+                payload_start = number * size
+                yield OutgoingMessage(row, name, content[payload_start : payload_start + size])
 
 
 LINK_KEY = 0x6C696E6B

@@ -206,11 +206,12 @@ def _forecast_picture(runner: Runner) -> Picture:
         outcomes[label] = median_outcome(prior_outcomes, DATA_START)
     panels = {}
     for start, kind in FORECAST_KIND_BY_START.items():
-        panels[f"from {start}"] = {
-            label: outcome.forecasts[kind]
-            for label, outcome in outcomes.items()
-            if outcome.forecasts
-        }
+        forecasts_by_order = {}
+        for label, outcome in outcomes.items():
+            # An outcome without forecasts failed.
+            if outcome.forecasts:
+                forecasts_by_order[label] = outcome.forecasts[kind]
+        panels[f"from {start}"] = forecasts_by_order
     return Picture(
         "Forecasts of the test data",
         "With generalized coordinates (p = 2) and without, each from the random prior with the median error.",

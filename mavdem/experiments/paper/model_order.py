@@ -275,14 +275,15 @@ def _values_by_system(values: Mapping[str, list[Any]]) -> JsonValues:
 
 
 def lateral_flight(experiment: int, has_wind: bool = True) -> Flight:
-    """Simulates an experiment, and returns the first 700 samples of its hover.
+    """Simulates one of the paper's flights in front of a blower, and returns the first samples of its hover.
 
     Args:
-        experiment: number of the experiment.
-        has_wind: whether the blower is on, as in the experiment.
+        experiment: number of the flight in the paper.
+        has_wind: whether the blower is on, as it was in the paper.
 
     Returns:
-        The flight, with y, ẏ, φ and φ̇ as outputs.
+        ``TRAINING_SAMPLES`` of the flight, with the lateral position, m, its rate, m/s, the roll angle, rad, and the
+        roll rate, rad/s, as outputs.
     """
     scenario = load(f"paper_{experiment}")
     if not has_wind:

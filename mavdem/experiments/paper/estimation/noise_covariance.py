@@ -396,17 +396,15 @@ def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], records_name: s
     Returns:
         A sentence and the table of variances, then a sentence and the table of states.
     """
-    variance_factors = {}
-    state_errors = {}
+    variance_factors: dict[str, dict[str, float]] = {}
+    state_errors: dict[str, dict[str, float]] = {}
     for noise, errors_by_estimator in errors.items():
-        variance_factors[noise] = {
-            name: errors_by_estimator[name].variance_factor
-            for name in (*BASELINES, DEM, ONLINE_DEM)
-        }
-        state_errors[noise] = {
-            name: errors_by_estimator[name].state_error
-            for name in (*BASELINES, DEM, TRUE_VARIANCES)
-        }
+        variance_factors[noise] = {}
+        for name in (*BASELINES, DEM, ONLINE_DEM):
+            variance_factors[noise][name] = errors_by_estimator[name].variance_factor
+        state_errors[noise] = {}
+        for name in (*BASELINES, DEM, TRUE_VARIANCES):
+            state_errors[noise][name] = errors_by_estimator[name].state_error
     return [
         Sentence("factor by which estimated variances of the noise are wrong.", f"{records_name}:"),
         _table_by_noise(variance_factors),

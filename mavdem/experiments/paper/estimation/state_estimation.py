@@ -113,10 +113,10 @@ def window_errors(window: RollWindow) -> WindowErrors:
     """
     errors_by_delay = {}
     for name, observer in OBSERVERS.items():
+        # The states are roll and roll rate.
         rates = observer.estimate(window, window.outputs, window.inputs)[:, 1]
-        errors_by_delay[name] = np.array(
-            [squared_error(rates, window, delay) for delay in range(MAX_DELAY + 1)]
-        )
+        errors = [squared_error(rates, window, delay) for delay in range(MAX_DELAY + 1)]
+        errors_by_delay[name] = np.array(errors)
     late_outputs = one_sample_later(window.outputs)
     late_inputs = one_sample_later(window.inputs)
     authors_timing_by_order = {}
