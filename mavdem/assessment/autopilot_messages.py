@@ -616,10 +616,10 @@ def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
     # Levels are defined in the order good, watch, bad, unknown.
     levels = list(Level)
     level = max(first_report.level, repetition.level, key=levels.index)
-    last_time = max(_last_time(first_report), _last_time(repetition))
-    is_at_one_time = last_time == first_report.time
-    # A fault that never ends has no end, whatever is reported meanwhile.
-    never_ends = last_time == inf
+    end_time: float | None = max(_last_time(first_report), _last_time(repetition))
+    if end_time in (first_report.time, inf):
+        # Both are of one time, or the fault never ends: then the fact has no end.
+        end_time = None
     message_names = (*first_report.figures["basis"], *repetition.figures["basis"])
     figures = {**repetition.figures, **first_report.figures}
     if "is_over" in figures:
@@ -630,7 +630,7 @@ def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
     figures["count"] = first_report.figures["count"] + 1
     return first_report.replace(
         level,
-        end_time=None if is_at_one_time or never_ends else last_time,
+        end_time=end_time,
         subject=first_report.subject or repetition.subject,
         **figures,
     )

@@ -71,31 +71,31 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if restarts:
         # A restart in flight is the reason for everything that followed.
         return restarts[0]
+    # How a flight was lost comes before all other events.
+    ending = [] if evidence.ending is None else [evidence.ending]
+    bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
+    if bad_events:
+        return with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
+    # If the log ends in the air, it is not known whether the vehicle was lost, so facts that are certain come first.
+    open_ends: list[Fact] = []
+    certain_warnings: list[Fact] = []
+    for warning in _urgent_warnings(evidence):
+        if warning.code is MotionEvent.LOG_ENDED_IN_AIR:
+            open_ends.append(warning)
+        else:
+            certain_warnings.append(warning)
+    if certain_warnings:
+        for name in (Light.POWER, Light.ESTIMATOR):
+            if lights[name].is_bad:
+                # A battery or an estimator that is bad is the reason for a failsafe.
+                return lights[name]
+        return certain_warnings[0]
     vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
     if evidence.condition.oscillation is not None:
         # A limit cycle drives motors to their limits, and so explains the light of the motors.
         vehicle_lights.insert(0, lights[Light.MARGINS])
     other_lights = [lights[name] for name in OTHER_LIGHTS]
-    # How a flight was lost comes before all other events.
-    ending = [] if evidence.ending is None else [evidence.ending]
-    bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
-    # If the log ends in the air, it is not known whether the vehicle was lost, so facts that are certain come first.
-    open_ends: list[Fact] = []
-    urgent_warnings: list[Fact] = []
-    for warning in _urgent_warnings(evidence):
-        if warning.code is MotionEvent.LOG_ENDED_IN_AIR:
-            open_ends.append(warning)
-        else:
-            urgent_warnings.append(warning)
     bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]
-    # A battery or an estimator that is bad is the reason for a failsafe.
-    reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
-    if urgent_warnings and reasons:
-        urgent_warnings = reasons
-    if bad_events:
-        return with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
-    if urgent_warnings:
-        return urgent_warnings[0]
     if bad_lights:
         return _largest_of_first_kind(bad_lights)
     if open_ends:

@@ -336,7 +336,9 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
 
 
 def _error_count_fact(controller: SpeedController, boot: int, interval: TimeInterval) -> Facts:
-    """Returns the fact that a motor's controller counted errors in an interval or a second before it.
+    """Returns the fact that a motor's controller counted errors in an interval, or shortly before it.
+
+    The errors may precede the interval by ``MAX_SETPOINT_DELAY``, as long as a vehicle may take to show a fault.
 
     Args:
         controller: the speed controller of the motor, which may count its errors.
@@ -350,15 +352,15 @@ def _error_count_fact(controller: SpeedController, boot: int, interval: TimeInte
     if errors is None:
         return ()
     start, end = interval
-    count_before, count_after = np.interp(
-        [start - MAX_SETPOINT_DELAY, end], errors.time, errors.values
-    )
+    count_start = start - MAX_SETPOINT_DELAY
+    # The controller counts all errors since it was switched on.
+    count_before, count_after = np.interp([count_start, end], errors.time, errors.values)
     count = int(count_after - count_before)
     if count <= 0:
         return ()
     counted_errors_fact = supporting_fact(
         SensorFact.ERRORS_COUNTED,
-        time=start - MAX_SETPOINT_DELAY,
+        time=count_start,
         end_time=end,
         name=controller.name,
         count=count,

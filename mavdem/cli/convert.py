@@ -12,7 +12,7 @@ from mavdem.export.conversion import convert as convert_file
 from mavdem.ingest.formats import detect_format
 from mavdem.log_formats import Format
 from mavdem.report.templates import render_section
-from mavdem.results import CHANNELS_FILE, RECORDING_FILE, convert_to_recording
+from mavdem.results import convert_to_recording
 
 
 @click.command("convert")
@@ -65,18 +65,16 @@ def convert_command(
 def _is_recording(source: str, out: str) -> bool:
     """Returns whether a conversion makes a recording of the flight and its model, instead of another kind of log.
 
-    An .rrd is always such a recording. An .mcap is one only if the log has no MAVLink frames; otherwise it receives the
-    frames.
-
     Args:
         source: Path of the log.
         out: Path of the file to write, whose ending decides.
     """
     ending = Path(out).suffix.lower()
-    if ending == Path(RECORDING_FILE).suffix:
+    if ending == ".rrd":
         return True
-    if ending != Path(CHANNELS_FILE).suffix:
+    if ending != ".mcap":
         return False
+    # An .mcap may contain both. It receives the MAVLink frames of the log, if there are any.
     _, source_format = detect_format(source)
     has_mavlink_frames = source_format in (Format.TLOG, Format.MCAP)
     return not has_mavlink_frames

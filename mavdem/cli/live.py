@@ -1,9 +1,10 @@
 """``mavdem live``: attaches to a MAVLink link, learns while the vehicle flies, and writes model and page at the end."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from time import monotonic
 
@@ -47,7 +48,7 @@ from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact
-from mavdem.facts.session import LinkFact
+from mavdem.facts.session import LinkFact, TimeUse
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
 from mavdem.live.gain_advice import GainAdviser
@@ -268,44 +269,82 @@ def live_command(
     )
     named_paths = (rrd, record, model, html)
     paths = output_paths(*named_paths)
-    start_time = monotonic()
-    number = 1
-    is_next_refused = False
+    end_time = inf if duration is None else monotonic() + duration
+    further_codes = []
     # The process that learns starts first: it may be a fork, which keeps open what was open before.
     with LearningProcess() as executor, closing(Link(link)) as opened_link:
         if request_rate is None:
             _refuse_silent_link(opened_link, link)
-        flight = _follow_vehicle(options, paths, opened_link, executor, vehicle, None, duration)
-        flights = [flight]
-        while flight.next_vehicle is not None:
-            remaining_seconds = None if duration is None else duration - (monotonic() - start_time)
-            if remaining_seconds is not None and remaining_seconds <= 0:
-                break
-            # The earlier model is of the first vehicle.
-            options = replace(options, earlier_model=None, prior=None)
-            number = unused_number(named_paths, number + 1)
-            try:
-                flight = _follow_vehicle(
-                    options,
-                    numbered_paths(named_paths, number),
-                    opened_link,
-                    executor,
-                    flight.next_vehicle,
-                    flight,
-                    remaining_seconds,
-                )
-            except Unreadable as error:
-                print_to_stderr(f"The next vehicle cannot be followed: {as_clause(error)}.")
-                is_next_refused = True
-                break
-            flights.append(flight)
+        first_flight = _follow_vehicle(
+            options,
+            paths,
+            opened_link,
+            executor,
+            vehicle=vehicle,
+            former_flight=None,
+            duration=duration,
+        )
+        flights = [first_flight]
+        try:
+            for flight in _further_flights(
+                options, named_paths, opened_link, executor, first_flight, end_time
+            ):
+                flights.append(flight)
+        except Unreadable as error:
+            print_to_stderr(f"The next vehicle cannot be followed: {as_clause(error)}.")
+            further_codes.append(EXIT_ERROR)
     if as_json:
         print_json(_document_of_flights(flights))
-    codes = [flight.code for flight in flights]
-    if is_next_refused:
-        codes.append(EXIT_ERROR)
-    worst_first = (EXIT_ERROR, EXIT_DONE, EXIT_UNSUPPORTED)
-    click.get_current_context().exit(next(code for code in worst_first if code in codes))
+    codes = [*(flight.code for flight in flights), *further_codes]
+    # A file that could not be written decides; otherwise one flight with a model is enough.
+    for code in (EXIT_ERROR, EXIT_DONE, EXIT_UNSUPPORTED):
+        if code in codes:
+            click.get_current_context().exit(code)
+
+
+def _further_flights(
+    options: LiveOptions,
+    named_paths: Sequence[Path | None],
+    link: Link,
+    executor: LearningProcess,
+    first_flight: FollowedFlight,
+    end_time: float,
+) -> Iterator[FollowedFlight]:
+    """Follows further vehicles, one after the other, as long as each session names the vehicle to follow next.
+
+    Args:
+        options: Options of ``mavdem live``.
+        named_paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
+        link: Link that is open.
+        executor: Process that learns.
+        first_flight: How the session of the first vehicle ended.
+        end_time: When the command is to end, s of the monotonic clock; infinite for no limit.
+
+    Yields:
+        How the session of each further vehicle ended.
+
+    Raises:
+        Unreadable: The files of a vehicle cannot be created.
+    """
+    # The earlier model is of the first vehicle.
+    options = replace(options, earlier_model=None, prior=None)
+    flight = first_flight
+    number = 1
+    while flight.next_vehicle is not None:
+        remaining_seconds = end_time - monotonic()
+        if remaining_seconds <= 0:
+            return
+        number = unused_number(named_paths, number + 1)
+        flight = _follow_vehicle(
+            options,
+            numbered_paths(named_paths, number),
+            link,
+            executor,
+            vehicle=flight.next_vehicle,
+            former_flight=flight,
+            duration=None if remaining_seconds == inf else remaining_seconds,
+        )
+        yield flight
 
 
 def _follow_vehicle(
@@ -334,7 +373,6 @@ def _follow_vehicle(
     Raises:
         Unreadable: A file cannot be created, or the first messages cannot be moved to the recording of this session.
     """
-    stream = _stream_with_prior(options, vehicle)
     # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
     with ExitStack() as signal_handlers, ExitStack() as resources:
         dashboard = resources.enter_context(
@@ -349,53 +387,22 @@ def _follow_vehicle(
                 )
             )
         )
-        record = paths.record
-        recording = None if record is None else RawRecording(record)
-        first_pieces: list[ReceivedPiece] = []
-        if former_flight is not None and recording is not None and record is not None:
-            first_pieces = _moved_first_frames(former_flight, recording, record)
         # With --json, standard output has the document and nothing else.
-        console = STDERR if options.as_json else STDOUT
-        status_lines = StatusLines(console=console)
-
-        def report_status(status: SessionStatus) -> None:
-            dashboard.report(session, status)
-            status_lines.show_if_new(status)
-
-        session = LiveSession(
-            link=link,
-            stream=stream,
-            settings=options.settings,
-            open_display=dashboard.open,
-            report_status=report_status,
-            report_event=status_lines.print_event,
-            executor=executor,
-            recording=recording,
-            requested_rate=options.request_rate,
-            prior=options.earlier_model,
-            recording_name=None if record is None else str(record),
-            keeps_vehicle=options.keeps_vehicle,
-            first_pieces=first_pieces,
+        status_lines = StatusLines(console=STDERR if options.as_json else STDOUT)
+        session = _new_session(
+            options, paths.record, link, executor, vehicle, former_flight, dashboard, status_lines
         )
-        if record is not None:
+        recording = session.intake.recording
+        if paths.record is not None:
             session.gain_adviser = resources.enter_context(
-                closing(GainAdviser(record, LearningProcess))
+                closing(GainAdviser(paths.record, LearningProcess))
             )
-        elif options.request_rate is not None:
-            print_to_stderr("No gains will be advised: record the stream with --record FILE.tlog.")
         # The end of the session restores the vehicle's message rates, and must come even if something fails before.
         session_end = resources.enter_context(ExitStack())
         session_end.callback(session.end)
-        if dashboard.advice:
-            print_to_stderr(dashboard.advice)
-        if paths.model is None:
-            print_to_stderr(
-                "The model will not be written: name a file with --model, --rrd or --record."
-            )
         is_end_requested = signal_handlers.enter_context(termination_requests())
         # Ctrl-C ends the session in order from here on.
-        print_to_stderr(f"Listening on {options.link}; Ctrl-C ends it.")
-        print_sign_in_link(dashboard.sign_in_link)
+        _print_introduction(options, paths, dashboard)
         _run_and_show_status(
             session,
             status_lines,
@@ -409,65 +416,45 @@ def _follow_vehicle(
             session.intake.record_rest()
         account = session.time_account()
         status = session.status
-        dropped_datagrams = link.dropped_datagrams
-        if dropped_datagrams:
-            print_to_stderr(Fact(LinkFact.DATAGRAMS_LOST, count=dropped_datagrams))
+        if link.dropped_datagrams:
+            print_to_stderr(Fact(LinkFact.DATAGRAMS_LOST, count=link.dropped_datagrams))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         learned = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.
-        code = EXIT_UNSUPPORTED
-        if learned is not None:
-            is_model_kept = write_text(paths.model, learned.to_json() + "\n", "model")
-            code = EXIT_DONE if is_model_kept else EXIT_ERROR
+        code = _write_model(learned, paths.model)
         if successor is None:
             executor.shutdown()
         judged_model = session.judge_final_model(learned)
-        # What is known is reported before the gains, which may take a minute. The judgement comes last, since it is
-        # that of the recording where gains were advised.
-        status = _with_final_judgement(status, session)
-        session.report_end(status, judged_model)
-        if successor is None:
-            # Another vehicle may be in the air: nobody waits for advice on the gains of the one before.
-            session.report_gain_advice(is_at_end=True)
-        status = _with_final_judgement(status, session)
-        for line in closing_lines(status):
-            status_lines.print_closing_line(escape_unprintable(line))
+        # Another vehicle may be in the air: nobody waits for advice on the gains of the one before.
+        status = _report_results(
+            session, status, judged_model, status_lines, advises_gains=successor is None
+        )
         dashboard.report(session, status)
         resources.close()
         if dashboard.is_recording_empty:
             print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")
-        if recording is not None and recording.remove_if_empty():
-            print_to_stderr(f"Nothing was received, so {record} was not written.")
-            record = None
-        is_page_lost = False
+        is_stream_empty = recording is not None and recording.remove_if_empty()
+        if is_stream_empty:
+            print_to_stderr(f"Nothing was received, so {paths.record} was not written.")
+        is_page_written = False
         if paths.page is not None:
             page = live_page(
                 link.name, options.axis, session.history, status, account, judged_model
             )
-            is_page_lost = not write_text(paths.page, page, "page")
+            is_page_written = write_text(paths.page, page, "page")
         written_paths = OutputPaths(
             rrd=paths.rrd if dashboard.has_recording else None,
-            record=record,
+            record=None if is_stream_empty else paths.record,
             model=paths.model if code == EXIT_DONE else None,
-            page=None if is_page_lost else paths.page,
+            page=paths.page if is_page_written else None,
         )
-        frame_count = 0 if recording is None else recording.frame_count
-        for line in written_file_lines(written_paths, frame_count):
-            status_lines.print_conclusion(escape_unprintable(line), FILE_MARKER)
-        advice = None if session.gain_adviser is None else session.gain_adviser.facts
-        has_gain_files = any(fact.code is GainFact.GAINS_WRITTEN for fact in advice or ())
-        is_flight_forbidden = any(
-            verdict.judgement.headline.forbids_flight for verdict in status.verdicts
-        )
-        line_on_gains = gains_line(advice, account, is_flight_forbidden=is_flight_forbidden)
-        status_lines.print_conclusion(
-            escape_unprintable(line_on_gains), FILE_MARKER if has_gain_files else ""
-        )
+        _print_conclusions(session, status, account, written_paths, recording, status_lines)
         files = written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None
         is_ended_by_user = is_end_requested()
     # The session gives up a recording of the stream that it cannot write.
     is_stream_lost = session.intake.recording is not recording
+    is_page_lost = paths.page is not None and not is_page_written
     if is_stream_lost or is_page_lost or dashboard.is_recording_broken:
         code = EXIT_ERROR
     return FollowedFlight(
@@ -477,6 +464,81 @@ def _follow_vehicle(
         vehicle=session.stream.followed_vehicle,
         next_vehicle=None if successor is None or is_ended_by_user else successor.name,
     )
+
+
+def _new_session(
+    options: LiveOptions,
+    record: Path | None,
+    link: Link,
+    executor: LearningProcess,
+    vehicle: str | None,
+    former_flight: FollowedFlight | None,
+    dashboard: Dashboard,
+    status_lines: StatusLines,
+) -> LiveSession:
+    """Makes the session of one vehicle, which shows its status on the dashboard and on the terminal.
+
+    Args:
+        options: Options of ``mavdem live``.
+        record: File in which the raw stream is recorded; None for none.
+        link: Link that is open.
+        executor: Process that learns.
+        vehicle: Name of the vehicle to follow; None for the only one on the link.
+        former_flight: Flight of the vehicle before, in whose recording this one's first messages are; None for none.
+        dashboard: Shows the session on a display or in browsers.
+        status_lines: Shows the status and the events as lines on the terminal.
+
+    Raises:
+        Unreadable: The first messages cannot be moved to the recording of this session.
+    """
+    recording = None
+    first_pieces: list[ReceivedPiece] = []
+    if record is not None:
+        recording = RawRecording(record)
+        if former_flight is not None:
+            first_pieces = _moved_first_frames(former_flight, recording, record)
+
+    def report_status(status: SessionStatus) -> None:
+        """Shows the status, about once a second; the session below exists by then."""
+        dashboard.report(session, status)
+        status_lines.show_if_new(status)
+
+    session = LiveSession(
+        link=link,
+        stream=_stream_with_prior(options, vehicle),
+        settings=options.settings,
+        open_display=dashboard.open,
+        report_status=report_status,
+        report_event=status_lines.print_event,
+        executor=executor,
+        recording=recording,
+        requested_rate=options.request_rate,
+        prior=options.earlier_model,
+        recording_name=None if record is None else str(record),
+        keeps_vehicle=options.keeps_vehicle,
+        first_pieces=first_pieces,
+    )
+    return session
+
+
+def _print_introduction(options: LiveOptions, paths: OutputPaths, dashboard: Dashboard) -> None:
+    """Prints before a session what it will not do for want of an option, where it is shown, and how it ends.
+
+    Args:
+        options: Options of ``mavdem live``.
+        paths: Files that the session writes.
+        dashboard: Shows the session on a display or in browsers.
+    """
+    if paths.record is None and options.request_rate is not None:
+        print_to_stderr("No gains will be advised: record the stream with --record FILE.tlog.")
+    if dashboard.advice:
+        print_to_stderr(dashboard.advice)
+    if paths.model is None:
+        print_to_stderr(
+            "The model will not be written: name a file with --model, --rrd or --record."
+        )
+    print_to_stderr(f"Listening on {options.link}; Ctrl-C ends it.")
+    print_sign_in_link(dashboard.sign_in_link)
 
 
 def _moved_first_frames(
@@ -610,6 +672,81 @@ def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None
     except ValueError as error:
         print_to_stderr(f"There is no model: {as_clause(error)}.")
         return None
+
+
+def _write_model(learned: Learned | None, path: Path | None) -> int:
+    """Writes the final model to its file, and returns the exit code of the command as far as the model decides it.
+
+    Args:
+        learned: The model; None without one.
+        path: The file; None if no file is named, with which the model counts as done.
+    """
+    if learned is None:
+        return EXIT_UNSUPPORTED
+    is_written = write_text(path, learned.to_json() + "\n", "model")
+    return EXIT_DONE if is_written else EXIT_ERROR
+
+
+def _report_results(
+    session: LiveSession,
+    status: SessionStatus,
+    judged_model: Learned | None,
+    status_lines: StatusLines,
+    *,
+    advises_gains: bool,
+) -> SessionStatus:
+    """Reports what the flight has shown and, if wanted, which gains to set; then prints the closing lines.
+
+    Args:
+        session: The session, which has ended.
+        status: The status at its end.
+        judged_model: The model of the whole flight; None without one, or if it was not judged.
+        status_lines: Shows the reports and the closing lines.
+        advises_gains: Whether to wait for advice on gains.
+
+    Returns:
+        The status with the final judgement. If gains were advised, that is the judgement of the recording.
+    """
+    status = _with_final_judgement(status, session)
+    # What is known is reported before the gains, which may take a minute.
+    session.report_end(status, judged_model)
+    if advises_gains:
+        session.report_gain_advice(is_at_end=True)
+    status = _with_final_judgement(status, session)
+    for line in closing_lines(status):
+        status_lines.print_closing_line(escape_unprintable(line))
+    return status
+
+
+def _print_conclusions(
+    session: LiveSession,
+    status: SessionStatus,
+    seconds_by_use: Mapping[TimeUse, float],
+    written_paths: OutputPaths,
+    recording: RawRecording | None,
+    status_lines: StatusLines,
+) -> None:
+    """Prints the last lines of a session: the files that it has written, and whether gains were advised.
+
+    Args:
+        session: The session, which has ended.
+        status: The status at its end, with the verdicts (judgements) on all flights.
+        seconds_by_use: How many seconds of the session each use of time took, such as learning.
+        written_paths: The files that were written.
+        recording: The recording of the raw stream; None for none.
+        status_lines: Prints the lines.
+    """
+    frame_count = 0 if recording is None else recording.frame_count
+    for line in written_file_lines(written_paths, frame_count):
+        status_lines.print_conclusion(escape_unprintable(line), FILE_MARKER)
+    advice = None if session.gain_adviser is None else session.gain_adviser.facts
+    is_flight_forbidden = any(
+        verdict.judgement.headline.forbids_flight for verdict in status.verdicts
+    )
+    line_on_gains = gains_line(advice, seconds_by_use, is_flight_forbidden=is_flight_forbidden)
+    has_gain_files = any(fact.code is GainFact.GAINS_WRITTEN for fact in advice or ())
+    marker = FILE_MARKER if has_gain_files else ""
+    status_lines.print_conclusion(escape_unprintable(line_on_gains), marker)
 
 
 def _with_final_judgement(status: SessionStatus, session: LiveSession) -> SessionStatus:

@@ -9,6 +9,7 @@ messages is left out: they lie inside each other, or the later one is not a boot
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf
 from typing import NamedTuple
 
@@ -101,6 +102,22 @@ class BootTimesInUtc(NamedTuple):
         if len(self.utc) < 2 * MIN_UTC_READINGS:
             return False
         return bool(np.ptp(self.utc) > MAX_UTC_DIFFERENCE)
+
+    def median_between(self, start: int, end: int) -> float | None:
+        """Returns the median UTC, s, at which the boot clock read 0 by the messages of a part of the file.
+
+        Args:
+            start: Offset at which the part begins.
+            end: Offset before which it ends.
+
+        Returns:
+            The median; None if fewer than ``MIN_UTC_READINGS`` messages of the part show it.
+        """
+        first, stop = np.searchsorted(self.positions, [start, end]).tolist()
+        readings = self.utc[first:stop]
+        if len(readings) < MIN_UTC_READINGS:
+            return None
+        return float(np.median(readings))
 
 
 class ClockRules(NamedTuple):
@@ -198,40 +215,56 @@ def blocks_of_other_recordings(
     Returns:
         The blocks in the order of the file; none if the clock never goes back, and UTC agrees with it.
     """
-    positions, seconds, content = messages
     may_have_jumped = rules.max_utc_difference < inf and boots.disagree
-    if not may_have_jumped and not (np.diff(seconds) < -rules.max_fall).any():
+    if not may_have_jumped and not _clock_falls(messages.seconds, rules):
         return []
-    sound_rows = np.flatnonzero(~outlier_stamps(seconds) & (seconds > 0))
-    time = seconds[sound_rows]
-    positions = positions[sound_rows]
-    if not may_have_jumped and not (np.diff(time) < -rules.max_fall).any():
+    # Damaged stamps, which may be the only falls, are left out.
+    is_sound = ~outlier_stamps(messages.seconds) & (messages.seconds > 0)
+    positions, time = messages.positions[is_sound], messages.seconds[is_sound]
+    if not may_have_jumped and not _clock_falls(time, rules):
+        return []
+    sound_messages = StampedMessages(positions, time, messages.content)
+    runs = _runs_of_rising_clock(sound_messages, log_starts, boots, rules)
+    if len(runs) > MAX_RUNS:
+        # Each run is compared with all others, which would take too long.
         return []
     # Where a cluster of the memory card holds data of another file, the log lacks the messages of that time.
     cluster_seconds = CLUSTER_BYTES * _seconds_per_byte(positions, time)
     max_gap = MAX_STAMP_DEVIATION + min(cluster_seconds, MAX_CLUSTER_SECONDS)
-    runs = _runs_of_rising_clock(
-        StampedMessages(positions, time, content), log_starts, boots, rules
-    )
-    # Each run is compared with all others, which would take too long.
-    if len(runs) > MAX_RUNS:
-        return []
+    kept_chains = _chains_of_largest_recording(_chains_of_runs(runs, max_gap, rules), rules)
+    # Runs are compared by their first message, of which each has its own.
+    kept_first_rows = {run.first for chain in kept_chains for run in chain.runs}
+    # A block that is left out reaches up to the next run, and so includes what lies between the two.
+    block_bounds = [*(int(positions[run.first]) for run in runs), END_OF_FILE]
+    blocks = []
+    for run, (start, end) in zip(runs, pairwise(block_bounds), strict=True):
+        if run.first not in kept_first_rows:
+            blocks.append(LeftOutBlock(start, end, run.end_time - run.start_time))
+    return blocks
+
+
+def _clock_falls(seconds: Array, rules: ClockRules) -> bool:
+    """Returns whether the clock goes back further than messages of one recording may come late.
+
+    Args:
+        seconds: Stamps (n,) in the order of the file, s.
+        rules: Limits of what the clock may do.
+    """
+    return bool((np.diff(seconds) < -rules.max_fall).any())
+
+
+def _chains_of_largest_recording(chains: Sequence[_Chain], rules: ClockRules) -> list[_Chain]:
+    """Returns the chain with most messages, and all further ones that can be of the same recording as those kept.
+
+    Args:
+        chains: Chains of runs of messages, each of which continues the clock of the run before.
+        rules: Limits of what the clock may do.
+    """
     kept_chains: list[_Chain] = []
-    chains = _chains_of_runs(runs, max_gap, rules)
-    for chain in sorted(chains, key=_importance, reverse=True):
+    for chain in sorted(chains, key=lambda chain: chain.message_count, reverse=True):
         if all(_may_be_same_recording(chain, kept_chain, rules) for kept_chain in kept_chains):
             kept_chains.append(chain)
-    kept_runs = {id(run) for chain in kept_chains for run in chain.runs}
-    blocks = []
-    for row, run in enumerate(runs):
-        if id(run) in kept_runs:
-            continue
-        end = END_OF_FILE
-        if row + 1 < len(runs):
-            end = int(positions[runs[row + 1].first])
-        start = int(positions[run.first])
-        blocks.append(LeftOutBlock(start, end, run.end_time - run.start_time))
-    return blocks
+    return kept_chains
 
 
 def outside_blocks(blocks: Sequence[LeftOutBlock], positions: StreamPositions) -> Flags:
@@ -250,11 +283,6 @@ def outside_blocks(blocks: Sequence[LeftOutBlock], positions: StreamPositions) -
     row = np.searchsorted(starts, positions, side="right") - 1
     is_inside = (row >= 0) & (positions < block_ends[row])
     return ~is_inside
-
-
-def _importance(chain: _Chain) -> int:
-    """Returns the number of messages of a chain, by which chains are ranked."""
-    return chain.message_count
 
 
 def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
@@ -298,36 +326,40 @@ def _runs_of_rising_clock(
         and whether a log begins with it.
     """
     positions, time, _ = messages
+    # Step i is from message i to the next one, with which a new run begins.
     steps = np.diff(time)
-    jumps = 1 + np.flatnonzero((steps > MIN_RESET_STEP) | (steps < -rules.max_fall))
-    repeated_blocks = _repeated_blocks(messages, 1 + np.flatnonzero(steps < -rules.max_fall))
-    run_bounds = sorted({0, *jumps.tolist(), *repeated_blocks.values(), len(time)})
+    rows_after_fall = np.flatnonzero(steps < -rules.max_fall) + 1
+    rows_after_jump = np.flatnonzero(steps > MIN_RESET_STEP) + 1
+    end_rows_of_repeated_blocks = _repeated_blocks(messages, rows_after_fall)
+    run_bounds = sorted(
+        {
+            0,
+            *rows_after_fall.tolist(),
+            *rows_after_jump.tolist(),
+            *end_rows_of_repeated_blocks.values(),
+            len(time),
+        }
+    )
     runs: list[_Run] = []
-    for first_message, end_message in zip(run_bounds[:-1], run_bounds[1:], strict=True):
-        if end_message - first_message < MIN_BLOCK_MESSAGES:
+    for first, end in pairwise(run_bounds):
+        if end - first < MIN_BLOCK_MESSAGES:
             continue
-        first_boot, end_boot = np.searchsorted(
-            boots.positions, positions[[first_message, end_message - 1]]
-        ).tolist()
-        utc_readings = boots.utc[first_boot:end_boot]
-        utc_at_boot = None
-        if len(utc_readings) >= MIN_UTC_READINGS:
-            utc_at_boot = float(np.median(utc_readings))
+        first_position, last_position = int(positions[first]), int(positions[end - 1])
         # A log begins with definitions, its head, which lies between the last message of the run before and this run.
-        earliest_head = positions[first_message] - MAX_HEAD_BYTES
+        earliest_head = first_position - MAX_HEAD_BYTES
         if runs:
-            earliest_head = max(earliest_head, positions[runs[-1].end - 1])
-        latest_head = positions[first_message] + MAX_HEAD_BYTES
+            earliest_head = max(earliest_head, int(positions[runs[-1].end - 1]))
+        latest_head = first_position + MAX_HEAD_BYTES
         first_log_start, end_log_start = np.searchsorted(log_starts, [earliest_head, latest_head])
         runs.append(
             _Run(
-                first_message,
-                end_message,
-                start_time=float(time[first_message]),
-                end_time=float(time[first_message:end_message].max()),
+                first,
+                end,
+                start_time=float(time[first]),
+                end_time=float(time[first:end].max()),
                 begins_log=bool(first_log_start < end_log_start),
-                utc_at_boot=utc_at_boot,
-                is_repeated=first_message in repeated_blocks,
+                utc_at_boot=boots.median_between(first_position, last_position),
+                is_repeated=first in end_rows_of_repeated_blocks,
             )
         )
     return runs

@@ -400,9 +400,10 @@ def accelerometers(topics: Topics) -> Fields:
 
 
 def further_sensors() -> dict[str, MessageMaker]:
-    """Returns how the messages of second and third sensors are made, by the names of the messages."""
+    """Returns functions that make the messages of second and third sensors, by the names of the messages (GPS2_RAW)."""
     makers = {}
     for sensor in SENSOR_TOPICS:
+        # Instance 0 of a topic is the first sensor, whose message is made elsewhere.
         for instance, message in enumerate(sensor.further_messages, 1):
             make = partial(_sensor_message, sensor=sensor, instance=instance)
             makers[message] = MessageMaker(sensor.topic, make)

@@ -113,19 +113,22 @@ def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) 
         ``time`` (N,), s, and ``controls`` (N, 16), 0 to 1 of the range.
     """
     topic = first_instance(topics, "actuator_motors")
+    # Motors and channels count from 1, the fields of the topic and the columns of the message from 0.
     motors = range(1, MAX_PX4_ROTORS + 1)
-    channel_of_motor = {motor: motor for motor in motors}
     all_channels = range(1, PORT_OUTPUTS + 1)
+    channel_of_motor = {motor: motor for motor in motors}
     geometry = motor_geometry(vehicle, "PX4", parameters, all_channels, PORT_OUTPUTS)
     if geometry is not None and not geometry.channels_assumed:
         channel_of_motor = dict(zip(geometry.motors, geometry.channels, strict=True))
     controls = np.zeros((len(topic["control[0]"]), PORT_OUTPUTS))
     for motor in motors:
         field = f"control[{motor - 1}]"
-        if field in topic and motor in channel_of_motor:
-            control = topic[field]
-            is_on = np.isfinite(control)
-            controls[:, channel_of_motor[motor] - 1] = np.where(is_on, control, 0.0)
+        if field not in topic or motor not in channel_of_motor:
+            continue
+        control = topic[field]
+        is_on = np.isfinite(control)
+        column = channel_of_motor[motor] - 1
+        controls[:, column] = np.where(is_on, control, 0.0)
     return {"time": topic["time"], "controls": controls}
 
 

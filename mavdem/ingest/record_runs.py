@@ -112,8 +112,9 @@ class RecordRuns:
         is_last_of_run = np.ones(len(self._starts), dtype=np.bool_)
         is_last_of_run[:-1] = self._starts[1:] != self._ends[:-1]
         last_rows = np.flatnonzero(is_last_of_run)
-        records_of_runs = np.diff(last_rows, prepend=-1)
-        self._last_row_of_run = np.repeat(last_rows, records_of_runs)
+        # A run has the rows after the last one of the run before. The first run begins at row 0, that is after row −1.
+        record_counts = np.diff(last_rows, prepend=-1)
+        self._last_row_of_run = np.repeat(last_rows, record_counts)
         # The pages of a mapped file remain in memory until they are released.
         self._resident_bytes += offsets.stop - offsets.start
         if self._resident_bytes >= RESIDENT_BYTES:

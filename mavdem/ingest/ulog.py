@@ -325,6 +325,7 @@ def _with_ascending_time(fields: Columns, start: float) -> Columns:
     if np.any(stamps[1:] < stamps[:-1]):
         fields = selected_rows(fields, np.argsort(stamps, kind="stable"))
     time = fields["timestamp"] / MICROSECONDS
+    # The logger writes the latest message of each topic first, which may have been sent long before it started.
     second_time = time[1] if len(time) > 1 else np.inf
     time[0] = np.clip(start, time[0], second_time)
     return {**fields, "time": time}

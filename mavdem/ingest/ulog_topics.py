@@ -40,7 +40,7 @@ class ParsedRecords(NamedTuple):
 def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> ParsedRecords:
     """Decodes the data records of a file topic by topic, and reads the other records.
 
-    A data record has the number of its subscription, by which the records of one topic are collected.
+    All records of one subscription are of one topic, and are decoded together.
 
     Args:
         records: Sound records of the file.
@@ -50,6 +50,7 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
         The topics as columns, the number of data records, and the contents of the other records.
     """
     content = np.frombuffer(records.content, dtype=np.uint8)
+    # The header of a record ends with a letter for its type. In a data record the number of the subscription follows.
     record_types = bytes_at(content, records.offsets + HEADER.size - 1)
     is_data = record_types == DATA
     data_offsets = records.offsets[is_data]

@@ -87,13 +87,13 @@ def _awaited_light(
 def _reason_not_watched(
     quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], reason: Fact
 ) -> Fact | None:
-    """Returns why a quantity is not watched; None if it is.
+    """Returns why a quantity of the vehicle is not watched for faults at present; None if it is.
 
     Args:
         quantity: what may be watched, such as the vibration.
         watch_facts: since when each quantity is watched, or why it is not, by its name; empty before the first
             messages.
-        reason: why there is no model.
+        reason: why no model of the vehicle is learned, such as that no messages come.
     """
     if not watch_facts:
         # What prevents a model before the first messages prevents everything else too.

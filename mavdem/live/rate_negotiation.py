@@ -58,10 +58,7 @@ class RateNegotiation:
     ) -> None:
         """Sends what is due: a greeting if the link needs one, then requests to the vehicle once it is known.
 
-        It is called with each step of the session. Some links (``udpout``) stay silent until they have received
-        something, hence the greeting. The vehicle's replies are processed before the next frames are made, which depend
-        on them. Nothing is sent while the link is lost or silent, or the analysis is late: measured rates would then be
-        wrong, so their measurement restarts afterwards.
+        It is called with each step of the session. Which requests are due depends on the measured rates of messages.
 
         Args:
             now: time up to which everything that arrived is analysed, s of the monotonic clock.
@@ -69,13 +66,16 @@ class RateNegotiation:
             is_busy: whether the analysis is late, so that messages seem to come only as fast as they are analysed.
             vehicle_seconds: seconds of the vehicle's clock so far; None if it runs as this computer's.
         """
-        can_measure_rates = not self._intake.is_lost and not is_busy
-        if self._requested_rate is None or not can_measure_rates:
-            # The measurement of rates is dropped, and a new one begins with the next call.
+        if self._requested_rate is None:
+            # The user wants to send nothing.
+            return
+        if self._intake.is_lost or is_busy:
+            # Rates would be measured wrongly now, so that their measurement begins anew with the next call.
             self._arrival_rates = ArrivalRates()
             return
         seconds_without_contact = now - max(message_time, self._greeting_time)
         if self._awaits_greeting and seconds_without_contact >= RETRY_SECONDS:
+            # The other end of such a link (``udpout``) is silent until it has received something.
             self._greeting_time = now
             self._intake.send([greeting()])
         vehicle = self._stream.followed_vehicle

@@ -198,7 +198,8 @@ class RawRecording:
     ) -> list[ReceivedPiece]:
         """Moves all frames since a restart of a vehicle from its closed .tlog to the recording of its next flight.
 
-        The vehicle was silent while it restarted, so that its longest silence in the interval is the restart.
+        The vehicle was silent while it restarted, so that its longest silence in the interval is the restart. Nothing
+        is moved if there is no such silence, nor from an .mcap.
 
         Args:
             restart: an interval in which the vehicle restarted, UNIX s.
@@ -213,6 +214,7 @@ class RawRecording:
             OSError: one of the files cannot be read, written or cut.
         """
         if self._mcap is not None:
+            # An .mcap ends with an index of its content, so that nothing can be cut off its end.
             return []
         # What came well before the restart, which may be hours of flight, is not read.
         earliest_restart_time, _ = restart
@@ -221,11 +223,9 @@ class RawRecording:
             file.seek(first_byte)
             records = _stamped_records(file.read(self._size - first_byte))
         silence_end = _end_of_longest_silence(records, (system, component), restart)
-        # Without a silence nothing is moved.
-        restart_offset = self._size
-        if silence_end is not None:
-            restart_offset = first_byte + silence_end
-        return self._move_from(restart_offset, destination)
+        if silence_end is None:
+            return []
+        return self._move_from(first_byte + silence_end, destination)
 
     def _offset_before(self, time: float) -> int:
         """Returns an offset in a .tlog, bytes, from which on all frames of a given time or later are found.

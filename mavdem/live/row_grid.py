@@ -335,14 +335,17 @@ def _needed_time_of_sample(time: float, dt: float) -> float:
 
 
 def _needed_time_of_sum(time: float, dt: float, *, has_low_pass: bool) -> float:
-    """Returns the time, s, that the latest stamp must have reached so that the value at a point is certain.
+    """Returns the time, s, that the latest stamp must have reached so that later samples do not change a value.
+
+    The value at a point of the grid is a weighted sum of samples around it: by a low-pass filter, whose response
+    reaches ``FILTER_EDGE_STEPS`` steps beyond the point, or by interpolation between its two neighbours.
 
     Args:
         time: the point, s of the boot clock.
         dt: step of the grid, s.
-        has_low_pass: whether samples are low-passed, and not interpolated: the response of the filter reaches
-            ``FILTER_EDGE_STEPS`` steps beyond the point.
+        has_low_pass: whether samples are low-passed, and not interpolated.
     """
+    # Stamps are rounded, so that one just before the needed time may be of that time.
     if has_low_pass:
         return time + (resampling.FILTER_EDGE_STEPS * dt - resampling.STAMP_RESOLUTION)
     return time - STAMP_ROUNDING

@@ -276,7 +276,11 @@ class LiveSession:
         self.report_gain_advice()
         self._presentation.report_omissions()
         status = self.status
-        self._keep_flight_data(status)
+        if status.is_flying and status.state is not None:
+            self.history.add_voltages(status.state.voltages)
+        if not status.is_flying:
+            # In flight each row says whether the vehicle flies freely. After a landing no rows come.
+            self.flight.learning.is_free_flight = False
         self._report_status_unless_late(status)
         self._report_no_model_reason(status)
         if not self.backlog:
@@ -316,8 +320,7 @@ class LiveSession:
         The order of the stages matters:
 
         1. The time before these messages is added to the time account, before they change the state of the session.
-        2. The frames become rows, samples of motor outputs and motion. The model learns from each, and the timeline is
-           advanced.
+        2. The model learns from the messages, and the timeline is advanced.
         3. If the vehicle has landed or is out of control, what was learned from that is withdrawn.
         4. The end of a silence is reported.
         5. After a reboot or a silence the vehicle may have forgotten its message rates, which are requested again.
@@ -334,10 +337,7 @@ class LiveSession:
         frames: list[Frame] = []
         for batch in batches:
             frames += batch.frames
-        for row in self.stream.process_frames(batches[0].stamp, frames):
-            self._begin_flight_if_new()
-            self._process_row(row, first_arrival)
-        self._begin_flight_if_new()
+        self._learn_from_frames(frames, batches[0].stamp, first_arrival)
         for batch in batches:
             vehicle = self.stream.followed_vehicle
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle, self.stream.boot)
@@ -355,21 +355,39 @@ class LiveSession:
         if has_rebooted or silence > SILENCE_SECONDS:
             self._rates.restart()
 
+    def _learn_from_frames(
+        self, frames: Sequence[Frame], stamp: float, arrival_time: float
+    ) -> None:
+        """Makes rows (samples of motor outputs and motion) of frames, and trains the model with each of them.
+
+        Args:
+            frames: the next frames of the link, in the order of arrival.
+            stamp: when they were received, UNIX s.
+            arrival_time: the same, s of the monotonic clock.
+        """
+        for row in self.stream.process_frames(stamp, frames):
+            # A take-off among the frames before this row has begun another flight, which the row belongs to.
+            self._begin_flight_if_new()
+            self._process_row(row, arrival_time)
+        # The last frames may have shown a take-off without completing a row.
+        self._begin_flight_if_new()
+
     def _begin_flight_if_new(self) -> None:
         """Begins to learn and to judge anew if the vehicle has taken off for another flight than before.
 
-        The vehicle may have been repaired, or damaged, since the flight before, so that nothing of that one counts.
-        What came before the first flight of the session, such as the reason why there are no rows, belongs to it.
+        The vehicle may have been repaired, or damaged, since the flight before, so that nothing of that one counts. Its
+        model is only kept for the case that the new flight gives none.
         """
         number = self.stream.flight_number
         if number == self._flight_number:
             return
         self._flight_number = number
         if number == 1:
+            # What was found before the first take-off, such as why nothing can be learned, belongs to this flight.
             return
-        self._earlier_model = (
-            self.flight.learning.latest_model(self.stream.parameters) or self._earlier_model
-        )
+        latest_model = self.flight.learning.latest_model(self.stream.parameters)
+        if latest_model is not None:
+            self._earlier_model = latest_model
         self.flight = self._new_flight()
         self._report.flight = self.flight
 
@@ -551,32 +569,17 @@ class LiveSession:
 
         A landing is recognised some time after it has begun. Until then its samples are taken for settled flight, and
         the model is trained on them. The same holds for a loss of control. Nothing is done until one is recognised.
-
-        The recording of the flight, which is now complete, is then examined for advice on gains.
         """
         # Time of the first sample to withdraw, s of the boot clock. The stream returns each such time once.
         withdrawal_start = self.stream.pop_withdrawal_time()
         if withdrawal_start is None:
             return
         if self.gain_adviser is not None:
+            # The flight has ended, so that its recording can be examined for advice on gains.
             self._request_gain_advice(self.gain_adviser)
         self.history.forget_learned_since(withdrawal_start)
         if self.flight.learning.learner is not None:
             self.flight.learning.withdraw_since(withdrawal_start)
-
-    def _keep_flight_data(self, status: SessionStatus) -> None:
-        """Adds the battery's voltages to the history in flight; on the ground, notes that free flight is over.
-
-        ``is_free_flight`` states whether the vehicle flies unhindered by the ground, as in the latest row. Since there
-        are no rows after a landing, none would set it to false.
-
-        Args:
-            status: the present status, once a second.
-        """
-        if status.is_flying and status.state is not None:
-            self.history.add_voltages(status.state.voltages)
-        if not status.is_flying:
-            self.flight.learning.is_free_flight = False
 
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
@@ -587,25 +590,24 @@ class LiveSession:
         Args:
             status: the present status, with the reason.
         """
-        reason = status.link_loss or status.no_model_reason
+        link_loss = status.link_loss
+        reason = link_loss or status.no_model_reason
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
             # It is kept for the end of the session, when the vehicle no longer flies.
             self.flight.no_rows_reason = reason
-        link_loss = status.link_loss
         if link_loss is not None and not link_loss.is_bad:
             return
         former_reason = self._reported_reason
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
-        is_flight_over = reason is not None and reason.code is SessionFact.FLIGHT_OVER
-        # The end of a flight may have another cause a moment later; it is reported once.
-        is_end_reported = is_flight_over and self._ended_flight == status.flight_number
-        if is_flight_over:
+        if reason is not None and reason.code is SessionFact.FLIGHT_OVER:
+            if self._ended_flight == status.flight_number:
+                # The end was reported, and has got another cause meanwhile.
+                return
             self._ended_flight = status.flight_number
-        if is_end_reported or self._is_covered_by_other_report(reason, former_reason, status):
-            return
-        self._presentation.log(_report_on_learning(reason, status))
+        if not self._is_covered_by_other_report(reason, former_reason, status):
+            self._presentation.log(_report_on_learning(reason, status))
 
     def _is_covered_by_other_report(
         self, reason: Fact | None, former_reason: Fact | None, status: SessionStatus
@@ -632,7 +634,11 @@ class LiveSession:
 
     @property
     def status(self) -> SessionStatus:
-        """The status as of now."""
+        """The status as of now: of link and vehicle, model and judgement, with what only the session itself knows.
+
+        That is why less was learned than could be (``shortfall``), the judgements of all flights (``verdicts``), and
+        why the recording was not judged, if that failed.
+        """
         return replace(
             self._report.status,
             shortfall=self._reason_without_parameters(),
@@ -763,16 +769,15 @@ class LiveSession:
         motor lost thrust, that torque is of the fault, and not of the wind: the model is marked accordingly.
 
         Args:
-            model: the model that was learned last; None without one. A model of an earlier flight of the session is not
-                judged, since it shows nothing of the latest flight.
+            model: the model that was learned last; None without one.
 
         Returns:
             The model, perhaps so marked; None if there is none of the latest flight.
         """
-        if model is self._earlier_model:
-            model = None
+        # A model of an earlier flight, which is kept if the latest one gives none, shows nothing of the latest flight.
+        model_of_latest_flight = None if model is self._earlier_model else model
         return self.flight.judging.judge_final_model(
-            model,
+            model_of_latest_flight,
             self.flight.learning.row_format,
             self.stream.motor_alarms.changes_in_latest_flight,
             has_rate_setpoint=self._has_rate_setpoint,

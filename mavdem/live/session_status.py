@@ -647,16 +647,18 @@ class SessionStatus(ImmutableResult):
         return present_lights
 
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
-        """Returns the lights of a flight, none of which is unknown because the vehicle is on the ground by now.
+        """Returns the lights, which after a landing say why a part of the vehicle was not judged in the flight.
+
+        On the ground nothing is watched, which is the reason that such a light has now. But the lights are about the
+        flight: it was too short to judge this part.
 
         Args:
-            lights: the judgement of each part of the vehicle, by the name of the part.
-
-        Returns:
-            The lights. On the ground after a flight, one that waited for more of it says that it was too short.
+            lights: the judgement of each part of the vehicle, by the name of the part. One of the level "unknown" has a
+                figure "reason".
         """
         lights_of_flight = dict(lights)
-        if self.is_flying or self.flight_number == 0:
+        is_after_flight = not self.is_flying and self.flight_number > 0
+        if not is_after_flight:
             return lights_of_flight
         for name, light in lights.items():
             reason = light.figures.get("reason")

@@ -300,15 +300,15 @@ class Watchdog:
             # The watchdog may have found the same fault that the autopilot reports.
             if reported_fault not in bad_faults:
                 bad_faults.append(reported_fault)
-        falls_and_faults = bad_faults
-        if self._ongoing_fall is not None and not self.has_landed:
-            falls_and_faults = [self._ongoing_fall, *bad_faults]
         most_urgent = []
         if self._restart is not None and self._landed_states.is_in_air:
             most_urgent.append(self._restart)
-        if self.loss is not None and self.loss not in falls_and_faults:
+        # A loss of control is among the faults already.
+        if self.loss is not None and self.loss not in bad_faults:
             most_urgent.append(self.loss)
-        return (*most_urgent, *falls_and_faults)
+        if self._ongoing_fall is not None and not self.has_landed:
+            most_urgent.append(self._ongoing_fall)
+        return (*most_urgent, *bad_faults)
 
     def begin_review(
         self,
@@ -365,18 +365,26 @@ class Watchdog:
         if not is_flying:
             self._report_alarms.end_flight()
             return reports
-        reported_facts = []
-        for report in reports:
-            is_restart_alarm = report.code is SessionFact.ALARM
-            if is_restart_alarm:
-                # ``_update_restart`` has set its status light.
-                reported_facts.append(report)
-                continue
-            report_in_flight = _with_level_in_flight(report)
-            self._store_warning(report_in_flight)
-            reported_facts.append(self._alarm_or_report(report_in_flight, now))
+        reported_facts = [self._take_report_in_flight(report, now) for report in reports]
         reported_facts += self._report_alarms.update(self._report_search.reports, now)
         return reported_facts
+
+    def _take_report_in_flight(self, report: Fact, now: float) -> Fact:
+        """Updates status lights and alarms by a new report of the autopilot in flight.
+
+        Args:
+            report: the report, or the alarm that the autopilot restarted, whose status light was set before.
+            now: present time on the boot clock, s.
+
+        Returns:
+            What is reported to the user: an alarm, or the report itself.
+        """
+        is_restart_alarm = report.code is SessionFact.ALARM
+        if is_restart_alarm:
+            return report
+        report_in_flight = _with_level_in_flight(report)
+        self._store_warning(report_in_flight)
+        return self._alarm_or_report(report_in_flight, now)
 
     def _store_warning(self, report: Fact) -> None:
         """Stores a warning of the autopilot, by which power and estimator are judged, and adds it to its status light.
@@ -764,22 +772,35 @@ class Watchdog:
             is no loss yet: the pilot may catch the vehicle. Empty if control was lost, which is an alarm of its own.
         """
         present_loss = self.control.loss(moment)
-        # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
-        is_sinking = self.loss is None and self._has_sinking_alarm
-        flight_end = None
-        if self.ground_contact is None and (present_loss is not None or is_sinking):
-            flight_end = self.control.crash_after_loss(moment)
+        flight_end = self._crash(present_loss, moment)
         if present_loss is not None:
             if self._awaits_impact(present_loss, flight_end, moment):
                 return []
-            first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
-            self._record_loss(first_loss or present_loss, flight_end, review)
+            first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL, present_loss)
+            self._record_loss(first_loss, flight_end, review)
         elif flight_end is not None and flight_end.loss is not None:
+            # The vehicle hit the ground with its attitude under control: the crash itself is the loss.
             self._record_loss(flight_end.loss, flight_end, review)
         if self.loss is not None:
             self._ongoing_fall = None
             return []
         return self._update_fall(review, moment)
+
+    def _crash(self, present_loss: Fact | None, moment: FlightMoment) -> FlightEnd | None:
+        """Returns how a flying vehicle that was lost, or may be, has met the ground; None unless the motion shows it.
+
+        Args:
+            present_loss: loss of control that the latest messages show; None for none.
+            moment: present time, and the motion.
+        """
+        if self.ground_contact is not None:
+            # The contact was found before.
+            return None
+        # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
+        is_sinking = self.loss is None and self._has_sinking_alarm
+        if present_loss is None and not is_sinking:
+            return None
+        return self.control.crash_after_loss(moment)
 
     def _awaits_impact(
         self, loss: Fact, flight_end: FlightEnd | None, moment: FlightMoment

@@ -31,7 +31,11 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.report.blocks import Blocks
 from mavdem.report.charts.comparison_charts import FlightSeries
 from mavdem.report.difference.baseline import baseline_blocks
-from mavdem.report.difference.reviewed import ComparedState, compared_states
+from mavdem.report.difference.reviewed import (
+    ComparedState,
+    ReviewedDifference,
+    compared_states,
+)
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
     render_server_page,
@@ -564,28 +568,7 @@ class Pages:
         # A is the earlier flight, so that a change for the worse is not presented as an improvement.
         if entry_before.date and entry_after.date and entry_after.date < entry_before.date:
             entry_before, entry_after = entry_after, entry_before
-        parameters_before = read_parameters(self._library.results_folder(entry_before))
-        parameters_after = read_parameters(self._library.results_folder(entry_after))
-        tracked_sides = []
-        outdated_sides = []
-        all_parameters = (parameters_before, parameters_after)
-        entries = (entry_before, entry_after)
-        for side, entry, parameters in zip(STATE_NAMES, entries, all_parameters, strict=True):
-            if parameters is not None:
-                continue
-            # A log without a digest lies where `mavdem track` has read it, without results in the library.
-            if entry.digest:
-                outdated_sides.append(side)
-            else:
-                tracked_sides.append(side)
-        if parameters_before is None or parameters_after is None:
-            # Of these flights the index has the parameters of control at most. Damaged ones are not known.
-            parameters_before = parse_parameters(entry_before.gains) or {}
-            parameters_after = parse_parameters(entry_after.gains) or {}
-        reviewed = compared_states(
-            self._compared_state(entry_before, parameters_before),
-            self._compared_state(entry_after, parameters_after),
-        )._replace(tracked_sides=tuple(tracked_sides), outdated_sides=tuple(outdated_sides))
+        reviewed = self._comparison(entry_before, entry_after)
         given_names = self._library.names.flights
         html = comparison_page(
             names=(
@@ -599,6 +582,47 @@ class Pages:
         )
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))
+        )
+
+    def _comparison(
+        self, entry_before: LibraryEntry, entry_after: LibraryEntry
+    ) -> ReviewedDifference:
+        """Compares two flights of the library: the vehicle by the fleet's rows of both, and their parameters.
+
+        Where the library has all parameters of one flight only, those that its index has of both are compared: gains
+        and others of the control. The page states for which side, A or B, it has no more, and why.
+
+        Args:
+            entry_before: the flight A.
+            entry_after: the flight B.
+        """
+        parameters_before = read_parameters(self._library.results_folder(entry_before))
+        parameters_after = read_parameters(self._library.results_folder(entry_after))
+        tracked_sides = []
+        outdated_sides = []
+        for side, entry, parameters in (
+            (STATE_NAMES[0], entry_before, parameters_before),
+            (STATE_NAMES[1], entry_after, parameters_after),
+        ):
+            if parameters is not None:
+                continue
+            is_in_library = bool(entry.digest)
+            if is_in_library:
+                # An earlier version, which kept no parameters, has read the log.
+                outdated_sides.append(side)
+            else:
+                # `mavdem track` has read the log where it lies, which leaves no results in the library.
+                tracked_sides.append(side)
+        if parameters_before is None or parameters_after is None:
+            # Damaged parameters of the index count as not known.
+            parameters_before = parse_parameters(entry_before.gains) or {}
+            parameters_after = parse_parameters(entry_after.gains) or {}
+        reviewed = compared_states(
+            self._compared_state(entry_before, parameters_before),
+            self._compared_state(entry_after, parameters_after),
+        )
+        return reviewed._replace(
+            tracked_sides=tuple(tracked_sides), outdated_sides=tuple(outdated_sides)
         )
 
     def _compared_state(self, entry: LibraryEntry, parameters: Parameters) -> ComparedState:

@@ -212,13 +212,17 @@ def unknown_terms(text: str) -> list[str]:
 def needs_complete_entries(text: str) -> bool:
     """Returns whether a search compares what ``mavdem track`` of earlier versions did not store.
 
-    These are the time in the air, distance, height, modes and gains.
+    These are the time in the air, distance, height, modes and gains. A flight that such a version has read is not found
+    by them.
 
     Args:
-        text: words of the search.
+        text: words of the search, such as "quad-7 height>50": some are terms that compare a property of the flights.
     """
-    names = [name for name, _, _ in _terms(text)]
-    return any(_is_parameter(name) or name.lower() in TERMS_OF_COMPLETE_ENTRIES for name in names)
+    for property_name, _, _ in _terms(text):
+        is_gain = _is_parameter(property_name)
+        if is_gain or property_name.lower() in TERMS_OF_COMPLETE_ENTRIES:
+            return True
+    return False
 
 
 def _terms(text: str) -> Iterator[tuple[str, str, str]]:

@@ -196,6 +196,68 @@ def compile_modules(python: str, checkout: Path) -> None:
     subprocess.run(compiling, check=True)
 
 
+class ObservedSession:
+    """A live session that runs in a process of its own, and is observed from outside by threads until it ends.
+
+    Attributes:
+        process: the process.
+        lines: the lines that it has printed to standard error, with the time of each, s of the monotonic clock.
+        output: what it has printed to standard output, once that is complete.
+        usages: processor time and memory over time.
+    """
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        """Begins to observe.
+
+        Args:
+            process: the process, with pipes for standard output and standard error.
+        """
+        self.process = process
+        self.lines: list[tuple[float, str]] = []
+        self.output = ""
+        self.usages: list[Usage] = []
+        self._threads = [
+            Thread(target=self._read_lines, daemon=True),
+            Thread(target=self._read_output, daemon=True),
+            Thread(target=self._measure, daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def wait_for_line(self, text: str) -> None:
+        """Waits until the session has printed a line that contains a text, at most ``STARTING_SECONDS``."""
+        deadline = time.monotonic() + STARTING_SECONDS
+        while not any(text in line for _, line in self.lines):
+            assert time.monotonic() < deadline, "the session does not start"
+            time.sleep(SAMPLING_PERIOD)
+
+    def end(self) -> None:
+        """Ends the session as Ctrl-C does, and waits until all that it prints is read."""
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
+
+    def _read_lines(self) -> None:
+        """Collects the lines on standard error, each with the time at which it came."""
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.lines.append((time.monotonic(), line.rstrip()))
+
+    def _read_output(self) -> None:
+        """Collects standard output, which is the JSON document."""
+        assert self.process.stdout is not None
+        self.output = self.process.stdout.read()
+
+    def _measure(self) -> None:
+        """Records the session's use of the machine until it ends."""
+        observed = psutil.Process(self.process.pid)
+        with suppress(psutil.Error):
+            while True:
+                self.usages.append(usage_now(observed))
+                time.sleep(SAMPLING_PERIOD)
+
+
 def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | None) -> LiveRun:
     """Runs a live session while a flight is sent to it, and observes it.
 
@@ -210,78 +272,62 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         The document and the lines that the session printed, its use of processor and memory over time, and the times at
         which the flight began and ended.
     """
-
-    def limit() -> None:
-        """Binds the process of the session to the core, and puts it into the control group."""
-        os.sched_setaffinity(0, {core})
-        if group is not None:
-            group.write_text(str(os.getpid()))
-
+    compile_modules(python, checkout)
     with TemporaryDirectory() as name:
         folder = Path(name)
         scenario = folder / "flight.toml"
         scenario.write_text(SCENARIO.format(rate=rate))
-        words = f"-m mavdem live udpin:{LINK} --plain --json --record".split()
-        compile_modules(python, checkout)
-        environment = os.environ | {"PYTHONPATH": str(checkout)}
-        session = subprocess.Popen(
-            [python, *words, str(folder / "live.tlog")],
-            cwd=folder,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            preexec_fn=limit,
-        )
-        lines: list[tuple[float, str]] = []
-        output: list[str] = []
-        usages: list[Usage] = []
-
-        def read_lines() -> None:
-            """Collects the lines on standard error, each with the time at which it came."""
-            assert session.stderr is not None
-            for line in session.stderr:
-                lines.append((time.monotonic(), line.rstrip()))
-
-        def read_output() -> None:
-            """Collects standard output, which is the JSON document."""
-            assert session.stdout is not None
-            output.append(session.stdout.read())
-
-        def measure() -> None:
-            """Records the session's use of the machine until it ends."""
-            observed = psutil.Process(session.pid)
-            with suppress(psutil.Error):
-                while True:
-                    usages.append(usage_now(observed))
-                    time.sleep(SAMPLING_PERIOD)
-
-        threads = [Thread(target=work, daemon=True) for work in (read_lines, read_output, measure)]
-        for thread in threads:
-            thread.start()
-        deadline = time.monotonic() + STARTING_SECONDS
-        while not any("Listening on" in line for _, line in lines):
-            assert time.monotonic() < deadline, "the session does not start"
-            time.sleep(SAMPLING_PERIOD)
+        recording = folder / "live.tlog"
+        session = ObservedSession(_start_session(python, checkout, recording, core, group))
+        session.wait_for_line("Listening on")
         time.sleep(SETTLING_SECONDS)
         other_cores = set(range(os.cpu_count() or 1)) - {core} or {core}
-        sender = subprocess.run(
+        subprocess.run(
             [sys.executable, "-m", "mavdem", "fly", str(scenario), "--udp", LINK],
             check=True,
             stderr=subprocess.DEVNULL,
             preexec_fn=lambda: os.sched_setaffinity(0, other_cores),
         )
-        assert sender.returncode == 0
         sender_end = time.monotonic()
         time.sleep(SETTLING_SECONDS)
-        session.send_signal(signal.SIGINT)
-        session.wait()
-        for thread in threads:
-            thread.join(timeout=5.0)
-        document = json.loads(output[0])
-        document["recorded"] = read_log(folder / "live.tlog").frames
-    following = [when for when, line in lines if "Following vehicle" in line]
-    return LiveRun(document, usages, lines, min(following, default=sender_end), sender_end)
+        session.end()
+        document = json.loads(session.output)
+        document["recorded"] = read_log(recording).frames
+    # The first message shows in this line. If none came, the flight has no duration.
+    times_of_vehicle = [when for when, line in session.lines if "Following vehicle" in line]
+    sender_start = min(times_of_vehicle, default=sender_end)
+    return LiveRun(document, session.usages, session.lines, sender_start, sender_end)
+
+
+def _start_session(
+    python: str, checkout: Path, recording: Path, core: int, group: Path | None
+) -> subprocess.Popen[str]:
+    """Starts a live session, which records what it receives and prints a JSON document at its end.
+
+    Args:
+        python: interpreter of the session.
+        checkout: folder whose ``mavdem`` it runs.
+        recording: file in which it records; its other files are written beside it.
+        core: core that it runs on.
+        group: file of the control group to which its process id is written; None without a group.
+    """
+
+    def limit() -> None:
+        """Binds the new process to the core, and puts it into the control group."""
+        os.sched_setaffinity(0, {core})
+        if group is not None:
+            group.write_text(str(os.getpid()))
+
+    words = f"-m mavdem live udpin:{LINK} --plain --json --record".split()
+    return subprocess.Popen(
+        [python, *words, str(recording)],
+        cwd=recording.parent,
+        env=os.environ | {"PYTHONPATH": str(checkout)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=limit,
+    )
 
 
 def table_row(run: LiveRun, rate: float) -> dict[str, object]:

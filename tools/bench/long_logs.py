@@ -81,25 +81,23 @@ class Flight:
         Args:
             stream: MAVLink frames of the recording, with their receive stamps.
         """
-        frames = stream.frames[stream.frames.checksum == CHECKSUM_MATCHES]
-        pieces = [
-            bytes(stream.data[start - STAMP_BYTES : end])
-            for start, end in zip(frames.start.tolist(), frames.end.tolist(), strict=True)
-            if start >= STAMP_BYTES
-        ]
-        frames = frames[frames.start >= STAMP_BYTES]
-        self.content = np.frombuffer(b"".join(pieces), dtype=np.uint8)
-        ends = np.cumsum([len(piece) for piece in pieces])
+        is_sound = stream.frames.checksum == CHECKSUM_MATCHES
+        # Each frame follows its receive stamp, which the first one lacks in a log that is cut at its beginning.
+        has_stamp = stream.frames.start >= STAMP_BYTES
+        frames = stream.frames[is_sound & has_stamp]
+        stamped_frames = []
+        for start, end in zip(frames.start.tolist(), frames.end.tolist(), strict=True):
+            stamped_frames.append(bytes(stream.data[start - STAMP_BYTES : end]))
+        self.content = np.frombuffer(b"".join(stamped_frames), dtype=np.uint8)
+        ends = np.cumsum([len(stamped_frame) for stamped_frame in stamped_frames])
         self._starts = ends - frames.size
         stamps = self._integers(self._starts - STAMP_BYTES, STAMP_BYTES, ">")
         self.seconds = float(stamps.max() - stamps[0]) / MICROSECONDS + PAUSE_SECONDS
         self._message_ids = frames.message_id
         self._ends = ends
-        self._clocks = [
-            fields
-            for message_id in np.unique(frames.message_id).tolist()
-            for fields in self._clock_fields(message_id)
-        ]
+        self._clocks = []
+        for message_id in np.unique(frames.message_id).tolist():
+            self._clocks += self._clock_fields(message_id)
 
     def copy(self, number: int) -> bytes:
         """Returns the flight as it would be recorded later: with later times in stamps and messages, and new checksums.

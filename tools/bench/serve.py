@@ -19,6 +19,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
+from http import HTTPStatus
 from pathlib import Path
 from statistics import quantiles
 from tempfile import TemporaryDirectory
@@ -33,7 +34,7 @@ from mavdem.fleet.sources import LogSource
 from mavdem.fleet.workers import KEY_HASH_DIGITS, JobLimits, JobOutcome
 from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
-from mavdem.serve.index import insert_entry
+from mavdem.serve.index import LibraryEntry, insert_entry
 from mavdem.serve.library import Library
 from mavdem.serve.pages import FLIGHTS_PER_PAGE
 
@@ -45,6 +46,15 @@ PATIENCE_SECONDS = 600.0
 
 KILL_CLIENTS = 4
 """Clients that upload logs at once to the server that is killed."""
+
+LOAD_LOGS = 50
+"""Logs that are uploaded to the server under load."""
+
+LOAD_CLIENTS = 10
+"""Clients that upload these logs at once."""
+
+LOAD_READERS = 20
+"""Readers that open pages meanwhile."""
 
 REQUESTS = 30
 """Requests of each page of a large library."""
@@ -180,34 +190,53 @@ def list_command(logs: tuple[Path, ...], flights: int, library: str | None) -> N
                     server.upload(log.name, log.read_bytes())
                 server.wait_for(len(logs))
             multiply_flights(Path(folder), flights)
-        figures = []
+        rows = []
         with running_server(folder) as server:
-            document = server.flights()
-            flight = document["flights"][500]
-            offset = flights - FLIGHTS_PER_PAGE
-            pages = {
-                "first page of the list": "/",
-                "last page of the list": f"/?offset={offset}",
-                "by the date of the flight": "/?sort=flight",
-                "a word": "/?q=quad-7",
-                "two terms": "/?q=motors:bad wind>5",
-                "a gain": "/?q=ATC_RAT_RLL_P>0.13",
-                "a word that none has": "/?q=nothing",
-                "list as JSON": "/api/flights",
-                "page of a flight": f"/f/{flight['id']}",
-                "page of a vehicle": f"/vehicle?name={flight['vehicle']}",
-            }
-            for name, path in pages.items():
-                seconds = []
-                processor_seconds = server.processor_seconds
-                for _ in range(REQUESTS):
-                    status, duration = server.timed(path)
-                    assert status == 200
-                    seconds.append(duration)
-                mean = (server.processor_seconds - processor_seconds) / REQUESTS
-                figures.append([name, percentiles(seconds), f"{1e3 * mean:.0f} ms"])
-            figures.append(["memory of the server", f"{server.megabytes:.0f} MB", ""])
-    click.echo(markdown([Table(["what", "time", "processor time"], figures)]))
+            # Any flight will do; this one was made by ``multiply_flights``.
+            flight = server.flights()["flights"][500]
+            for name, path in _pages_to_time(flight, flights).items():
+                rows.append([name, *_times_of_page(server, path)])
+            rows.append(["memory of the server", f"{server.megabytes:.0f} MB", ""])
+    click.echo(markdown([Table(["what", "time", "processor time"], rows)]))
+
+
+def _pages_to_time(flight: dict[str, str], flight_count: int) -> dict[str, str]:
+    """Returns the paths of the pages whose response is measured, by their names in the table.
+
+    Args:
+        flight: a flight of the library, by the columns of its list.
+        flight_count: number of its flights.
+    """
+    offset_of_last_page = flight_count - FLIGHTS_PER_PAGE
+    return {
+        "first page of the list": "/",
+        "last page of the list": f"/?offset={offset_of_last_page}",
+        "by the date of the flight": "/?sort=flight",
+        "a word": "/?q=quad-7",
+        "two terms": "/?q=motors:bad wind>5",
+        "a gain": "/?q=ATC_RAT_RLL_P>0.13",
+        "a word that none has": "/?q=nothing",
+        "list as JSON": "/api/flights",
+        "page of a flight": f"/f/{flight['id']}",
+        "page of a vehicle": f"/vehicle?name={flight['vehicle']}",
+    }
+
+
+def _times_of_page(server: Served, path: str) -> tuple[str, str]:
+    """Requests a page ``REQUESTS`` times, and returns the quantiles of the response time and the mean processor time.
+
+    Args:
+        server: the server.
+        path: path of the page.
+    """
+    response_seconds = []
+    processor_seconds_before = server.processor_seconds
+    for _ in range(REQUESTS):
+        status, seconds = server.timed(path)
+        assert status == HTTPStatus.OK
+        response_seconds.append(seconds)
+    processor_seconds = (server.processor_seconds - processor_seconds_before) / REQUESTS
+    return percentiles(response_seconds), f"{1e3 * processor_seconds:.0f} ms"
 
 
 def multiply_flights(folder: Path, count: int) -> None:
@@ -227,39 +256,54 @@ def multiply_flights(folder: Path, count: int) -> None:
     with library.transaction() as db:
         for number in range(len(originals), count):
             original = originals[number % len(originals)]
-            digest = hashlib.sha256(str(number).encode()).hexdigest()
-            date = FIRST_DATE + timedelta(minutes=random_numbers.randrange(1_000_000))
-            gains = {
-                name: value * random_numbers.uniform(0.8, 1.25)
-                for name, value in json.loads(original.gains).items()
-            }
-            entry = replace(
-                original,
-                id=f"{number:022}",
-                name=f"{number}_{original.name}",
-                digest=digest,
-                path=f"logs/{digest}/{original.name}",
-                vehicle=f"quad-{number % VEHICLES}",
-                date=date.isoformat(timespec="seconds"),
-                received=date.timestamp(),
-                wind_speed=random_numbers.uniform(0.0, 12.0),
-                motors=random_numbers.choice(("good", "watch", "bad")),
-                gains=json.dumps(gains),
-            )
+            entry = _varied_entry(original, number, random_numbers)
             insert_entry(db, entry)
             path = str(library.log_path(entry))
+            # Size and digest of the log's content; the size is a made-up number, which no other log has.
+            size = number + 1
+            key = f"{entry.digest[:KEY_HASH_DIGITS]}-{size}"
+            date = datetime.fromtimestamp(entry.received, UTC)
             rows = [
-                replace(row, file=path, vehicle=entry.vehicle, date=date)
+                replace(row, file=path, vehicle=entry.vehicle, date=date, key=key)
                 for row in rows_by_id[original.id]
             ]
-            key = f"{digest[:KEY_HASH_DIGITS]}-{number + 1}"
-            outcome = JobOutcome(path, "read", tuple(replace(row, key=key) for row in rows), key)
-            library.store.add(LogSource(path, number + 1, ""), outcome, limits)
+            outcome = JobOutcome(path, "read", tuple(rows), key)
+            library.store.add(LogSource(path, size, version=""), outcome, limits)
             results = library.results_folder(entry)
             results.mkdir()
             for file in library.results_folder(original).iterdir():
                 os.link(file, results / file.name)
     library.close()
+
+
+def _varied_entry(
+    original: LibraryEntry, number: int, random_numbers: random.Random
+) -> LibraryEntry:
+    """Returns the entry of a further flight: that of another one with its own vehicle, date, wind, motors and gains.
+
+    Args:
+        original: entry of the flight that is copied.
+        number: number of the further flight, which becomes a part of its id, name and path.
+        random_numbers: source of the random numbers.
+    """
+    digest = hashlib.sha256(str(number).encode()).hexdigest()
+    date = FIRST_DATE + timedelta(minutes=random_numbers.randrange(1_000_000))
+    gains = {}
+    for name, value in json.loads(original.gains).items():
+        gains[name] = value * random_numbers.uniform(0.8, 1.25)
+    return replace(
+        original,
+        id=f"{number:022}",
+        name=f"{number}_{original.name}",
+        digest=digest,
+        path=f"logs/{digest}/{original.name}",
+        vehicle=f"quad-{number % VEHICLES}",
+        date=date.isoformat(timespec="seconds"),
+        received=date.timestamp(),
+        wind_speed=random_numbers.uniform(0.0, 12.0),
+        motors=random_numbers.choice(("good", "watch", "bad")),
+        gains=json.dumps(gains),
+    )
 
 
 @bench.command("load")
@@ -271,45 +315,57 @@ def load_command(log: Path) -> None:
     """
     content = log.read_bytes()
     with TemporaryDirectory() as folder, running_server(folder) as server:
+        # The readers open the list of flights, and the page of a flight that was uploaded before.
         server.upload(log.name, content)
         server.wait_for(1)
-        paths = "/", f"/f/{server.flights()['flights'][0]['id']}"
-        pages = []
+        first_flight = server.flights()["flights"][0]
+        page_paths = ("/", f"/f/{first_flight['id']}")
+        page_statuses: list[int] = []
+        page_seconds: list[float] = []
+        pauses = random.Random(1)
         is_over = False
-        chance = random.Random(1)
 
-        def read() -> None:
+        def read_pages() -> None:
             """Opens both pages again and again, with pauses, until all logs are read."""
             while not is_over:
-                for path in paths:
-                    pages.append(server.timed(path))
-                    time.sleep(chance.uniform(0.0, 1.0))
+                for path in page_paths:
+                    status, seconds = server.timed(path)
+                    page_statuses.append(status)
+                    page_seconds.append(seconds)
+                    time.sleep(pauses.uniform(0.0, 1.0))
 
         def upload(number: int) -> int:
-            """Uploads a log of its own, and returns the HTTP status."""
+            """Uploads a log that differs from all others, and returns the HTTP status."""
             return server.upload(f"{number}.tlog", distinct_log(content, number))
 
         began = time.perf_counter()
-        with ThreadPoolExecutor(20) as readers, ThreadPoolExecutor(10) as clients:
-            for _ in range(20):
-                readers.submit(read)
-            uploads = list(clients.map(upload, range(50)))
+        with (
+            ThreadPoolExecutor(LOAD_READERS) as readers,
+            ThreadPoolExecutor(LOAD_CLIENTS) as clients,
+        ):
+            for _ in range(LOAD_READERS):
+                readers.submit(read_pages)
+            upload_statuses = list(clients.map(upload, range(LOAD_LOGS)))
             megabytes_after_uploads = server.megabytes
-            server.wait_for(51)
+            # All of them, and the one that was uploaded first.
+            server.wait_for(LOAD_LOGS + 1)
             reading_seconds = time.perf_counter() - began
             max_megabytes = max(megabytes_after_uploads, server.megabytes)
             is_over = True
-    errors = [status for status, _ in pages if status != 200]
-    errors += [status for status in uploads if status != 201]
-    seconds = [taken for _, taken in pages]
+    page_errors = len(page_statuses) - page_statuses.count(HTTPStatus.OK)
+    upload_errors = LOAD_LOGS - upload_statuses.count(HTTPStatus.CREATED)
+    logs_per_second = LOAD_LOGS / reading_seconds
     report(
         [
-            ["a page, 20 readers", f"{percentiles(seconds)} of {len(pages)}"],
-            ["answers that were errors", str(len(errors))],
+            [
+                f"a page, {LOAD_READERS} readers",
+                f"{percentiles(page_seconds)} of {len(page_seconds)}",
+            ],
+            ["answers that were errors", str(page_errors + upload_errors)],
             ["the most memory of the server", f"{max_megabytes:.0f} MB"],
             [
-                "the 50 logs were read in",
-                f"{reading_seconds:.0f} s, {50 / reading_seconds:.1f} a second",
+                f"the {LOAD_LOGS} logs were read in",
+                f"{reading_seconds:.0f} s, {logs_per_second:.1f} a second",
             ],
         ]
     )

@@ -283,15 +283,20 @@ def states_mishap(reported: ReportedFact, kind: str, failed_motor: int) -> bool:
 def permitted_headline_codes(kind: str, review: Assessment) -> set[str]:
     """Returns the codes of facts that are not wrong in the headline of a review of a mishap.
 
+    They are listed in failures.toml, for this kind of mishap or for all kinds. Besides, three status lights of the
+    review may be its headline, since they judge the control loops and the log, and not what happened.
+
     Args:
         kind: what went wrong, a key of ``KINDS``.
-        review: the review; codes of its lights of tracking, margins and log are permitted, as they judge loops and log
-            and state no event, unless ``LIGHT_OF_EVENT`` lists them as events.
+        review: the review of the flight, with its status lights.
     """
     permitted = codes(kind, "expected") | codes(kind, "permitted")
-    permitted |= set(TABLES["always_permitted"]) | set(TABLES["side_effects"])
-    light_codes = {review.lights[name].code for name in ("tracking", "margins", LOG_LIGHT)}
-    permitted |= {str(code) for code in light_codes - set(LIGHT_OF_EVENT)}
+    permitted |= {*TABLES["always_permitted"], *TABLES["side_effects"]}
+    for name in ("tracking", "margins", LOG_LIGHT):
+        code = review.lights[name].code
+        # A light may show an event, such as the end of the log in the air. Then it is judged as other events are.
+        if code not in LIGHT_OF_EVENT:
+            permitted.add(str(code))
     return permitted
 
 

@@ -481,10 +481,8 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
     """
     messages = {}
     for name, columns in vehicle.messages.items():
-        subtypes = columns["boot"]
-        for field in reversed(SUBTYPE_FIELDS):
-            if field in columns:
-                subtypes = columns[field]
+        subtype_fields = [field for field in SUBTYPE_FIELDS if field in columns]
+        subtypes = columns[subtype_fields[0]] if subtype_fields else columns["boot"]
         remaining_rows = []
         for subtype in np.unique(subtypes):
             rows = np.flatnonzero(subtypes == subtype)
@@ -776,19 +774,36 @@ def main(
     message_rates = [float(rate) for rate in rates.split()]
     if strong:
         seeds = [STRONG_SEED + seed for name in HALVES for seed in HALVES[name][:flights]]
-        crossovers = partial(evaluate_crossovers, rates=message_rates, cache=cache)
-        groups_of_deviation = evaluate_flights(crossovers, seeds, jobs).groupby(
-            ["half", "deviation"]
-        )
-        table = groups_of_deviation.apply(crossover_statistics).reset_index()
-        print_table("Crossover, by the deviation of the gain", table)
+        evaluate = partial(evaluate_crossovers, rates=message_rates, cache=cache)
+        _print_crossovers(evaluate_flights(evaluate, seeds, jobs))
         return
     evaluate = partial(evaluate_log, rates=message_rates, cache=cache, is_rounded=rounded)
-    rows = evaluate_flights(evaluate, logs or HALVES[half][:flights], jobs)
     if logs:
+        rows = evaluate_flights(evaluate, logs, jobs)
         is_shown = rows["figure"].isin(SHOWN_FIGURES) | (rows["cause"] != "")
         print_table("Logs", rows[is_shown])
         return
+    _print_errors(evaluate_flights(evaluate, HALVES[half][:flights], jobs))
+
+
+def _print_crossovers(rows: pd.DataFrame) -> None:
+    """Prints how well the intervals of the crossover frequency hold the true one, by the deviation of the gain.
+
+    Args:
+        rows: rows of :func:`evaluate_crossovers`.
+    """
+    groups = rows.groupby(["half", "deviation"])
+    table = groups.apply(crossover_statistics).reset_index()
+    print_table("Crossover, by the deviation of the gain", table)
+
+
+def _print_errors(rows: pd.DataFrame) -> None:
+    """Prints how many axes have an identified loop, why the others have none, and a table of errors for each figure.
+
+    Args:
+        rows: rows of :func:`evaluate_log`: one for each figure of an identified loop, or one with the "cause" why an
+            axis has none.
+    """
     axes = rows.drop_duplicates(["log", "rate", "axis"])
     counts = axes.groupby(["rate", "cause"]).size()
     print_table("Given or refused, axes", counts.reset_index(name="axes"))

@@ -126,16 +126,23 @@ def main(folder: Path) -> None:
     Args:
         folder: folder with logs (``.BIN``) of one vehicle.
     """
-    flights = [health_figures(path) for path in sorted(folder.glob("*.BIN"))]
-    healthy_flights = [flight for flight in flights if "good" in flight.name]
-    other_flights = [flight for flight in flights if "good" not in flight.name]
+    healthy_flights = []
+    other_flights = []
+    for path in sorted(folder.glob("*.BIN")):
+        flight = health_figures(path)
+        if "good" in flight.name:
+            healthy_flights.append(flight)
+        else:
+            other_flights.append(flight)
     flights = healthy_flights + other_flights
     # A healthy flight is compared with the other healthy ones. With dates the assessment of a flight is the prior of
     # the next one; without dates each flight is assessed by itself.
     assessments_by_date = assess_motor_health(flights, healthy_flights)
-    undated_flights = [replace(flight, date=None) for flight in flights]
-    undated_healthy_flights = undated_flights[: len(healthy_flights)]
-    assessments = assess_motor_health(undated_flights, undated_healthy_flights)
+    undated_healthy_flights = [replace(flight, date=None) for flight in healthy_flights]
+    undated_other_flights = [replace(flight, date=None) for flight in other_flights]
+    assessments = assess_motor_health(
+        undated_healthy_flights + undated_other_flights, undated_healthy_flights
+    )
     rows = []
     for flight, assessment, by_date in zip(flights, assessments, assessments_by_date, strict=True):
         rows.append(health_row(flight, assessment, by_date))

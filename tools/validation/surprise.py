@@ -273,17 +273,20 @@ class EvidencePeak(NamedTuple):
 
 
 def _largest_evidence(surprise: Surprise, free_energy: Array) -> EvidencePeak:
-    """Averages the surprise of an event's samples exponentially, and returns the largest average.
+    """Returns the largest evidence that the samples of an event do not fit the model.
+
+    The evidence is an exponential average of log(1 + surprise). The surprise of a sample is how far its free energy
+    F(t) dropped below that of the samples before, in their standard deviations; a rise counts as 0.
 
     Args:
-        surprise: standardises F(t) by its past, which is the training samples so far.
+        surprise: computes the surprise of each sample in turn, with the training samples as its past so far.
         free_energy: F(t) of the event's samples (N,), nats.
     """
     evidence = 0.0
-    peak = EvidencePeak(0, 0.0)
+    peak = EvidencePeak(sample=0, evidence=0.0)
     for sample, value in enumerate(free_energy):
-        log_surprise = np.log1p(max(surprise.add(value), 0.0))
-        evidence += EVIDENCE_WEIGHT * (log_surprise - evidence)
+        drop = max(surprise.add(value), 0.0)
+        evidence += EVIDENCE_WEIGHT * (np.log1p(drop) - evidence)
         if evidence > peak.evidence:
             peak = EvidencePeak(sample, evidence)
     return peak

@@ -670,8 +670,11 @@ def advises_to_tune(next_step: Fact) -> bool:
     """Returns whether a next step is to run ``mavdem tune``, or to load the gains that it advises.
 
     Args:
-        next_step: a fact with the figure ``reason``. If that is a fact about loops, its ``action`` is the advice.
+        next_step: the fact that says what the pilot should do. Its figure ``reason`` may be a decision on the loops of
+            an axis, whose figure ``action`` is then the advice.
     """
     reason = next_step.figures.get("reason")
-    action = reason.figures.get("action") if isinstance(reason, Fact) else None
+    if not isinstance(reason, Fact):
+        return False
+    action = reason.figures.get("action")
     return isinstance(action, Fact) and action.code in ADVICE_TO_TUNE

@@ -230,29 +230,31 @@ def tune_loops(
         # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
-    # The command that is advised for other axes repeats these options.
-    arguments = (
-        *evidence.command_arguments,
-        *(() if margins == "default" else ("--margins", margins)),
-        *(("--more",) if raises_sound_gains else ()),
-        *(("--filters",) if filters else ()),
+    # The command that is advised for other axes repeats the options of this one.
+    arguments = [*evidence.command_arguments]
+    if margins != "default":
+        arguments += ["--margins", margins]
+    if raises_sound_gains:
+        arguments.append("--more")
+    if filters:
+        arguments.append("--filters")
+    tuning_judgement = _judgement_with_tuning_step(
+        judgement,
+        advice_by_axis,
+        arguments,
+        has_new_gains=bool(parameters),
+        is_written=is_written,
+        must_be_repaired=bool(reasons_of_vehicle),
     )
     tuning = Tuning(
-        advice_by_axis,
-        advice_on_loops,
-        parameters,
-        notch_parameters if parameters else {},
-        notch,
-        _judgement_with_tuning_step(
-            judgement,
-            advice_by_axis,
-            arguments,
-            has_new_gains=bool(parameters),
-            is_written=is_written,
-            must_be_repaired=bool(reasons_of_vehicle),
-        ),
-        axes_with_doubtful_loop(assessment.margins, evidence.loops),
-        no_loop,
+        axes=advice_by_axis,
+        advice=advice_on_loops,
+        parameters=parameters,
+        notch_parameters=notch_parameters if parameters else {},
+        notch=notch,
+        judgement=tuning_judgement,
+        doubtful_axes=axes_with_doubtful_loop(assessment.margins, evidence.loops),
+        no_loop=no_loop,
     )
     return freeze(tuning)
 

@@ -207,7 +207,13 @@ def _px4_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
 
 
 def bus_name(identifier: int) -> str:
-    """Returns the bus of a device id with its number: "SPI 1"; empty if the type of the bus is not known."""
-    bus_type = BUSES.get(identifier & ((1 << BUS_BITS) - 1), "")
-    number = identifier >> BUS_BITS & ((1 << BUS_NUMBER_BITS) - 1)
-    return f"{bus_type} {number}" if bus_type else ""
+    """Returns the bus of a device id with its number: "SPI 1"; empty if the type of the bus is not known.
+
+    Args:
+        identifier: the id. Its lowest ``BUS_BITS`` are the type of the bus, the next ``BUS_NUMBER_BITS`` its number.
+    """
+    number_and_device, bus_code = divmod(identifier, 1 << BUS_BITS)
+    if bus_code not in BUSES:
+        return ""
+    number = number_and_device % (1 << BUS_NUMBER_BITS)
+    return f"{BUSES[bus_code]} {number}"

@@ -165,9 +165,11 @@ def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
         s, that they contained, if it is known.
     """
     unread_byte_count = 0
+    # Bytes that were skipped, as a fraction of the file.
     skipped_fraction = 0.0
     damaged_frame_count = 0
     lost_seconds = 0.0
+    # Each format of logs has its own kinds of damage.
     for repair in telemetry.repairs:
         unread_bytes = _unread_bytes(repair)
         unread_byte_count += unread_bytes
@@ -179,7 +181,7 @@ def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
             lost_seconds += repair.figures["duration"]
     if not unread_byte_count and not damaged_frame_count:
         return None
-    # Damaged frames were recognised, and bytes that were skipped belong to no frame: they are other parts of the log.
+    # Bytes that were skipped belong to no frame, so that the two fractions are of different parts of the log.
     damaged_fraction = damaged_frame_count / max(log.frames, 1)
     return Fact(
         LogLight.DAMAGED,

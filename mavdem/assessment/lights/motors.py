@@ -277,19 +277,21 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     Returns:
         Facts whose subject is a motor, or, where all thrust was used up or the trims shifted, all motors.
     """
-    codes: list[Code] = [
+    names = _motor_names(evidence)
+    facts = []
+    ending = evidence.ending
+    if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
+        facts.append(ending)
+    codes_of_faults: list[Code] = [
         MotorWatchFact.MOTOR_LOST_THRUST,
         MotorWatchFact.MOTOR_SATURATED,
         MotionEvent.MOTOR_OFF,
         MotionEvent.MOTOR_STOOD_STILL,
         MotionEvent.OUTPUT_FROZE,
     ]
-    names = _motor_names(evidence)
-    facts = []
-    ending = evidence.ending
-    if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
-        facts.append(ending)
-    warnings = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
+    warnings = [
+        fact for fact in evidence.warnings_in_flight(codes_of_faults) if fact.subject in names
+    ]
     # The figure "rise" is the increase of the motor's command that compensates its loss, as a fraction of the range. An
     # event without it, such as a motor that was off, counts as infinitely large.
     warnings.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_event_duration(fact)))
@@ -297,6 +299,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     facts += evidence.warnings_in_flight([MotorWatchFact.STEADY_TORQUE_CHANGED])
     facts += _autopilot_reports(evidence, names)
     for motors_at_limit in _motors_longest_at_limit(evidence, names):
+        # The subject of a fact about several motors is none of the names.
         is_single_motor = motors_at_limit.subject in names
         is_long = is_single_motor and motors_at_limit.figures["duration"] >= MIN_LOSS_SECONDS
         if is_long or _is_limited_for_most_of_flight(evidence):

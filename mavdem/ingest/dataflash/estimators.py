@@ -74,11 +74,15 @@ class FlownEstimates(NamedTuple):
     """Beginning of the names of the messages of the filter that flies by the parameter; empty where that is unknown."""
 
     def preferred_names(self, names: Sequence[str]) -> list[str]:
-        """Returns the names of messages of several filters, the filter in use first."""
-        names_of_preferred_filter = [name for name in names if self._is_of_preferred_filter(name)]
-        return names_of_preferred_filter + [
-            name for name in names if name not in names_of_preferred_filter
-        ]
+        """Returns the names of messages of several filters, those of the filter in use first."""
+        preferred_names = []
+        other_names = []
+        for name in names:
+            if self._is_of_preferred_filter(name):
+                preferred_names.append(name)
+            else:
+                other_names.append(name)
+        return preferred_names + other_names
 
     def _is_of_preferred_filter(self, name: str) -> bool:
         """Returns whether a message is of the filter that flies by the parameter."""

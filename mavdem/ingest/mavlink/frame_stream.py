@@ -105,25 +105,23 @@ def _receive_seconds_without_outliers(stream: FrameStream) -> Iterator[Times]:
         Stamps (n,), UNIX s, in the order of the stream; none of them may be left in a block.
     """
     half_window = STAMP_WINDOW // 2
-    # Stamps in memory, s: the last ones of the block before, and those of this block.
-    seconds = np.empty(0)
-    # Number of them that were checked with the block before, and only serve for the median.
-    checked_count = 0
+    # Stamps, s, that were yielded, or left out, with the block before: the windows of the next ones reach back to them.
+    stamps_before = np.empty(0)
+    # Stamps, s, that are not checked yet, since their windows reach into the next block.
+    waiting_stamps = np.empty(0)
     for first_row in range(0, len(stream.frames), STAMPS_AT_ONCE):
         end_row = first_row + STAMPS_AT_ONCE
         stamps = stream.receive_stamps(slice(first_row, end_row))
-        seconds = np.concatenate([seconds, stamps[stamps > 0] / MICROSECONDS])
-        is_last_block = end_row >= len(stream.frames)
-        check_end = len(seconds)
-        if not is_last_block:
-            check_end = max(check_end - half_window, checked_count)
+        seconds = np.concatenate([stamps_before, waiting_stamps, stamps[stamps > 0] / MICROSECONDS])
         is_outlier = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
-        checked_now = slice(checked_count, check_end)
-        yield seconds[checked_now][~is_outlier[checked_now]]
-        # The next block needs half a window of checked stamps, and those that are not checked yet.
-        first_kept = max(check_end - half_window, 0)
-        seconds = seconds[first_kept:]
-        checked_count = check_end - first_kept
+        check_start = len(stamps_before)
+        is_last_block = end_row >= len(stream.frames)
+        waiting_count = 0 if is_last_block else min(half_window, len(seconds) - check_start)
+        check_end = len(seconds) - waiting_count
+        checked = slice(check_start, check_end)
+        yield seconds[checked][~is_outlier[checked]]
+        stamps_before = seconds[max(check_end - half_window, 0) : check_end]
+        waiting_stamps = seconds[check_end:]
 
 
 class ChannelFrames(NamedTuple):

@@ -209,19 +209,21 @@ def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> 
     """Returns whether a clock that fell rises again message by message, as after a restart of the autopilot.
 
     A restarted clock rises without gaps to its former value, with about as many messages as come in this time at the
-    usual rate. With late messages of a second link it does not: there are fewer of them, since copies were dropped, or
-    messages of the first link arrive in between, so that the clock jumps.
+    usual rate. The stamps may fall for another reason: messages come late over a second link. There are fewer of those,
+    since messages that came over the first link are dropped when they come again. Or messages of both links alternate,
+    so that the stamps jump up and down.
 
     Args:
         stamps: Stamps (n,) from the fall on, s, in stream order.
         former_highest: Highest stamp before the fall, s.
         median_step: Median of the rising steps of the whole clock, s.
     """
-    former_value = former_highest - MIN_RESET_STEP
-    stamps_below = np.count_nonzero(stamps < former_value)
-    expected_stamps = (former_value - stamps[0]) / median_step
+    # Stamps that are less far below the highest one belong to a clock that has not fallen.
+    lowest_continuing_stamp = former_highest - MIN_RESET_STEP
+    count_below = np.count_nonzero(stamps < lowest_continuing_stamp)
+    expected_count = (lowest_continuing_stamp - stamps[0]) / median_step
     has_gaps = (np.diff(stamps) > MIN_RESET_STEP).any()
-    return bool(not has_gaps and stamps_below >= MIN_STAMPS_FRACTION * expected_stamps)
+    return bool(not has_gaps and count_below >= MIN_STAMPS_FRACTION * expected_count)
 
 
 def _highest_ahead(values: Times, count: int) -> Times:

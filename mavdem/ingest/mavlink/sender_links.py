@@ -416,7 +416,8 @@ def clock_reading(content: bytes, message_id: int) -> Reading | None:
     if layout is None:
         return None
     # MAVLink 2 does not send the zeros at the end of a payload.
-    values = layout.unpack(_payload(content)[: layout.size].ljust(layout.size, b"\0"))
+    full_payload = _payload(content)[: layout.size].ljust(layout.size, b"\0")
+    values = layout.unpack(full_payload)
     clock = values[0] / CLOCK_UNITS_PER_SECOND
     if not clock:
         return None

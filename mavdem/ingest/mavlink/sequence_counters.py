@@ -311,14 +311,11 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
         return None
     full_payload = payload[: layout.size].ljust(layout.size, b"\0")
     # Both layouts begin with the time and end with the three body rates; angles or a quaternion are between.
-    payload_values = layout.unpack(full_payload)
-    clock = payload_values[0] / TIME_UNITS_PER_SECOND
-    if not clock:
+    milliseconds, *attitude, roll_rate, pitch_rate, yaw_rate = layout.unpack(full_payload)
+    clock = milliseconds / TIME_UNITS_PER_SECOND
+    if not clock or not all(isfinite(value) for value in attitude):
         return None
-    attitude = list(payload_values[1:-3])
-    if not all(map(isfinite, attitude)):
-        return None
-    rates = list(payload_values[-3:])
+    rates = [roll_rate, pitch_rate, yaw_rate]
     if layout is EULER_LAYOUT:
         return AttitudeReading(clock, _quaternion_of_angles(*attitude), rates)
     return AttitudeReading(clock, attitude, rates)

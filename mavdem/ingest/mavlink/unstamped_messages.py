@@ -89,12 +89,13 @@ def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
     """
     reboots: dict[int, _Reboot] = {}
     for readings in timed_types:
-        for row in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
-            boot = int(readings.boot[row + 1])
+        for last_row_before in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
+            first_row_after = last_row_before + 1
+            boot = int(readings.boot[first_row_after])
             reboot = _Reboot(
-                last_position=int(readings.positions[row]),
-                first_position=int(readings.positions[row + 1]),
-                first_time=float(readings.time[row + 1]),
+                last_position=int(readings.positions[last_row_before]),
+                first_position=int(readings.positions[first_row_after]),
+                first_time=float(readings.time[first_row_after]),
                 boot=boot,
             )
             # Each message type shows the same restart.
@@ -233,12 +234,13 @@ def _merged_in_stream_order(timed_types: Sequence[ClockReadings]) -> Iterator[Cl
     """
     message_count = sum(len(readings.positions) for readings in timed_types)
     first_position = min(int(readings.positions[0]) for readings in timed_types)
-    end_position = max(int(readings.positions[-1]) for readings in timed_types) + 1
-    # Sections of equal length, which need not have equally many messages.
+    position_after_last = max(int(readings.positions[-1]) for readings in timed_types) + 1
+    # Sections of about equal length, which need not have equally many messages. Integers keep their bounds exact.
     section_count = message_count // READINGS_AT_ONCE + 1
+    stream_length = position_after_last - first_position
     section_bounds = [
-        first_position + (end_position - first_position) * k // section_count
-        for k in range(section_count + 1)
+        first_position + stream_length * number // section_count
+        for number in range(section_count + 1)
     ]
     for section_start, section_end in pairwise(section_bounds):
         sections_by_type = [

@@ -71,9 +71,15 @@ def mavros_autopilot(mode_counts: Counter[str]) -> int:
     Returns:
         MAV_AUTOPILOT; GENERIC if as many occurrences are of PX4's modes as of ArduPilot's.
     """
-    px4_count = sum(mode_counts[mode] for mode in NAMES["mavros_modes"]["PX4"])
-    px4_count += sum(count for mode, count in mode_counts.items() if mode.startswith("AUTO."))
-    ardupilot_count = sum(mode_counts[mode] for mode in NAMES["mavros_modes"]["ARDUPILOTMEGA"])
+    mode_names = NAMES["mavros_modes"]
+    px4_count = 0
+    ardupilot_count = 0
+    for mode, count in mode_counts.items():
+        # PX4's automatic modes have two parts, such as "AUTO.MISSION".
+        if mode in mode_names["PX4"] or mode.startswith("AUTO."):
+            px4_count += count
+        if mode in mode_names["ARDUPILOTMEGA"]:
+            ardupilot_count += count
     if px4_count == ardupilot_count:
         return GENERIC
     return PX4 if px4_count > ardupilot_count else ARDUPILOT
