@@ -54,12 +54,13 @@ def freeze(value: ValueType) -> ValueType:
     if type(value) in IMMUTABLE_TYPES:
         return value
     frozen: Any = value
-    if isinstance(value, (ImmutableResult, Fact, Enum)):
+    # Most of the other values are arrays, so that these come first.
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif isinstance(value, (ImmutableResult, Fact, Enum)):
         # The values of an immutable result were frozen when it was created, those of a fact were made plain, and a
         # member of an enumeration has none.
         pass
-    elif isinstance(value, np.ndarray):
-        value.setflags(write=False)
     elif isinstance(value, np.generic):
         frozen = value.item()
     elif isinstance(value, dict) and not isinstance(value, ReadOnlyDict):

@@ -10,7 +10,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.model import ParameterDoubt
-from mavdem.report.templates import sentence, sentence_and_remedy
+from mavdem.report.templates import sentence
 
 
 def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
@@ -52,7 +52,7 @@ def test_a_fact_does_not_change_and_can_be_compared_hashed_and_sent():
 
 def test_words_are_those_of_the_table_and_errors_say_them():
     fact = Fact(ForecastFact.FAILED, error="", text="Too slow.", remedy="Log faster.")
-    assert sentence_and_remedy(fact) == ("Too slow.", "Log faster.")
+    assert fact.remedy == "Log faster."
     assert sentence(fact) == str(fact) == "Too slow."
     assert fact.sentence_and_remedy == str(NotLearnable(fact)) == "Too slow. Log faster."
 

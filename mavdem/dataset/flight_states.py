@@ -25,7 +25,12 @@ from mavdem.dataset.landed_reports import (
 )
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    averaged_series,
+    moving_average,
+    series_of_boot,
+)
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
@@ -151,13 +156,13 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         motors).
     """
     reports = _credible_landed_states(signals, boot)
-    collective = series_of_boot(signals.collective, boot)
+    collective = _averaged_collective(signals, boot)
     # Where the motors carry the vehicle, judged by the collective alone.
     intervals_by_collective: Intervals = []
     if collective is not None:
         min_collective = min_airborne_collective(signals.telemetry.parameters)
         intervals_by_collective = true_intervals(
-            collective.time, moving_average(collective) > min_collective
+            collective.time, collective.values > min_collective
         )
     if reports is None:
         return intervals_by_collective
@@ -189,6 +194,13 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
     return union(
         flights, [(start, end) for start, end in held_intervals if start < reports.time[-1]]
     )
+
+
+@cached_per_vehicle()
+def _averaged_collective(signals: Signals, boot: int) -> TimeSeries | None:
+    """Returns the moving average of the collective (N,) in a boot; None if the motor outputs were not recorded."""
+    collective = series_of_boot(signals.collective, boot)
+    return None if collective is None else averaged_series(collective)
 
 
 def _credible_landed_states(signals: Signals, boot: int) -> TimeSeries | None:
@@ -223,11 +235,11 @@ def contradicted_landings(signals: Signals, boot: int) -> list[ContradictedRepor
     """
     reports = series_of_boot(signals.landed_state, boot)
     height = series_of_boot(signals.height, boot)
-    collective = series_of_boot(signals.collective, boot)
+    collective = _averaged_collective(signals, boot)
     is_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
     if reports is None or height is None or collective is None or not is_multirotor:
         return []
-    mean_collective = np.interp(reports.time, collective.time, moving_average(collective))
+    mean_collective = np.interp(reports.time, collective.time, collective.values)
     has_thrust = mean_collective > min_airborne_collective(signals.telemetry.parameters)
     return contradicted_reports(reports, height, has_thrust)
 

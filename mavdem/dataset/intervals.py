@@ -32,12 +32,17 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
     Returns:
         The intervals, the first from -inf or the last to inf where the condition is true at the end of the record.
     """
-    padded_condition = np.concatenate([[False], condition, [False]]).astype(np.int8)
-    # Changes alternate: the first row at which the condition is true, then the first row at which it is false again.
-    changes = np.flatnonzero(np.diff(padded_condition))
-    first_true_rows, first_false_rows = changes[::2], changes[1::2]
+    if not len(condition):
+        return []
+    # Rows at which the condition differs from the row before. They alternate: the first row at which it is true, then
+    # the first row at which it is false again. Before the first row and after the last one it counts as false here.
+    changes = (1 + np.flatnonzero(condition[1:] != condition[:-1])).tolist()
+    if condition[0]:
+        changes.insert(0, 0)
+    if condition[-1]:
+        changes.append(len(condition))
     intervals = []
-    for first_true, first_false in zip(first_true_rows, first_false_rows, strict=True):
+    for first_true, first_false in zip(changes[::2], changes[1::2], strict=True):
         start = -inf if first_true == 0 else float(time[first_true])
         end = inf if first_false == len(time) else float(time[first_false - 1])
         intervals.append((start, end))

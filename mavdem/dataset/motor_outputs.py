@@ -381,13 +381,14 @@ def _outputs_by_port(message: str, columns: Columns, autopilot: str) -> list[_Po
     # (N, channels): each message has the channels of one port.
     outputs = all_outputs[:, :channels_per_port]
     port_numbers = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
+    is_finite = np.isfinite(outputs)
     outputs_by_port = []
     for number in np.unique(port_numbers):
         is_of_port = port_numbers == number
-        # The outputs are changed in place, since a copy of hours of flight takes hundreds of megabytes.
-        for outputs_of_channel in outputs.T:
-            if not np.isfinite(outputs_of_channel[is_of_port]).any():
-                outputs_of_channel[is_of_port] = 0.0
+        is_unused_channel = ~is_finite[is_of_port].any(axis=0)
+        if is_unused_channel.any():
+            # The outputs are changed in place, since a copy of hours of flight takes hundreds of megabytes.
+            outputs[np.ix_(is_of_port, is_unused_channel)] = 0.0
         first_channel = 1 + channels_per_port * int(number)
         series = clean_series(columns, outputs, is_of_port)
         outputs_by_port.append(_PortOutputs(first_channel, series))

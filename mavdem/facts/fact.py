@@ -14,7 +14,7 @@ from importlib.resources import files
 from math import inf
 from pathlib import PurePath
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 
 def _table(name: str) -> Mapping[str, str]:
@@ -44,13 +44,6 @@ class Code(StrEnum):
 
 Figure = Any
 """A number, a word, a code, another fact, None, or a tuple of such."""
-
-
-class Words(NamedTuple):
-    """The text of a fact: its ``sentence``, and the ``remedy``, what to do about it, empty if there is none."""
-
-    sentence: str
-    remedy: str = ""
 
 
 @dataclass(frozen=True, init=False)
@@ -87,9 +80,11 @@ class Fact:
         Raises:
             ValueError: a figure has no unit in ``units.toml``.
         """
-        names_without_unit = sorted(figures.keys() - UNITS.keys())
+        # A difference of the sets of names would walk through all names that have a unit, for every fact.
+        names_without_unit = [name for name in figures if name not in UNITS]
         if names_without_unit:
-            raise ValueError(f"figures without a unit in facts/units.toml: {names_without_unit}")
+            names = sorted(names_without_unit)
+            raise ValueError(f"figures without a unit in facts/units.toml: {names}")
         plain_figures = tuple((name, plain(value)) for name, value in figures.items())
         # The dataclass is frozen, so that its fields are set by ``object.__setattr__``.
         for name, value in {
@@ -177,21 +172,19 @@ class Fact:
         return _without_measurements(self)
 
     @property
-    def _words(self) -> Words:
-        # The sentences are made by ``report``, a room above all that make facts.
-        from mavdem.report.templates import sentence_and_remedy
-
-        return sentence_and_remedy(self)
-
-    @property
     def sentence(self) -> str:
         """The fact in words."""
-        return self._words.sentence
+        # The sentences are made by ``report``, a room above all that make facts.
+        from mavdem.report.templates import sentence
+
+        return sentence(self)
 
     @property
     def remedy(self) -> str:
         """What to do about it, in words; empty if there is nothing to be done."""
-        return self._words.remedy
+        from mavdem.report.templates import remedy
+
+        return remedy(self)
 
     def __str__(self) -> str:
         return self.sentence
@@ -207,7 +200,7 @@ class Fact:
     @property
     def sentence_and_remedy(self) -> str:
         """The sentence and, after it, the remedy."""
-        return " ".join(filter(None, self._words))
+        return " ".join(filter(None, (self.sentence, self.remedy)))
 
 
 def _without_measurements(figure: Figure) -> Hashable:

@@ -89,7 +89,13 @@ class RecentMessages:
 
 def _are_equal(values: Numbers, other_values: Numbers) -> bool:
     """Returns whether two messages of one name have the same values; a field may be an array, as cells' voltages."""
-    return all(map(np.array_equal, values, other_values))
+    for value, other_value in zip(values, other_values, strict=True):
+        if isinstance(value, np.ndarray):
+            if not np.array_equal(value, other_value):
+                return False
+        elif value != other_value:
+            return False
+    return True
 
 
 def _thinned_out(name: str, messages: Sequence[TimedValues]) -> list[TimedValues]:

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
 from mavdem.containers import group_by
-from mavdem.facts import Code, Fact, Words
+from mavdem.facts import Code, Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.witnesses import HeightSource
 from mavdem.files import load_adjacent_toml
@@ -90,15 +90,6 @@ ROUNDS_TO_NO_PERCENT = 0.005
 """Share below which a text in whole percent says 0 %."""
 
 
-def sentence_and_remedy(fact: Fact) -> Words:
-    """Renders the sentence of a ``fact`` (a coded finding) and its remedy, the advice on what to do.
-
-    If the code of the fact has no template for a remedy, the figure ``remedy`` of the fact, which is itself a fact,
-    takes its place. Without that the remedy is empty.
-    """
-    return Words(_filled_template(fact, "sentence"), _filled_template(fact, "remedy"))
-
-
 @contextmanager
 def sentences_for(medium: Medium) -> Iterator[None]:
     """Sets the medium, such as a page or the terminal, for all sentences that are rendered within its block.
@@ -137,7 +128,16 @@ def sentence(fact: Fact | str) -> str:
     """Renders the sentence of a ``fact``; text is returned unchanged, since some figures are already sentences."""
     if isinstance(fact, str):
         return fact
-    return sentence_and_remedy(fact).sentence
+    return _filled_template(fact, "sentence")
+
+
+def remedy(fact: Fact) -> str:
+    """Renders the remedy of a ``fact`` (a coded finding), the advice on what to do.
+
+    If the code of the fact has no template for a remedy, the figure ``remedy`` of the fact, which is itself a fact,
+    takes its place. Without that the remedy is empty.
+    """
+    return _filled_template(fact, "remedy")
 
 
 def render_section(name: str, record: object = None, /, **values: Any) -> list[Sentence]:
