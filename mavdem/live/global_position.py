@@ -52,6 +52,17 @@ def fix_position(values: Numbers, reception: float) -> GlobalPosition | None:
     return _possible_position(fields["lat"], fields["lon"], height=None, reception=reception)
 
 
+def home_position(values: Numbers, reception: float) -> GlobalPosition | None:
+    """Returns the home position of the vehicle, where the autopilot returns to; None before it has one.
+
+    Args:
+        values: latitude and longitude of HOME_POSITION, in units of 1e-7 degrees.
+        reception: when the message was received, UNIX s.
+    """
+    latitude, longitude = values
+    return _possible_position(latitude, longitude, height=0.0, reception=reception)
+
+
 def _possible_position(
     latitude: float, longitude: float, height: float | None, reception: float
 ) -> GlobalPosition | None:

@@ -49,6 +49,9 @@ STATUS_MESSAGES = (
 )
 """Slow messages about the autopilot itself. They get the time of the message before them: some have another clock."""
 
+HOME_MESSAGE = "HOME_POSITION"
+"""Message with the place to which the autopilot returns. It repeats the time at which that was set."""
+
 IMU_MESSAGES = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU")
 """Messages of the first accelerometer, which shows the knock of an impact. They get the time of the message before
 them, too: some count from another moment than the boot."""

@@ -66,6 +66,7 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
         subject="" if equally_loaded else fault.subject,
         equally_loaded=equally_loaded,
         duration=now - tested_times[0],
+        is_in_flight=True,
     )
 
 

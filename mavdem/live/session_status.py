@@ -131,6 +131,19 @@ class UsefulHorizon(NamedTuple):
     """Squared error there, over the smaller one of two baselines: the last sample held, and the mean so far."""
 
 
+class NamedPlace(NamedTuple):
+    """Where a vehicle is from a place with a name."""
+
+    name: str
+    """The place: "the take-off" or "home"."""
+
+    distance: float
+    """Horizontal distance from it, m."""
+
+    height: float
+    """Height above it, m."""
+
+
 @dataclass(frozen=True)
 class SessionStatus(ImmutableResult):
     """The status of a live session at one moment.
@@ -169,6 +182,9 @@ class SessionStatus(ImmutableResult):
     displacement: Displacement | None = None
     """How far it is from its latest take-off by satellites and barometer, where the autopilot has rebooted in flight:
     its origin is another one then. None elsewhere, or where they do not come."""
+
+    displacement_from_home: Displacement | None = None
+    """How far it is from its home position, as the autopilot estimates both; None where they do not come."""
 
     last_position: GlobalPosition | None = None
     """Its latest geographic position in this boot or flight, by which it is searched; None where none came."""
@@ -304,6 +320,20 @@ class SessionStatus(ImmutableResult):
             return self.displacement
         north, east, down = np.subtract(self.position, self.takeoff_position).tolist()
         return Displacement(distance=hypot(north, east), height=-down)
+
+    @property
+    def place_in_flight(self) -> NamedPlace | None:
+        """Where a flying vehicle is from the place of its take-off or, if that was not seen, from its home position.
+
+        None if the vehicle does not fly, has met the ground in a lost flight, or if neither is known.
+        """
+        displacement = self.displacement_from_takeoff
+        if displacement is not None:
+            return NamedPlace("the take-off", *displacement)
+        has_crashed = self.ground_contact is not None
+        if self.displacement_from_home is None or not self.is_flying or has_crashed:
+            return None
+        return NamedPlace("home", *self.displacement_from_home)
 
     @cached_property
     def overall_judgement(self) -> Judgement:

@@ -26,10 +26,16 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
-from mavdem.live.global_position import GlobalPosition, fix_position, received_position
+from mavdem.live.global_position import (
+    GlobalPosition,
+    fix_position,
+    home_position,
+    received_position,
+)
 from mavdem.live.height_watch import BAROMETER_MESSAGE, RECEIVER_MESSAGE
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import (
+    HOME_MESSAGE,
     IMU_MESSAGES,
     STATUS_MESSAGES,
     STICK_MESSAGES,
@@ -47,7 +53,7 @@ from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.live.row_builder import RowBuilder
 from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.session_status import SessionStatus
-from mavdem.live.takeoff_place import TakeoffPlace
+from mavdem.live.takeoff_place import TakeoffPlace, displacement_from_home
 from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.vehicle_state import VehicleState, vehicle_state
@@ -143,6 +149,8 @@ class LiveStream:
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
         self._takeoff_place = TakeoffPlace()
+        # The home position of this boot; None before it came.
+        self._home: GlobalPosition | None = None
         # The latest geographic position; None before any. ``last_position`` is that of the present flight.
         self._latest_position: GlobalPosition | None = None
         # The boot and the flight in which it was received, by their numbers.
@@ -375,6 +383,7 @@ class LiveStream:
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
+            displacement_from_home=displacement_from_home(self._home, self.last_position),
             last_position=self.last_position,
             watch_facts=self.watch_facts,
             worst_lights=watchdog.status_lights.latest,
@@ -479,8 +488,8 @@ class LiveStream:
             return []
         if message is not None:
             sender.add_message(message)
-            if message.name in STATUS_MESSAGES or message.name in IMU_MESSAGES:
-                # Some of them have the stamp of another clock.
+            if message.name in (*STATUS_MESSAGES, *IMU_MESSAGES, HOME_MESSAGE):
+                # Some of them have the stamp of another clock, or one that they had before.
                 message = message._replace(stamp=0.0)
         self._vehicles.update(sender)
         reason = self._vehicles.not_followed_reason
@@ -538,6 +547,10 @@ class LiveStream:
             self.wind.estimator_flags = message.values[0]
         elif name in VELOCITY_MESSAGES:
             self._process_velocity(message, time)
+        elif name == HOME_MESSAGE:
+            home = home_position(message.values, self._stamp)
+            # Where the message has no position, the one before stays.
+            self._home = home or self._home
         if name in (BAROMETER_MESSAGE, RECEIVER_MESSAGE):
             self._update_takeoff_distance(message)
         if name in KEPT_MESSAGES:
@@ -737,6 +750,7 @@ class LiveStream:
         self.wind.restart()
         self._pose.restart()
         self._takeoff_place.restart(was_flying=self.is_flying)
+        self._home = None
         self.motor_alarms.restart()
         self._review.restart(boot)
         # The restarted review has another object for the phase of flight, which decides what rows of the new boot are.

@@ -42,6 +42,23 @@ class Place(NamedTuple):
         return Displacement(distance, self.altitude - start.altitude)
 
 
+def displacement_from_home(
+    home: GlobalPosition | None, position: GlobalPosition | None
+) -> Displacement | None:
+    """Returns how far a vehicle is from its home position; None if one of the two is not known.
+
+    Args:
+        home: the home position, which the autopilot has set before the take-off.
+        position: position of the vehicle, with its height above the home position.
+    """
+    if home is None or position is None or position.height is None:
+        return None
+    distance = horizontal_distance(
+        np.array([home.latitude, home.longitude]), np.array([position.latitude, position.longitude])
+    )
+    return Displacement(distance, position.height)
+
+
 class TakeoffPlace:
     """Keeps the place of a vehicle's take-off by its sensors, over reboots of the autopilot in flight.
 

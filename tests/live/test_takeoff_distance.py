@@ -1,5 +1,6 @@
 """How far a live vehicle is from the place of its take-off."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -132,6 +133,25 @@ def test_no_distance_is_shown_where_the_take_off_was_not_seen():
     ]
     status = replay(by_time(flight, positions)).stream.status()
     assert status.is_flying and status.displacement_from_takeoff is None
+
+
+def test_a_vehicle_that_was_met_in_flight_is_so_far_from_its_home_position():
+    """The take-off was not seen. The vehicle is 1e-4 degrees of latitude, 11 m, from home, and 10 m above it."""
+    flight = Unplaced(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(start=12.0, end=19.0)
+    home = message("HOME_POSITION", latitude=470_000_000, longitude=85_000_000, altitude=400_000)
+    own = message(
+        "GLOBAL_POSITION_INT",
+        time_boot_ms=18_000,
+        lat=470_001_000,
+        lon=85_000_000,
+        relative_alt=10_000,
+    )
+    status = replay(by_time(flight, [(15.0, home), (18.0, own)])).stream.status()
+    assert status.place_in_flight == ("home", approx(11.1, abs=0.1), approx(10.0))
+    shown = replace(status, state=VehicleState("Guided"))
+    assert "in flight 11 m from home and 10 m above it" in vehicle_text(shown)
+    assert replace(status, is_flying=False).place_in_flight is None
+    assert replay(by_time(flight, [(18.0, own)])).stream.status().place_in_flight is None
 
 
 @mark.slow
