@@ -208,15 +208,16 @@ def _frozen_outputs(
         time, values = commands_in_flight.time, commands_in_flight.values
         for motor, name in enumerate(motors.geometry.names):
             for first_sample, end in _constant_runs(values[:, motor]):
-                is_long_enough = time[end - 1] - time[first_sample] >= FROZEN_SECONDS
-                if not is_long_enough:
+                start_time, end_time = time[first_sample], time[end - 1]
+                if end_time - start_time < FROZEN_SECONDS:
                     continue
-                constant = values[first_sample:end]
-                if frozen_motor(motors, constant, lowest_command=constant.min()) == motor:
+                # Outputs of all motors while that of this one was constant.
+                outputs = values[first_sample:end]
+                if frozen_motor(motors, outputs, lowest_command=outputs.min()) == motor:
                     yield Fact(
                         MotionEvent.OUTPUT_FROZE,
-                        time=time[first_sample],
-                        end_time=time[end - 1],
+                        time=start_time,
+                        end_time=end_time,
                         subject=name,
                         share=float(values[first_sample, motor]),
                         boot=boot,

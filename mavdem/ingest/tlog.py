@@ -248,16 +248,19 @@ def _without_carriage_returns(data: Bytes) -> tuple[Bytes, Facts]:
     Returns:
         The bytes as they were recorded, and a fact that reports the repair if there was one.
     """
-    line_feeds = 0
+    line_feed_count = 0
     for block_start in range(0, len(data), SCANNED_BYTES):
-        feeds = block_start + np.flatnonzero(
-            data[block_start : block_start + SCANNED_BYTES] == LINE_FEED
-        )
-        if len(feeds) and (feeds[0] == 0 or (data[feeds - 1] != CARRIAGE_RETURN).any()):
+        block = data[block_start : block_start + SCANNED_BYTES]
+        line_feeds = block_start + np.flatnonzero(block == LINE_FEED)
+        if not len(line_feeds):
+            continue
+        is_first_byte = line_feeds[0] == 0
+        if is_first_byte or (data[line_feeds - 1] != CARRIAGE_RETURN).any():
+            # A line feed without a carriage return before it shows that nothing was converted.
             return data, ()
-        line_feeds += len(feeds)
-    if line_feeds < MIN_LINE_FEEDS:
+        line_feed_count += len(line_feeds)
+    if line_feed_count < MIN_LINE_FEEDS:
         return data, ()
     restored_data = data.tobytes().replace(b"\r\n", b"\n")
-    repairs = repair_facts(Repair.CARRIAGE_RETURNS_UNDONE, count=line_feeds)
+    repairs = repair_facts(Repair.CARRIAGE_RETURNS_UNDONE, count=line_feed_count)
     return np.frombuffer(restored_data, dtype=np.uint8), repairs

@@ -112,6 +112,56 @@ class _StoredFlight(NamedTuple):
     """Its session, if that is over and shown until another vehicle comes; otherwise None."""
 
 
+class _FlightState:
+    """Whether the vehicle of a session has landed or has restarted, by which is decided when its session ends.
+
+    Attributes:
+        has_landed: whether the latest flight has ended with a landing.
+        has_restarted: whether the vehicle has restarted since, so that its next flight is one of its own.
+    """
+
+    def __init__(self) -> None:
+        """Begins before the first take-off."""
+        self.has_landed = False
+        self.has_restarted = False
+        self._is_in_air = False
+        # Whether the vehicle was in the air before its latest restart, and whether it is armed, or known to be on the
+        # ground, since then.
+        self._has_restarted_in_air = False
+        self._is_on_ground_since_restart = False
+        self._is_armed_since_restart = False
+
+    def update(self, fact: Fact) -> None:
+        """Notes a take-off, landing, arming or restart of the vehicle.
+
+        After a landing and a restart, the next flight gets a session of its own. A restart in the air goes on with the
+        same flight, unless the vehicle is armed on the ground or takes off afterwards: that shows that it has restarted
+        on the ground, after its link was lost in the air.
+
+        Args:
+            fact: any event of the session; all others are ignored.
+        """
+        if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
+            self.has_landed = fact.code is ReportedEvent.ON_GROUND
+            self._is_in_air = not self.has_landed
+            if self._is_in_air and self._has_restarted_in_air:
+                self.has_restarted = True
+            # A flight that went on over a restart in the air ends with its landing, as any other.
+            self._has_restarted_in_air = False
+        elif fact.code is VehicleFact.VEHICLE_REBOOTED:
+            self.has_restarted = self.has_landed
+            self._has_restarted_in_air = self._is_in_air
+            self._is_on_ground_since_restart = False
+            self._is_armed_since_restart = False
+        elif fact.code is SessionFact.NOT_FLYING:
+            self._is_on_ground_since_restart = True
+        elif fact.code is ReportedEvent.MOTORS_ARMED:
+            self._is_armed_since_restart = True
+        is_armed_on_ground = self._is_on_ground_since_restart and self._is_armed_since_restart
+        if self._has_restarted_in_air and is_armed_on_ground:
+            self.has_restarted = True
+
+
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
@@ -182,15 +232,8 @@ class LinkMonitor:
         self._incoming: _IncomingRecording | None = None
         # The recording of the next session, where it has messages of its vehicle already.
         self._next_recording: _IncomingRecording | None = None
-        # Whether the vehicle has landed in its session, or is in the air; whether it has restarted since, so that its
-        # next flight is another one; and whether it was in the air before its latest restart.
-        self._has_landed = False
-        self._is_in_air = False
-        self._has_restarted = False
-        self._has_restarted_in_air = False
-        # Whether it was seen on the ground, and to be armed, since its latest restart.
-        self._is_on_ground_since_restart = False
-        self._is_armed_since_restart = False
+        # The flight of the running session.
+        self._flight = _FlightState()
         # Whether the vehicle was in the air when its messages ended, and nothing shows that the flight is over.
         self._is_missed_in_air = False
         self._is_stopping = ThreadEvent()
@@ -270,7 +313,7 @@ class LinkMonitor:
                 self._update_page(session)
                 run_session(
                     session,
-                    lambda: self._is_over() or self._has_restarted or session.successor is not None,
+                    lambda: self._is_over() or session.successor is not None,
                     None,
                     NEWS_SECONDS,
                     self._watch_session,
@@ -286,7 +329,7 @@ class LinkMonitor:
                 session.end()
             vehicle = session.stream.followed_vehicle
             if successor is not None and vehicle is not None:
-                restart = session.stream.latest_restart if self._has_restarted else None
+                restart = session.stream.latest_restart if self._flight.has_restarted else None
                 self._next_recording = self._recording_of_next_session(
                     incoming.recording, vehicle, restart
                 )
@@ -334,12 +377,7 @@ class LinkMonitor:
         """Resets what the monitor has noted of a session, such as its silence and the state of its flight."""
         self._silent_pages = 0
         self._frames_at_last_page = 0
-        self._has_landed = False
-        self._is_in_air = False
-        self._has_restarted = False
-        self._has_restarted_in_air = False
-        self._is_on_ground_since_restart = False
-        self._is_armed_since_restart = False
+        self._flight = _FlightState()
         self._is_missed_in_air = False
         self._stored_part = None
 
@@ -354,7 +392,7 @@ class LinkMonitor:
         """
         if self._is_stopping.is_set():
             return None
-        if session.successor is None and self._has_restarted:
+        if session.successor is None and self._flight.has_restarted:
             return session.stream.followed_vehicle
         return session.successor
 
@@ -514,40 +552,10 @@ class LinkMonitor:
         fact = event.fact
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
             raise OSError(fact.figures["error"])
-        self._update_flight_state(fact)
+        self._flight.update(fact)
         # The sentences must not advise options of `mavdem live`, which this server does not have.
         with sentences_for(Medium(has_terminal=False)):
             self._report_event(event)
-
-    def _update_flight_state(self, fact: Fact) -> None:
-        """Stores a take-off, landing or restart of the vehicle, by which is decided when its session ends.
-
-        After a landing and a restart, the next flight gets a session of its own. A restart in the air goes on with the
-        same flight, unless the vehicle is armed on the ground or takes off afterwards: that shows that it has restarted
-        on the ground, after its link was lost in the air.
-
-        Args:
-            fact: any event of the session; all others are ignored.
-        """
-        if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
-            self._has_landed = fact.code is ReportedEvent.ON_GROUND
-            self._is_in_air = not self._has_landed
-            if self._is_in_air and self._has_restarted_in_air:
-                self._has_restarted = True
-            # A flight that went on over a restart in the air ends with its landing, as any other.
-            self._has_restarted_in_air = False
-        elif fact.code is VehicleFact.VEHICLE_REBOOTED:
-            self._has_restarted = self._has_landed
-            self._has_restarted_in_air = self._is_in_air
-            self._is_on_ground_since_restart = False
-            self._is_armed_since_restart = False
-        elif fact.code is SessionFact.NOT_FLYING:
-            self._is_on_ground_since_restart = True
-        elif fact.code is ReportedEvent.MOTORS_ARMED:
-            self._is_armed_since_restart = True
-        is_armed_on_ground = self._is_on_ground_since_restart and self._is_armed_since_restart
-        if self._has_restarted_in_air and is_armed_on_ground:
-            self._has_restarted = True
 
     def _report_saved_flight(self, path: str, *, is_part: bool = False) -> None:
         """Reports where a flight is saved.
@@ -562,13 +570,18 @@ class LinkMonitor:
         self._report_event(Event(nan, saved_fact, reception=clock.unix_time()))
 
     def _is_over(self) -> bool:
-        """Returns whether the session is to end, since the server stops or the vehicle has been silent for long."""
+        """Returns whether the session is to end, whatever else is received on its link.
+
+        It is if the server stops, if the vehicle has restarted after a flight, or if it has been silent for long.
+        """
+        if self._is_stopping.is_set() or self._flight.has_restarted:
+            return True
         longest_silence = MAX_SILENT_PAGES
         if self._is_missed_in_air:
             longest_silence = MAX_SILENT_PAGES_IN_AIR
-        elif self._has_landed:
+        elif self._flight.has_landed:
             longest_silence = MAX_SILENT_PAGES_AFTER_LANDING
-        return self._is_stopping.is_set() or self._silent_pages >= longest_silence
+        return self._silent_pages >= longest_silence
 
     def _watch_session(self, session: LiveSession) -> None:
         """Updates the page of the running session if it is due, and reports its status; called every ``NEWS_SECONDS``.

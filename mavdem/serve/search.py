@@ -148,8 +148,8 @@ def search_condition(text: str) -> SqlCondition:
     # The first condition is always true, so that an empty search is a valid expression.
     conditions = [SqlCondition("1")]
     for word in text.split()[:MAX_SEARCH_WORDS]:
-        term = TERM_PATTERN.fullmatch(word)
-        condition = None if term is None else _comparison_condition(*term.groups())
+        term = _term(word)
+        condition = None if term is None else _comparison_condition(term)
         if condition is None:
             condition = _contains(SEARCHED_TEXT_SQL, word)
         conditions.append(condition)
@@ -171,7 +171,8 @@ def search_problems(text: str) -> list[str]:
         A phrase on each wrong value, for the user.
     """
     problems = []
-    for name, operator, value in _terms(text):
+    for term in _terms(text):
+        name, operator, value = term
         column = name.lower()
         is_equality = operator in (":", "=")
         if column in CHOICES and value.lower() not in CHOICES[column]:
@@ -199,10 +200,10 @@ def unknown_terms(text: str) -> list[str]:
         A list with one sentence without its full stop; empty if all properties are known.
     """
     names = []
-    for name, _, _ in _terms(text):
+    for term in _terms(text):
         # A name in capitals is a parameter of the autopilot, such as a gain.
-        if name.lower() not in KNOWN_TERMS and not name.isupper():
-            names.append(name)
+        if term.name.lower() not in KNOWN_TERMS and not term.name.isupper():
+            names.append(term.name)
     if not names:
         return []
     shown_names = listed(dict.fromkeys(names))
@@ -218,20 +219,36 @@ def needs_complete_entries(text: str) -> bool:
     Args:
         text: words of the search, such as "quad-7 height>50": some are terms that compare a property of the flights.
     """
-    for property_name, _, _ in _terms(text):
-        is_gain = _is_parameter(property_name)
-        if is_gain or property_name.lower() in TERMS_OF_COMPLETE_ENTRIES:
+    for term in _terms(text):
+        is_gain = _is_parameter(term.name)
+        if is_gain or term.name.lower() in TERMS_OF_COMPLETE_ENTRIES:
             return True
     return False
 
 
-def _terms(text: str) -> Iterator[tuple[str, str, str]]:
-    """Yields name, operator and value of the words of a search that compare a property."""
+class _Term(NamedTuple):
+    """A word of a search that compares a property of the flights, such as ``wind>5``."""
+
+    name: str
+    """Name of the property: a column, or a parameter of the autopilot in capitals."""
+    operator: str
+    """``<``, ``>``, ``<=``, ``>=``, ``=`` or ``:``, which means ``=``."""
+    value: str
+    """The value that it is compared with."""
+
+
+def _term(word: str) -> _Term | None:
+    """Returns the comparison in a word of a search; None if the word is a plain text."""
+    match = TERM_PATTERN.fullmatch(word)
+    return None if match is None else _Term(*match.groups())
+
+
+def _terms(text: str) -> Iterator[_Term]:
+    """Yields the comparisons among the words of a search."""
     for word in text.split()[:MAX_SEARCH_WORDS]:
-        term = TERM_PATTERN.fullmatch(word)
+        term = _term(word)
         if term is not None:
-            name, operator, value = term.groups()
-            yield name, operator, value
+            yield term
 
 
 def _is_compared_as_number(name: str) -> bool:
@@ -253,7 +270,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _comparison_condition(name: str, operator: str, value: str) -> SqlCondition | None:
+def _comparison_condition(term: _Term) -> SqlCondition | None:
     """Translates the comparison of one property in a search to SQL.
 
     The kinds of properties are tried in this order: lists, numbers, parameters, texts. Names of columns are taken from
@@ -261,15 +278,14 @@ def _comparison_condition(name: str, operator: str, value: str) -> SqlCondition 
     separately from the SQL.
 
     Args:
-        name: the property: a column's name in a search, or an autopilot's parameter in capitals.
-        operator: ``<``, ``>``, ``<=``, ``>=``, ``=`` or ``:``, which means ``=``.
-        value: value to compare the property with.
+        term: the comparison: name of the property, operator and value.
 
     Returns:
         The condition; None if there is no such property, or the value is not a number although the property is one.
     """
+    name, _, value = term
     column = name.lower()
-    operator = operator.replace(":", "=")
+    operator = term.operator.replace(":", "=")
     if column in LIST_COLUMNS:
         # Commas around the list and the item let only whole items match.
         return _contains(f"',' || {LIST_COLUMNS[column]} || ','", f",{value},")

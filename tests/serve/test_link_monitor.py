@@ -134,7 +134,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_long(
     idle, monkeypatch, is_flying, has_landed, longest_silence
 ):
     live, _ = idle
-    live._has_landed = has_landed
+    live._flight.has_landed = has_landed
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     session = Mock(status=SessionStatus("1:1", silence, is_flying=is_flying))
