@@ -31,7 +31,7 @@ from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
 from mavdem.report.screen import flight_sentences
-from mavdem.report.templates import first_clause, headline, render_section
+from mavdem.report.templates import first_clause, headline, render_section, without_full_stop
 from mavdem.report.why import headline_evidence
 
 SCREEN_COLUMNS = 80
@@ -512,7 +512,7 @@ def _wrapped_fact(label: str, fact: Fact, columns: int, remark: str = "") -> lis
     """
     label_and_level = _label_and_level(label, fact)
     return wrap(
-        headline(fact) + remark,
+        _with_remark(headline(fact), remark),
         columns,
         initial_indent=label_and_level,
         subsequent_indent=" " * len(label_and_level),
@@ -530,7 +530,18 @@ def _shortened_line(label_and_level: str, fact: Fact, columns: int, remark: str 
         remark: text after the sentence, such as how many events of the same kind there are; empty for none.
     """
     available_columns = columns - len(label_and_level) - len(remark)
-    return f"{label_and_level}{shortened(headline(fact), available_columns)}{remark}"
+    sentence = shortened(headline(fact), available_columns)
+    return f"{label_and_level}{_with_remark(sentence, remark)}"
+
+
+def _with_remark(sentence: str, remark: str) -> str:
+    """Returns a sentence with a remark in brackets before its full stop.
+
+    Args:
+        sentence: the sentence.
+        remark: the remark, such as " (longest of 4)"; empty for none.
+    """
+    return f"{without_full_stop(sentence)}{remark}." if remark else sentence
 
 
 def _label_and_level(label: str, fact: Fact) -> str:

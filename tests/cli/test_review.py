@@ -101,7 +101,7 @@ def test_a_row_divides_the_alarms_of_two_boots():
         "18.9 s",
     ]
     # Those of one kind are one row.
-    assert lines[1].endswith("(first of 2)")
+    assert lines[1].endswith("(first of 2).")
 
 
 def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():

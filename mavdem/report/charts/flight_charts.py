@@ -28,7 +28,12 @@ from mavdem.report.charts.chart import (
 from mavdem.report.charts.model_charts import line_with_quantile_band
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
 from mavdem.vibration.spectra import Spectrum, max_decimated
-from mavdem.vibration.spectral_lines import LineCause
+from mavdem.vibration.spectral_lines import (
+    MIN_PEAK_PROMINENCE,
+    MIN_SEPARATION,
+    LineCause,
+    prominent_peaks,
+)
 
 
 class FilterStage(NamedTuple):
@@ -314,6 +319,13 @@ def spectrum_chart(
     marks = []
     for spectral_line in spectral_lines:
         is_unnamed = spectral_line.cause is LineCause.UNNAMED
+        if (
+            is_unnamed
+            and axis is not None
+            and not _has_peak_near(lines[0], spectral_line.frequency)
+        ):
+            # It was found in the sum of the axes, and is a line of another one.
+            continue
         label = UNNAMED_LINE if is_unnamed else str(spectral_line.cause)
         marks.append(Mark(spectral_line.frequency, label))
     max_frequency = max(line.x[-1] for line in lines)
@@ -376,6 +388,17 @@ def _spectrum_lines(noise: MeasuredNoise, name: str, axis: int | None) -> _Spect
         )
         lines.append(Line(f"{stage.name}{rate}", stage.colour, frequency, power))
     return _SpectrumLines(lines, unit)
+
+
+def _has_peak_near(power: Line, frequency: float) -> bool:
+    """Returns whether a power spectrum has a peak at a frequency, Hz, to the separation of two spectral lines.
+
+    Args:
+        power: power spectral density over frequency, in one axis of a sensor.
+        frequency: frequency of a line that was found in the spectra of all axes.
+    """
+    peaks = prominent_peaks(np.log(power.y), MIN_PEAK_PROMINENCE)
+    return any(abs(power.x[peak] - frequency) <= MIN_SEPARATION * frequency for peak in peaks)
 
 
 def _filter_line(loop: Loop, max_frequency: float) -> Line:

@@ -27,6 +27,7 @@ from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.flight_charts import (
+    UNNAMED_LINE,
     axis_spectrum_charts,
     spectrogram_charts,
     spectrum_chart,
@@ -187,6 +188,12 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     assert [axis.title.split(":")[0] for axis in axes.values()] == ["Roll", "Pitch", "Yaw"]
     for axis in axes.values():
         assert (axis.lines[0].y < chart.lines[0].y).all() and axis.y.limits == axes["roll"].y.limits
+    # A line of unknown cause is marked only in the axes that have a peak there.
+    unknown = line._replace(cause=LineCause.UNNAMED, frequency=60.0)
+    noise = MeasuredNoise(spectra, {"gyro_before": (unknown,)})
+    marked_axes = axis_spectrum_charts(noise, None, "gyro", AXES)
+    assert [mark.name for mark in spectrum_chart(noise).marks] == [UNNAMED_LINE]
+    assert not any(axis.marks for axis in marked_axes.values())
     over_time, over_throttle = spectrogram_charts(spectra["gyro"])
     assert over_time.spectrogram.power.shape == (40, 171) and over_throttle.spectrogram is not None
     (pixels,) = over_time.as_json(100)["lines"]
