@@ -45,4 +45,5 @@ class WatchFact(Code):
     GOOD_IN_FLIGHT = "good_in_flight"
     ALARM_OVER = "alarm_over"
     MOTORS_JUST_STOPPED = "motors_just_stopped"
+    ARMED_AFTER_LANDING = "armed_after_landing"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

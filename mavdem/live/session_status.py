@@ -348,8 +348,8 @@ class SessionStatus(ImmutableResult):
            could not be judged;
         3. how the flight was lost;
         4. in flight, what cannot wait until the landing; at the end of the session, that the link was lost in flight;
-           just after the motors stopped, that this may have been in the air; otherwise the verdict of the recording, or
-           that it is awaited.
+           just after it, that the motors may have stopped in the air, or are still armed; otherwise the verdict of the
+           recording, or that it is awaited.
         """
         judgement = self._judgement_with_all_lights
         is_nothing_checked = judgement.headline.code in (
@@ -370,12 +370,25 @@ class SessionStatus(ImmutableResult):
             # What was found before, such as a weak motor, is the cause that this fact has.
             lights_to_show = self._lights_with_recording(judgement.lights)
             return _judgement_with_headline(link_loss, lights_to_show)
-        may_be_falling = not self.has_landed and not self.is_over
-        if may_be_falling and not judgement.headline.is_watch_or_bad:
-            stopped = Fact(WatchFact.MOTORS_JUST_STOPPED)
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=stopped)
-            return replace(judgement, headline=stopped, next_step=next_step)
+        end_awaited = self._awaited_end_of_flight
+        if end_awaited is not None and not judgement.headline.is_watch_or_bad:
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=end_awaited)
+            return replace(judgement, headline=end_awaited, next_step=next_step)
         return self._judgement_with_recording(judgement)
+
+    @property
+    def _awaited_end_of_flight(self) -> Fact | None:
+        """Why a flight that seems to be over is not called sound yet; None if nothing of it is awaited.
+
+        Motors that stop in the air are found a moment later, and so is a vehicle that topples over as it lands.
+        """
+        if self.is_flying or self.is_over or self.flight_number == 0:
+            return None
+        if not self.has_landed:
+            return Fact(WatchFact.MOTORS_JUST_STOPPED)
+        if self.state is not None and self.state.is_armed:
+            return Fact(WatchFact.ARMED_AFTER_LANDING)
+        return None
 
     @property
     def _is_in_flight(self) -> bool:

@@ -41,6 +41,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import SessionFact
+from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
@@ -1497,6 +1498,9 @@ def _judge_vibration(review: _Review, signals: Signals, evidence: Evidence) -> N
         evidence: these signals in the form by which a log is judged.
     """
     vibration = vibration_light(evidence)
+    if vibration.code is VibrationLight.VIBRATION_MEASURED:
+        # A recording is judged by its whole flight, whose mean may be another.
+        vibration = vibration.replace(is_in_flight=True)
     review.facts[WatchedQuantity.VIBRATION] = vibration
     if vibration.is_watch_or_bad:
         limit = vibration.figures["acceptable_vibration"]

@@ -125,18 +125,16 @@ class _FlightState:
         self.has_landed = False
         self.has_restarted = False
         self._is_in_air = False
-        # Whether the vehicle was in the air before its latest restart, and whether it is armed, or known to be on the
-        # ground, since then.
+        # Whether the vehicle was in the air before its latest restart, and whether it was armed since then.
         self._has_restarted_in_air = False
-        self._is_on_ground_since_restart = False
         self._is_armed_since_restart = False
 
     def update(self, fact: Fact) -> None:
         """Notes a take-off, landing, arming or restart of the vehicle.
 
         After a landing and a restart, the next flight gets a session of its own. A restart in the air goes on with the
-        same flight, unless the vehicle is armed on the ground or takes off afterwards: that shows that it has restarted
-        on the ground, after its link was lost in the air.
+        same flight, unless the vehicle takes off afterwards, or is armed on the ground (:meth:`note_status`): that
+        shows that it has restarted on the ground, after its link was lost in the air.
 
         Args:
             fact: any event of the session; all others are ignored.
@@ -151,14 +149,22 @@ class _FlightState:
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
             self.has_restarted = self.has_landed
             self._has_restarted_in_air = self._is_in_air
-            self._is_on_ground_since_restart = False
             self._is_armed_since_restart = False
-        elif fact.code is SessionFact.NOT_FLYING:
-            self._is_on_ground_since_restart = True
         elif fact.code is ReportedEvent.MOTORS_ARMED:
             self._is_armed_since_restart = True
-        is_armed_on_ground = self._is_on_ground_since_restart and self._is_armed_since_restart
-        if self._has_restarted_in_air and is_armed_on_ground:
+
+    def note_status(self, status: SessionStatus) -> None:
+        """Notes that a vehicle that seemed to restart in the air is armed on the ground: its next flight begins.
+
+        An autopilot that is reset in the air may arm its motors too, but is not on the ground then.
+
+        Args:
+            status: present status of the vehicle. The reason without a model is that it does not fly only once its
+                messages show that it is on the ground.
+        """
+        reason = status.no_model_reason
+        is_on_ground = reason is not None and reason.code is SessionFact.NOT_FLYING
+        if self._has_restarted_in_air and self._is_armed_since_restart and is_on_ground:
             self.has_restarted = True
 
 
@@ -594,6 +600,7 @@ class LinkMonitor:
         Raises:
             Refusal: the disk is nearly full.
         """
+        self._flight.note_status(session.stream.status())
         if clock.monotonic() - self._update_time >= PAGE_SECONDS:
             self._update_page(session)
             with sentences_for(Medium(has_terminal=False)):

@@ -499,13 +499,16 @@ def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
 
 
 def test_a_vehicle_whose_motors_have_just_stopped_is_not_called_sound():
-    """A disarming in the air is found a moment after the disarming."""
+    """A disarming in the air is found a moment later, and so is a vehicle that topples over."""
     lights = dict.fromkeys(VEHICLE_LIGHTS, Fact(LogLight.RECORDED_FAST, Level.GOOD))
     stopped = SessionStatus("1:1", flight_number=1, has_landed=False, worst_lights=lights)
     judgement = stopped.overall_judgement
     assert judgement.headline.code is WatchFact.MOTORS_JUST_STOPPED
     assert judgement.headline.level is Level.UNKNOWN and str(judgement.next_step) == "Keep clear."
-    assert replace(stopped, has_landed=True).overall_judgement.headline.is_good
+    landed = replace(stopped, has_landed=True, state=VehicleState("Land", is_armed=True))
+    assert str(landed.overall_judgement.next_step) == "Disarm it.", "it may still topple over"
+    disarmed = replace(landed, state=VehicleState("Land", is_armed=False))
+    assert disarmed.overall_judgement.headline.is_good
 
 
 def test_what_to_do_against_an_event_ends_with_the_event():

@@ -556,16 +556,12 @@ def test_packets_without_a_vehicle_leave_no_log(idle, monkeypatch, sender, is_st
         (ReportedEvent.ON_GROUND, [], True),
         (ReportedEvent.OFF_GROUND, [], False),
         (ReportedEvent.OFF_GROUND, [ReportedEvent.OFF_GROUND], True),
-        (ReportedEvent.OFF_GROUND, [ReportedEvent.MOTORS_ARMED, SessionFact.NOT_FLYING], True),
-        (ReportedEvent.OFF_GROUND, [ReportedEvent.MOTORS_ARMED], False),
         (ReportedEvent.OFF_GROUND, [ReportedEvent.ON_GROUND, ReportedEvent.OFF_GROUND], False),
     ],
     ids=[
         "landed",
         "flies on",
         "link lost in the air",
-        "armed on the ground",
-        "armed in the air by its autopilot",
         "flies on, lands and bounces",
     ],
 )
@@ -612,6 +608,26 @@ def test_each_flight_of_a_vehicle_that_restarts_is_a_log(
         (vehicle,) = read_log(live._library.log_path(entry)).vehicles
         attitudes.append(len(vehicle.messages["ATTITUDE"]["time"]))
     assert sorted(attitudes) == ([9, 9] if is_new_flight else [18])
+
+
+@mark.parametrize(
+    "reason, is_next_flight",
+    [(SessionFact.NOT_FLYING, True), (RowsFact.RATES_BEING_MEASURED, False)],
+    ids=["on the ground", "not known yet"],
+)
+def test_a_vehicle_that_is_armed_on_the_ground_after_it_was_lost_in_the_air_begins_a_flight(
+    idle, reason, is_next_flight
+):
+    """Its take-off need not be awaited, and an autopilot that arms itself after a reset in the air flies on."""
+    live, _ = idle
+    on_ground = SessionStatus("1:1", Fact(reason))
+    for code in (ReportedEvent.OFF_GROUND, VehicleFact.VEHICLE_REBOOTED):
+        live._take_event(HappenedEvent(1.0, Fact(code, clock=90.0)))
+    live._flight.note_status(on_ground)
+    assert not live._flight.has_restarted
+    live._take_event(HappenedEvent(2.3, Fact(ReportedEvent.MOTORS_ARMED)))
+    live._flight.note_status(on_ground)
+    assert live._flight.has_restarted is is_next_flight
 
 
 @mark.skipif(not hasattr(signal, "SIGHUP"), reason="there are no terminals that hang up")
