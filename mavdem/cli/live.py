@@ -16,7 +16,8 @@ from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import PAGE_PORT, Dashboard, PageAddress
 from mavdem.cli.live_files import (
     OutputPaths,
-    gains_line,
+    gain_file_line,
+    lines_without_gains,
     numbered_paths,
     output_paths,
     unused_number,
@@ -47,7 +48,6 @@ from mavdem.documents.session import Live as LiveDocument
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.loops import GainFact
 from mavdem.facts.session import LinkFact, TimeUse
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
@@ -429,25 +429,40 @@ def _follow_vehicle(
         status = _report_results(
             session, status, judged_model, status_lines, advises_gains=successor is None
         )
-        dashboard.report(session, status)
+        frame_count = 0 if recording is None else recording.frame_count
+        expected_paths = replace(
+            paths,
+            rrd=None,
+            record=paths.record if frame_count else None,
+            model=paths.model if code == EXIT_DONE else None,
+        )
+        # The page is the last one of the server, which ends before the files are complete.
+        dashboard.report(session, status, written_file_lines(expected_paths, frame_count))
         resources.close()
         if dashboard.is_recording_empty:
             print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")
         is_stream_empty = recording is not None and recording.remove_if_empty()
         if is_stream_empty:
             print_to_stderr(f"Nothing was received, so {paths.record} was not written.")
-        is_page_written = False
-        if paths.page is not None:
-            page = live_page(
-                link.name, options.axis, session.history, status, account, judged_model
-            )
-            is_page_written = write_text(paths.page, page, "page")
         written_paths = OutputPaths(
             rrd=paths.rrd if dashboard.has_recording else None,
             record=None if is_stream_empty else paths.record,
             model=paths.model if code == EXIT_DONE else None,
-            page=paths.page if is_page_written else None,
+            page=None,
         )
+        is_page_written = False
+        if paths.page is not None:
+            page = live_page(
+                link.name,
+                options.axis,
+                session.history,
+                status,
+                account,
+                judged_model,
+                files=written_file_lines(written_paths, frame_count),
+            )
+            is_page_written = write_text(paths.page, page, "page")
+        written_paths = replace(written_paths, page=paths.page if is_page_written else None)
         _print_conclusions(session, status, account, written_paths, recording, status_lines)
         files = written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None
@@ -743,10 +758,11 @@ def _print_conclusions(
     is_flight_forbidden = any(
         verdict.judgement.headline.forbids_flight for verdict in status.verdicts
     )
-    line_on_gains = gains_line(advice, seconds_by_use, is_flight_forbidden=is_flight_forbidden)
-    has_gain_files = any(fact.code is GainFact.GAINS_WRITTEN for fact in advice or ())
-    marker = FILE_MARKER if has_gain_files else ""
-    status_lines.print_conclusion(escape_unprintable(line_on_gains), marker)
+    file_line = gain_file_line(advice or (), is_flight_forbidden=is_flight_forbidden)
+    if file_line:
+        status_lines.print_conclusion(escape_unprintable(file_line), FILE_MARKER)
+    for line in lines_without_gains(advice, seconds_by_use):
+        status_lines.print_conclusion(escape_unprintable(line))
 
 
 def _with_final_judgement(status: SessionStatus, session: LiveSession) -> SessionStatus:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -230,17 +231,20 @@ class Dashboard:
         self.view.change(channels)
         return self.view
 
-    def report(self, session: LiveSession, status: SessionStatus) -> None:
+    def report(
+        self, session: LiveSession, status: SessionStatus, files: Sequence[str] = ()
+    ) -> None:
         """Shows the status of the session, and prints each new problem of page and view once on standard error.
 
         Args:
             session: The session, with the history of its flight.
             status: Its state now, or at its end.
+            files: Sentences on the files that the session has written, once it is over.
         """
         present_problems = set()
         if self._server is not None:
             try:
-                self._server.report(session, status)
+                self._server.report(session, status, files)
             except Exception as error:
                 # A page that cannot be rendered must not end the session, which watches the vehicle.
                 present_problems.add(str(failure_fact(SessionFact.DISPLAY_FAILED, error)))

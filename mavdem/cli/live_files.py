@@ -11,12 +11,20 @@ from mavdem.containers import JsonValues
 from mavdem.errors import Unreadable
 from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainFact, TwinFact
 from mavdem.facts.session import TimeUse
 from mavdem.files import reporting_write_errors, write_text_atomically
 from mavdem.live.gain_advice import decisive_reason
 from mavdem.live.raw_recording import RawRecording
+from mavdem.report.numbers import listed
 from mavdem.report.templates import as_clause, first_sentence
+
+FACTS_ON_NEW_GAINS = (
+    GainFact.GAINS_ADVISED,
+    GainFact.GAINS_WRITTEN,
+    GainFact.TWIN_ANGLE_ERROR,
+)
+"""Facts of an advice that are about gains to set; all others say why gains of an axis, or all, stay as they are."""
 
 
 @dataclass(frozen=True)
@@ -146,55 +154,77 @@ def written_file_lines(paths: OutputPaths, frame_count: int) -> list[str]:
     return lines
 
 
-def gains_line(
-    advice: Facts | None,
-    seconds_by_use: Mapping[TimeUse, float],
-    *,
-    is_flight_forbidden: bool = False,
-) -> str:
-    """Returns a line on the controller gains that a session advises: their file, or why there are none.
+def gain_file_line(advice: Facts, *, is_flight_forbidden: bool = False) -> str:
+    """Returns the line on the files with the controller gains that a session advises; empty without files.
+
+    Args:
+        advice: the facts (coded findings) of the latest advice.
+        is_flight_forbidden: whether the verdict on some flight of the session forbids to fly before a repair.
+    """
+    axes = listed(fact.subject for fact in advice if fact.code is GainFact.GAINS_ADVISED)
+    for fact in advice:
+        if fact.code is GainFact.GAINS_WRITTEN:
+            which = f" for {axes}" if axes else ""
+            when = "once the vehicle may fly again, on trial" if is_flight_forbidden else "on trial"
+            return (
+                f"Gains{which}: {fact.figures['path']}. Load one file in a ground station {when}."
+            )
+    return ""
+
+
+def lines_without_gains(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) -> list[str]:
+    """Returns a line for each reason why axes get no gains, so that the end of a session names every axis.
 
     Args:
         advice: the facts (coded findings) of the latest advice; None where nothing was recorded to compute gains from.
         seconds_by_use: seconds of the session by what they were spent on, such as learning.
-        is_flight_forbidden: whether the verdict on some flight of the session forbids to fly before a repair.
-
-    Returns:
-        The sentence, which the terminal prints at the end of a session.
     """
     if advice is None:
-        return "No gains: they are computed from a recording, --record FILE.tlog."
+        return ["No gains: they are computed from a recording, --record FILE.tlog."]
+    if not advice:
+        has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
+        reason = "too little settled flight to compute them from" if has_flown else "nothing flew"
+        return [f"No gains: {reason}."]
+    lines = []
+    codes = {fact.code for fact in advice}
+    if GainFact.GAINS_ADVISED in codes and GainFact.GAINS_WRITTEN not in codes:
+        axes = listed(fact.subject for fact in advice if fact.code is GainFact.GAINS_ADVISED)
+        lines.append(
+            f"No gains for {axes} yet: another flight is to confirm those that were tried."
+        )
+    axes_by_reason: dict[str, list[str]] = {}
     for fact in advice:
-        if fact.code is GainFact.GAINS_WRITTEN:
-            when = "once the vehicle may fly again, on trial" if is_flight_forbidden else "on trial"
-            return f"Gains: {fact.figures['path']}. Load one file in a ground station {when}."
-    if advice:
-        return _line_without_gains(_reason_without_gains(advice))
-    has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
-    if has_flown:
-        return "No gains: too little settled flight to compute them from."
-    return "No gains: nothing flew."
+        is_about_gains_to_set = fact.code in FACTS_ON_NEW_GAINS or isinstance(fact.code, TwinFact)
+        if fact.code is GainFact.ADVICE_FAILED:
+            # This sentence itself says that there are no gains.
+            lines.append(fact.sentence)
+        elif not is_about_gains_to_set:
+            axis, reason = _axis_and_reason_without_gains(fact)
+            axes_by_reason.setdefault(reason, []).append(axis)
+    for reason, axes_with_reason in axes_by_reason.items():
+        axes = listed(axis for axis in axes_with_reason if axis)
+        lines.append(f"No gains{f' for {axes}' if axes else ''}: {reason}.")
+    return lines
 
 
-def _line_without_gains(finding: Fact) -> str:
-    """Returns a line that says why a session advises no gains, such as "No gains for roll: …".
+def _axis_and_reason_without_gains(finding: Fact) -> tuple[str, str]:
+    """Returns the axis that gets no gains, and the reason as a clause, such as "roll" and "too little settled flight".
 
     Args:
-        finding: the fact of the advice that says why, about one axis or all.
+        finding: a fact of the advice that says why, about one axis or all.
+
+    Returns:
+        The axis, empty where the reason holds for all; and the reason.
     """
-    if finding.code is GainFact.ADVICE_FAILED:
-        # This sentence itself says that there are no gains.
-        return finding.sentence
     reason = decisive_reason(finding)
-    axis_text = ""
+    axis = ""
     # A reason with a subject of its own, such as a motor, holds for all axes, which then are not named.
     if not reason.subject:
         # The axis is the subject of the fact or, if it has none, one of its figures.
-        axis = finding.subject or finding.figures.get("axis")
-        axis_text = f" for {axis}" if axis else ""
+        axis = finding.subject or finding.figures.get("axis") or ""
     # The first sentence is the reason; those that follow explain it, and the page has them.
     sentence = first_sentence(reason.sentence)
-    return f"No gains{axis_text}: {as_clause(sentence.removeprefix('No margins: '))}."
+    return str(axis), as_clause(sentence.removeprefix("No margins: "))
 
 
 def written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:
@@ -238,22 +268,6 @@ def write_text(path: Path | None, text: str, subject: str) -> bool:
         print_to_stderr(f"The {subject} is lost: {error}")
         return False
     return True
-
-
-def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
-    """Returns the main reason why there are no gains to write to a file; the page has all reasons.
-
-    Args:
-        advice: facts (coded findings) of the advice, at least one.
-
-    Returns:
-        The finding ``GAINS_LEFT``, that the gains stay unchanged, with its reason; without such a finding, the first
-        one of the advice.
-    """
-    for fact in advice:
-        if fact.code is GainFact.GAINS_LEFT:
-            return fact
-    return advice[0]
 
 
 def _shell_word(path: Path) -> str:

@@ -180,8 +180,11 @@ class StatusTexts(NamedTuple):
     problems: list[str]
     """What is wrong now: alarms, a computer that is too slow, and why nothing is learned."""
 
-    judgement: str
-    """The headline of the judgement so far, and the next step."""
+    headline: str
+    """The headline of the judgement so far."""
+
+    next_step: str
+    """What to do next; empty if the headline says it."""
 
 
 class StatusLines:
@@ -259,7 +262,7 @@ class StatusLines:
     def show_status(self, status: SessionStatus) -> None:
         """Shows a status of a session.
 
-        On a terminal, lines are updated in place: one on the vehicle, one with the headline so far and the next step, a
+        On a terminal, lines are updated in place: the vehicle, the headline so far, the next step, a
         table of the lights with their levels and figures, and one on learning, problems, and what is not watched. The
         headline and problems have the colour of the worst alarm. Elsewhere, as in a file, only what is new is printed.
 
@@ -642,7 +645,10 @@ def _status_block(status: SessionStatus) -> Group:
     texts = _status_texts(status)
     alarm_style = style_of_facts(*status.alarms)
     headline_style = style_of_facts(*status.alarms, status.session_judgement.headline)
-    parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, headline_style)]
+    parts: list[RenderableType] = [texts.vehicle, Text(texts.headline, headline_style)]
+    if texts.next_step:
+        # A line of its own, so that a pilot finds at the same place what to do.
+        parts.append(Text(texts.next_step, f"bold {headline_style}"))
     unrepaired_fault = escape_unprintable(unrepaired_fault_text(status))
     if unrepaired_fault:
         parts.append(Text(unrepaired_fault, LEVEL_STYLES[Level.WATCH]))
@@ -706,7 +712,8 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
         status: The status. Its ``no_model_reason`` is the fact that says why no model is learned now, if none is.
     """
     judgement = status.session_judgement
-    judgement_text = _judgement_text(judgement)
+    headline, next_step = _headline_and_next_step(judgement)
+    judgement_text = f"{headline} {next_step}"
     sentences = []
     for sentence in render_section("live_status", status=status, time=clock.unix_time()):
         sentences.append(escape_unprintable(sentence.text))
@@ -722,7 +729,8 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
         vehicle=escape_unprintable(vehicle_text(status, has_table=True)),
         learning=sentences[0],
         problems=sentences[1:],
-        judgement=judgement_text,
+        headline=headline,
+        next_step=next_step,
     )
 
 
@@ -750,8 +758,8 @@ def _unstated_reason(reason: Fact, headline: Fact, judgement_text: str) -> str:
     return escape_unprintable(reason.sentence_and_remedy)
 
 
-def _judgement_text(judgement: Judgement) -> str:
-    """Returns the headline of a judgement and, if the headline lacks it, the next step, on one line.
+def _headline_and_next_step(judgement: Judgement) -> tuple[str, str]:
+    """Returns the headline of a judgement, and the next step, which is empty if the headline has it.
 
     The headline is shortened: the table below it has what was checked, and the whole sentence was printed on a line of
     its own when it was new.
@@ -762,4 +770,4 @@ def _judgement_text(judgement: Judgement) -> str:
     headline, *next_step = headline_and_next_step(judgement)
     statement = statement_of_headline(headline, judgement.headline)
     short_headline = shortened(statement, MAX_HEADLINE_LINES * STDERR.width)
-    return escape_unprintable(" ".join([short_headline, *next_step]))
+    return escape_unprintable(short_headline), escape_unprintable(" ".join(next_step))

@@ -230,11 +230,11 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         tuning: the advice on all axes.
 
     Returns:
-        The new gains, and then the decisions on other axes that need an action. If there is neither, one fact: why
-        the gains stay as they are, for the axis whose advice is least certain.
+        The new gains of each axis that gets some, and then for each other axis the decision on its loops, if that needs
+        an action, or why its gains stay as they are.
     """
     facts = []
-    decisions = []
+    facts_without_gains = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and advice.parameters:
             facts.append(_new_gains_fact(axis, advice))
@@ -242,16 +242,12 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         decision = tuning.judgement.loop_decisions.get(axis)
         if decision is not None and decision.action is not None:
             # The list of events has nothing else that names the axis.
-            decisions.append(decision.fact.replace(is_named=True))
-    if facts or decisions:
-        return (*facts, *decisions)
-    least_certain_advice = min(tuning.advice, key=lambda advice: advice.sure)
-    gains_unchanged = Fact(
-        GainFact.GAINS_LEFT,
-        subject=least_certain_advice.before.axis,
-        reason=decisive_reason(least_certain_advice.conclusion),
-    )
-    return (gains_unchanged,)
+            facts_without_gains.append(decision.fact.replace(is_named=True))
+            continue
+        conclusion = advice.conclusion if isinstance(advice, Advice) else advice
+        reason = decisive_reason(conclusion)
+        facts_without_gains.append(Fact(GainFact.GAINS_LEFT, subject=axis, reason=reason))
+    return (*facts, *facts_without_gains)
 
 
 def decisive_reason(finding: Fact) -> Fact:

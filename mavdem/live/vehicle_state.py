@@ -1,16 +1,19 @@
-"""The state of a live vehicle that a pilot looks for first: flight mode, arming and battery."""
+"""The state of a live vehicle that a pilot looks for first: flight mode, arming, battery and satellites."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
 from mavdem.assessment.identity import vehicle_name
 from mavdem.assessment.simulation import named_simulator
 from mavdem.dataset.batteries import BATTERY_MESSAGES, Battery, battery_name
+from mavdem.dataset.position_fix import UNKNOWN_SATELLITES, has_fix_by_row
 from mavdem.dataset.signals import Signals
 from mavdem.facts.vehicle import Basis
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Columns, Telemetry
 from mavdem.live.recent_messages import RecentMessages
 
 STATE_SECONDS = 20.0
@@ -18,7 +21,7 @@ STATE_SECONDS = 20.0
 
 
 class VehicleState(NamedTuple):
-    """Mode, arming and battery by the latest messages."""
+    """Mode, arming, battery and satellites by the latest messages."""
 
     mode: str = ""
     """Name of the flight mode; empty where it is not known."""
@@ -41,6 +44,12 @@ class VehicleState(NamedTuple):
     voltages: Mapping[int, float] = MappingProxyType({})
     """Voltage of each battery, V, by its number from 1."""
 
+    has_position_fix: bool | None = None
+    """Whether the receiver of satellites has a three-dimensional fix; None where no receiver reports."""
+
+    satellites: int | None = None
+    """Number of satellites that it receives; None where it is not known."""
+
     system: int = 0
     """MAVLink system id; 0 where it is not known."""
 
@@ -55,7 +64,7 @@ class VehicleState(NamedTuple):
 
 
 def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
-    """Returns the state of a vehicle by its latest messages: flight mode, arming, battery and name.
+    """Returns the state of a vehicle by its latest messages: flight mode, arming, battery, satellites and name.
 
     Args:
         slow_messages: slow messages of the present boot, such as battery and position.
@@ -64,6 +73,7 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
     """
     columns = slow_messages.columns(("HEARTBEAT", *BATTERY_MESSAGES), now - STATE_SECONDS)
     columns |= slow_messages.columns(["AVAILABLE_MODES"])
+    receiver = slow_messages.columns(["GPS_RAW_INT"], now - STATE_SECONDS).get("GPS_RAW_INT")
     signals = Signals(replace(vehicle, messages=columns))
     armed = signals.armed
     # Whether the mode is one in which the vehicle lands by itself, over time.
@@ -89,12 +99,24 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
         charge=charge,
         battery=shown_name,
         voltages=voltages,
+        has_position_fix=None if receiver is None else bool(has_fix_by_row(receiver)[-1]),
+        satellites=None if receiver is None else _latest_satellites(receiver),
         system=vehicle.system,
         frame=vehicle.vehicle,
         autopilot=vehicle.autopilot,
         # Several vehicles may have the same system id.
         name_in_logs="" if basis is Basis.SYSTEM_ID else name,
     )
+
+
+def _latest_satellites(receiver: Columns) -> int | None:
+    """Returns how many satellites a receiver had in its last message; None if it does not know.
+
+    Args:
+        receiver: its messages in the last seconds, at least one, by field.
+    """
+    satellites = int(np.asarray(receiver["satellites_visible"])[-1])
+    return None if satellites == UNKNOWN_SATELLITES else satellites
 
 
 def _emptiest_battery(batteries: Iterable[Battery]) -> Battery | None:

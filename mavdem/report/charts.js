@@ -302,7 +302,7 @@
 
   // The least span of a vertical axis over the flight, by its unit: what changes by less, such as the last digit of a
   // logged value, does not fill a plot. A choice, by what pilots look for in motors, loads, voltages, angles and heights.
-  const LEAST_SPANS = { "%": 10, V: 0.2, "°": 1, m: 0.5 };
+  const LEAST_SPANS = { "%": 10, V: 0.2, "°": 1, m: 2 };
   const scale = (axis, padding, leastSpan = 0) => ({
     time: false, distr: axis.log ? 3 : 1,
     range: (_, min, max) => {

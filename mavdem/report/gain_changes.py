@@ -128,7 +128,7 @@ def gain_changes(
         rows = []
         for name, value in parameter_set.parameters.items():
             if name in gains:
-                rows.append(_gain_row(name, gains[name]))
+                rows.append(gain_row(name, gains[name]))
             else:
                 rows.append(_notch_row(name, vehicle.parameters.get(name), value))
         header, suffix, label = "gain", "", ""
@@ -146,13 +146,13 @@ def gain_changes(
         )
     tried_table = None
     if tried_gains:
-        rows = [_gain_row(name, gain) for name, gain in tried_gains.items()]
+        rows = [gain_row(name, gain) for name, gain in tried_gains.items()]
         tried_table = Table(["gain", "now", TRIED_HEADER, "times"], rows)
     cautions = () if lowers_gains else tuple(_cautions_on_gains(advice))
     return GainChanges(tuple(tables), tuple(downloads), tried_table, cautions)
 
 
-def _gain_row(name: str, gain: Gain) -> list[str]:
+def gain_row(name: str, gain: Gain) -> list[str]:
     """Returns the row of a gain: its name, value now, value to set, and the factor between them (1 for a gain of 0)."""
     factor = gain.set / gain.now if gain.now else 1.0
     return [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"]

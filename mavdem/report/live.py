@@ -9,8 +9,8 @@ from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.event import Event
-from mavdem.facts.lights import Unjudged
-from mavdem.facts.session import SessionFact, TimeUse
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.session import LinkFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
@@ -73,14 +73,33 @@ def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
     return sentence.text
 
 
-def vehicle_state_text(status: SessionStatus) -> str:
-    """Returns mode, phase of flight, height, battery and link in a few words, which a telephone always shows.
+def vehicle_state_cells(status: SessionStatus) -> list[Sentence]:
+    """Returns mode, height, battery, satellites and link in a few words, which a telephone always shows.
+
+    Each is a value and a remark, such as "12 m up" and "3 m away"; what is not known is left out. The battery has the
+    level of its light if that warns, and a lost link is bad.
 
     Args:
         status: state of the session.
+
+    Returns:
+        Sentences with the value as lead and the remark as text.
     """
-    [sentence] = render_section("live_line", status=status, is_brief=True)
-    return sentence.text
+    power_light = status.overall_judgement.lights.get(Light.POWER)
+    battery_level = None
+    if power_light is not None and power_light.is_watch_or_bad:
+        battery_level = power_light.level
+    link_level = None if status.link_loss is None else Level.BAD
+    # The section of templates "live_strip" has a paragraph for each.
+    mode, height, battery, satellites, link = render_section("live_strip", status=status)
+    cells = [
+        mode,
+        height,
+        battery._replace(level=battery_level),
+        satellites,
+        link._replace(level=link_level),
+    ]
+    return [cell for cell in cells if cell.text]
 
 
 def status_line_text(status: SessionStatus) -> str:
@@ -99,7 +118,7 @@ def status_line_text(status: SessionStatus) -> str:
         if names:
             lights_of_levels.append(f"{level}: {', '.join(names)}")
     # The section of templates "live_line" makes one sentence of all these.
-    [sentence] = render_section("live_line", status=status, lights=lights_of_levels, is_brief=False)
+    [sentence] = render_section("live_line", status=status, lights=lights_of_levels)
     return sentence.text
 
 
@@ -244,7 +263,24 @@ def headline_reason(judgement: Judgement) -> list[Sentence]:
     """Returns the sentence below the headline of a live page that says what shows it.
 
     It is the evidence of sensors, as on the page of a log. Without that, it is the part of the fact's own sentence that
-    the short headline leaves out, such as how much harder a weak motor works.
+    the short headline leaves out, such as how much harder a weak motor works. After a lost link, a sentence before it
+    says where the vehicle was last.
+
+    Args:
+        judgement: headline, next step and status lights of the vehicle in a live session.
+
+    Returns:
+        A list with one sentence, or two after a lost link; empty if nothing more is known, and if the headline warns of
+        nothing.
+    """
+    last_seen: list[Sentence] = []
+    if judgement.headline.code is LinkFact.LOST_IN_FLIGHT:
+        last_seen = render_section("live_last_seen", loss=judgement.headline.figures)
+    return [*last_seen, *_reason_of_alarm(judgement)]
+
+
+def _reason_of_alarm(judgement: Judgement) -> list[Sentence]:
+    """Returns what shows the fact that a headline states: the evidence of sensors, or the rest of its own sentence.
 
     Args:
         judgement: headline, next step and status lights of the vehicle in a live session.
@@ -253,6 +289,8 @@ def headline_reason(judgement: Judgement) -> list[Sentence]:
         A list with one sentence; empty if nothing more is known, and if the headline warns of nothing.
     """
     fact = cause_of_alarm(judgement.headline)
+    if fact.code is LinkFact.LOST_IN_FLIGHT:
+        return []
     if not fact.is_watch_or_bad:
         return []
     evidence = headline_evidence(fact, judgement.lights)

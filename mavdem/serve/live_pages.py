@@ -214,6 +214,7 @@ def session_page(
     back: PageLink | None = None,
     links: Sequence[PageLink] = (),
     saved_flight: PageLink | None = None,
+    files: Sequence[str] = (),
     is_last: bool = False,
 ) -> str:
     """Returns the HTML page of a live session as the server shows it, which a browser loads again every few seconds.
@@ -225,6 +226,7 @@ def session_page(
         back: link to the page that leads here, if any.
         links: links to other pages, such as that of the flight before.
         saved_flight: link to the page of this session's flight in the library; None while the session goes on.
+        files: sentences on the files that the session has written, once it is over.
         is_last: whether the server ends after this page, so that a browser must keep it and not ask for a newer one.
     """
     # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
@@ -240,5 +242,6 @@ def session_page(
             links=links,
             saved_flight=saved_flight,
             names=names,
+            files=files,
             refresh_seconds=None if is_last else PAGE_SECONDS,
         )

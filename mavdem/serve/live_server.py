@@ -1,7 +1,7 @@
 """The server of ``mavdem live --serve``: the page of a live session, and its dashboard in Rerun's viewer."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
@@ -88,7 +88,9 @@ class LiveServer:
         )
         self._thread.start()
 
-    def report(self, session: LiveSession, status: SessionStatus) -> None:
+    def report(
+        self, session: LiveSession, status: SessionStatus, files: Sequence[str] = ()
+    ) -> None:
         """Takes the state of the session, and makes its HTML page anew if that is outdated or the session is over.
 
         The session calls this about once a second.
@@ -96,6 +98,7 @@ class LiveServer:
         Args:
             session: the session, with the history of its flight.
             status: its state now, as it is shown to users.
+            files: sentences on the files that the session has written, once it is over.
         """
         self._status = status
         if not (self.page.is_outdated(session) or status.is_over):
@@ -106,7 +109,7 @@ class LiveServer:
         has_dashboard = self._viewer is not None and not is_last
         links = [DASHBOARD_LINK] if has_dashboard else []
         start_time = clock.monotonic()
-        html = session_page(session, status, links=links, is_last=is_last)
+        html = session_page(session, status, links=links, files=files, is_last=is_last)
         self.page = SessionPage.made_now(html, session, status, start_time)
 
     def close(self) -> None:

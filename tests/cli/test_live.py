@@ -71,7 +71,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
         return Mock(**{"to_json.return_value": "{}"})
 
     monkeypatch.setattr("mavdem.cli.live.run_session", fly)
-    monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
+    monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_, **__: "")
     monkeypatch.setattr("mavdem.cli.live.LiveSession.judge_final_model", lambda *_: None)
     assert (
         run("live", f"udpin:127.0.0.1:{free_port()}", "--model", folder / "m.json", "--json") == 2
@@ -135,7 +135,7 @@ def test_what_was_recorded_of_a_vehicle_that_is_not_followed_any_more_stays_wher
         if end == "signal":
             signal.raise_signal(signal.SIGINT)
 
-    def page(*_):
+    def page(*_, **__):
         if end == "late signal":
             signal.raise_signal(signal.SIGINT)
         elif end == "duration":

@@ -2,7 +2,12 @@
 
 from pathlib import Path
 
-from mavdem.cli.live_files import OutputPaths, gains_line, written_file_lines
+from mavdem.cli.live_files import (
+    OutputPaths,
+    gain_file_line,
+    lines_without_gains,
+    written_file_lines,
+)
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.session import TimeUse
@@ -38,23 +43,41 @@ def test_without_advised_gains_the_reason_is_printed():
     yaw = Fact(LoopFact.NO_LOOP, names=("yaw",), reasons=(reason,))
     no_loop_left = Fact(GainFact.GAINS_LEFT, reason=Fact(LoopFact.NO_LOOP, reasons=(yaw, failed)))
     written = Fact(GainFact.GAINS_WRITTEN, path="f.gains.stage1.params and .param", reason=reason)
-    assert "--record FILE.tlog" in gains_line(None, NOTHING)
-    assert gains_line((written,), flown).endswith("Load one file in a ground station on trial.")
-    grounded = gains_line((written,), flown, is_flight_forbidden=True)
+    [unrecorded] = lines_without_gains(None, NOTHING)
+    assert "--record FILE.tlog" in unrecorded
+    assert gain_file_line((written,)).endswith("Load one file in a ground station on trial.")
+    grounded = gain_file_line((written,), is_flight_forbidden=True)
     assert grounded.endswith("once the vehicle may fly again, on trial.")
-    assert gains_line((), NOTHING) == "No gains: nothing flew."
-    assert gains_line((), flown).startswith("No gains: too little settled flight")
-    assert gains_line((left,), flown).startswith("No gains: gains are advised when")
-    assert gains_line((refused_left,), flown) == gains_line((reason,), flown)
-    assert gains_line((no_loop_left,), flown) == gains_line((reason,), flown)
-    assert gains_line((failed,), flown) == failed.sentence
+    assert lines_without_gains((), NOTHING) == ["No gains: nothing flew."]
+    [unsettled] = lines_without_gains((), flown)
+    assert unsettled.startswith("No gains: too little settled flight")
+    [waiting] = lines_without_gains((left,), flown)
+    assert waiting.startswith("No gains: gains are advised when")
+    assert lines_without_gains((refused_left,), flown) == lines_without_gains((reason,), flown)
+    assert lines_without_gains((no_loop_left,), flown) == lines_without_gains((reason,), flown)
+    assert lines_without_gains((failed,), flown) == [failed.sentence]
     decision = Fact(LoopAction.LOOPS_JUDGED, axis="pitch", reason=yaw)
-    assert gains_line((decision,), flown).startswith("No gains for pitch: ")
+    [of_pitch] = lines_without_gains((decision,), flown)
+    assert of_pitch.startswith("No gains for pitch: ")
     # A reason with a subject of its own holds for all axes.
     of_motor = Fact(
         GainFact.GAINS_LEFT,
         subject="roll",
         reason=Fact(GainFact.LAG_UNRESOLVED, subject="motor 3", time_step=0.01),
     )
-    assert gains_line((of_motor,), flown).startswith("No gains: ")
-    assert "f.gains.stage1.params and .param" in gains_line((reason, written), flown)
+    [of_all_axes] = lines_without_gains((of_motor,), flown)
+    assert of_all_axes.startswith("No gains: ")
+    assert "f.gains.stage1.params and .param" in gain_file_line((reason, written))
+
+
+def test_the_end_of_a_session_says_of_every_axis_what_becomes_of_its_gains():
+    """Axes with the same reason share a line."""
+    reason = Fact(GainFact.LAG_UNRESOLVED, time_step=0.01)
+    left = [Fact(GainFact.GAINS_LEFT, subject=axis, reason=reason) for axis in ("roll", "pitch")]
+    advised = Fact(GainFact.GAINS_ADVISED, subject="yaw")
+    [tried, together] = lines_without_gains((advised, *left), NOTHING)
+    assert tried.startswith("No gains for yaw yet: another flight")
+    assert together.startswith("No gains for roll and pitch: ")
+    written = Fact(GainFact.GAINS_WRITTEN, path="f.params", reason=reason)
+    assert gain_file_line((advised, *left, written)).startswith("Gains for yaw: f.params.")
+    assert lines_without_gains((advised, *left, written), NOTHING) == [together]

@@ -74,7 +74,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     document = strict_json(capsys.readouterr().out)
     sentence = document["axes"]["roll"]["sentence"]
-    assert sentence.split(" Load them")[0] in roll.sentence
+    assert sentence.split(" Load them")[0] == roll.figures["reason"].sentence
     assert "flight.gains-1.stage2.params and .stage2.param;" in written.sentence
     assert advice.judgement.next_step.code is NextStep.LOAD_GAINS
     assert written.figures["reason"].code == document["next_step_fact"]["code"] == "load_gains"

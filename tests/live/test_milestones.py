@@ -184,7 +184,9 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     flying = replace(second, verdicts=milestones.verdicts)
     assert flying.session_judgement == flying.overall_judgement
     text = unrepaired_fault_text(flying)
-    assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith("If it was not, land.")
+    assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
+        "If that was not repaired, land."
+    )
     # The status of the first second of a flight comes before that flight has a verdict.
     assert unrepaired_fault_text(replace(flying, verdicts=milestones.verdicts[:1])) == text
     for ended in (replace(flying, is_flying=False), replace(flying, is_over=True)):
@@ -196,7 +198,7 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     # A fault of the latest flight that is as bad comes first, and the earlier one is not forgotten.
     both = replace(flying, is_flying=False, worst_lights=weak)
     assert both.session_judgement == both.overall_judgement
-    assert unrepaired_fault_text(both).endswith(f"If it was not: {advice}")
+    assert unrepaired_fault_text(both).endswith(f"If that was not repaired: {advice}")
 
 
 def test_a_vehicle_that_is_missing_in_the_air_is_searched_first_and_the_crash_before_is_kept():

@@ -778,7 +778,7 @@ def test_changes_of_what_is_watched_are_printed_once_they_settled():
 
 @mark.parametrize("width", [60, 80, 120, 200])
 def test_the_status_fits_the_terminal(width, monkeypatch):
-    """The status has at most 13 lines on 60 columns, and fewer on wider terminals."""
+    """The status has at most 14 lines on 60 columns, and fewer on wider terminals."""
     wind = WindEstimate(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
     missing = Fact(WatchFact.MESSAGE_MISSING, name="SCALED_PRESSURE", rate=None)
     unwatched = Fact(
@@ -790,7 +790,7 @@ def test_the_status_fits_the_terminal(width, monkeypatch):
     terminal_output = shown_status(status, monkeypatch, width)
     lines = terminal_output.splitlines()
     # The vehicle, headline and next step, seven lights, and a line on the model and what is not watched.
-    assert len(lines) <= {60: 13, 80: 9, 120: 7, 200: 7}[width]
+    assert len(lines) <= {60: 14, 80: 9, 120: 8, 200: 8}[width]
     assert max(map(len, lines)) <= min(width, 120)
     text = " ".join(terminal_output.split())
     assert "wind unknown now 11–16 m/s 54°" in text and "Not watched: height." in text
@@ -854,8 +854,8 @@ def test_a_lost_link_heads_the_status_with_a_light_that_is_bad(obstacle):
     assert bad in (headline, headline.figures.get("cause"))
 
 
-def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_the_headline_alone():
-    """The line about the vehicle states height and distance, until the headline of a lost link does."""
+def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_its_line_alone():
+    """The line about the vehicle states height and distance also after the link was lost; the headline is short."""
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     state = VehicleState("Guided", is_armed=True, voltage=12.2)
     status = SessionStatus(
@@ -869,8 +869,9 @@ def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_the_headline_alone(
     terminal_text = "10 m above the take-off, 3 m from it"
     assert terminal_text in vehicle_text(status, has_table=True)
     lost = replace(status, no_model_reason=silent)
-    assert terminal_text in str(lost.overall_judgement.headline)
-    assert vehicle_text(lost, has_table=True) == "1:1, Guided, in flight 6 s after take-off."
+    assert terminal_text not in headline_text(lost.overall_judgement.headline)
+    shown_text = vehicle_text(lost, has_table=True)
+    assert shown_text == f"1:1, Guided, in flight 6 s after take-off, last {terminal_text}."
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):
@@ -1185,7 +1186,7 @@ def test_what_forbids_to_fly_since_an_earlier_flight_stands_on_terminal_lines_an
         }
         for surface, text in texts.items():
             assert "Flight 1: motor 3" in text.replace("\N{NO-BREAK SPACE}", " "), surface
-            advice = "If it was not, land." if status.is_flying else "Do not fly"
+            advice = "If that was not repaired, land." if status.is_flying else "Do not fly"
             assert advice in text, surface
 
 

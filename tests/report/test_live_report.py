@@ -2,20 +2,32 @@
 
 from dataclasses import replace
 
+from mavdem.assessment.judgement import unjudged
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
+from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.motors import MotorsLight
-from mavdem.facts.session import SessionFact, TimeUse
+from mavdem.facts.session import RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import LiveHistory
+from mavdem.live.link_loss import link_loss_fact
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.blocks import Table
-from mavdem.report.live import live_alarm, live_report, live_title, statement_of_headline
+from mavdem.report.live import (
+    headline_reason,
+    live_alarm,
+    live_report,
+    live_title,
+    statement_of_headline,
+    vehicle_state_cells,
+)
 from mavdem.report.pages.flight_page import live_page
+from mavdem.report.templates import headline
 
 
 def test_the_table_of_time_adds_up():
@@ -72,3 +84,96 @@ def test_an_alarm_that_is_over_is_neither_in_the_title_nor_beside_the_headline()
     assert (
         "Over since 20\N{NO-BREAK SPACE}s" in page and page.count("Alarm: motor 1 and motor 2") == 1
     )
+
+
+def test_a_telephone_always_shows_mode_height_battery_satellites_and_link():
+    """A lost link and an emptying battery have the colour of a fault; what is not known is left out."""
+    state = VehicleState(
+        mode="Loiter", is_armed=True, voltage=11.1, charge=20.0, has_position_fix=True, satellites=9
+    )
+    flying = SessionStatus(
+        "1:1",
+        state=state,
+        is_flying=True,
+        flight_seconds=65.0,
+        message_age=0.0,
+        rates={"ATTITUDE": 50.0},
+        position=(3.0, 4.0, -12.0),
+        takeoff_position=(0.0, 0.0, 0.0),
+    )
+    cells = vehicle_state_cells(flying)
+    assert [(cell.lead, cell.text) for cell in cells] == [
+        ("Loiter", "in flight 1:05"),
+        ("12 m up", "5 m away"),
+        ("11.1 V", "20 %"),
+        ("9", "satellites"),
+        ("50 Hz", "link"),
+    ]
+    no_fix = replace(flying, state=state._replace(has_position_fix=False))
+    assert vehicle_state_cells(no_fix)[3].lead == "No fix"
+    landed = replace(flying, is_flying=False, state=VehicleState(is_armed=False))
+    assert [cell.text for cell in vehicle_state_cells(landed)] == ["disarmed", "link"]
+    silence = Fact(RowsFact.NOTHING_RECEIVED, duration=12.0)
+    lost = replace(flying, message_age=12.0, no_model_reason=silence)
+    link = vehicle_state_cells(lost)[-1]
+    assert (link.lead, link.text, link.level) == ("12 s ago", "last message", Level.BAD)
+
+
+def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_flight():
+    """The events have neither the gains nor what the twin does with them."""
+    rating = Fact(
+        LoopFact.MARGIN_RATING, subject="rate", phase_margin=52.0, gain_margin=9.0, ms=1.6
+    )
+    reason = Fact(
+        GainFact.STEP_TOWARDS_MARGINS,
+        is_sound=True,
+        share=0.67,
+        stage=1,
+        flights=1,
+        expected=rating,
+        phase_margin=45.0,
+        gain_margin=6.0,
+        ms=2.0,
+    )
+    gains = Fact(
+        GainFact.GAINS_ADVISED,
+        subject="roll",
+        changes=[("ATC_RAT_RLL_P", 1.084, 0.722), ("ATC_RAT_RLL_I", 2.0, 2.0)],
+        reason=reason,
+        expected_error=0.045,
+        present_error=0.03,
+    )
+    history = LiveHistory()
+    written = Fact(GainFact.GAINS_WRITTEN, path="f.gains.params", reason=reason)
+    for fact in (gains, written):
+        history.add_event(Event(9.0, fact, reception=0.0))
+    over = SessionStatus("1:1", is_over=True, flight_number=3)
+    account = dict.fromkeys(TimeUse, 0.0)
+    files = ["Recording: f.tlog. Judge it: `mavdem f.tlog`"]
+    page = live_page("udp", "roll", history, over, account, None, files=files)
+    assert page.count("ATC_RAT_RLL_P") == 1 and "<td>0.722</td>" in page
+    assert "ATC_RAT_RLL_I" not in page, "a gain that stays is not in the table"
+    assert "plots of flight 3" in page
+    assert "This session is over." in page and "<code>mavdem f.tlog</code>" in page
+
+
+def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
+    loss = link_loss_fact(
+        Fact(RowsFact.NOTHING_RECEIVED, duration=12.0),
+        12.0,
+        0.0,
+        Displacement(distance=5.0, height=12.0),
+        11.1,
+        None,
+        cause=None,
+        is_over=False,
+    )
+    judgement = replace(unjudged(loss), headline=loss)
+    assert headline(loss) == "Link lost 12 s ago, in flight."
+    [last_seen] = headline_reason(judgement)
+    assert last_seen.lead == "Last seen:"
+    assert last_seen.text.startswith(
+        "12 m above the take-off, 5 m from it, battery 11.1 V; no position"
+    )
+    # The verdict on the flight keeps the place, by which the vehicle is searched.
+    assert "12 m above the take-off" in headline(loss.replace(is_over=True))

@@ -358,8 +358,7 @@ def test_a_fault_in_the_log_of_the_flight_before_stands_in_the_next_session(idle
         assert live_pages.live_page.call_args.args[3] == shown
         texts[vehicle, step] = unrepaired_fault_text(shown)
     assert list(texts.values()) == [
-        "In the flight before, motor 3 lost thrust. mavdem does not know whether that was repaired. "
-        "If it was not, land.",
+        "In the flight before, motor 3 lost thrust. If that was not repaired, land.",
         "",
         "",
     ]

@@ -33,7 +33,7 @@ from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.facts.wind import WindLight
 from mavdem.fleet.names import NO_NAMES, GivenNames
-from mavdem.loops.advice import AdviceByAxis
+from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence, warning
 from mavdem.report.brief_events import with_saturations_counted
@@ -48,10 +48,11 @@ from mavdem.report.charts.timeline import (
     rate_title,
 )
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.gain_changes import gain_changes
+from mavdem.report.gain_changes import gain_changes, gain_row
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
+from mavdem.report.loops import TRIED_HEADER
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import HARDWARE_TITLE, hardware_chapters
@@ -90,6 +91,7 @@ from mavdem.report.screen import (
 from mavdem.report.templates import (
     Medium,
     capitalize_first,
+    first_sentence,
     render_section,
     sentences_for,
     time_of_day,
@@ -923,6 +925,7 @@ def live_page(
     links: Sequence[PageLink] = (),
     saved_flight: PageLink | None = None,
     names: GivenNames = NO_NAMES,
+    files: Sequence[str] = (),
     refresh_seconds: float | None = None,
 ) -> str:
     """Returns the HTML of the page of a live flight.
@@ -938,6 +941,7 @@ def live_page(
         links: other pages at the top, such as that of the flight before.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
         names: names that were given to vehicles in the library of a server.
+        files: sentences on the files that the session has written, once it is over.
         refresh_seconds: time after which a server has a newer page, s; None for a page that does not change.
     """
     # Imported here: a page of a log needs nothing of live sessions.
@@ -948,7 +952,7 @@ def live_page(
         live_title,
         statement_of_headline,
         unrepaired_fault_text,
-        vehicle_state_text,
+        vehicle_state_cells,
     )
 
     judgement = status.session_judgement
@@ -975,7 +979,7 @@ def live_page(
         timeline,
         light_figures={row.name: row.figure for row in light_rows(status)},
         light_anchors=_live_anchors(timeline, chapters),
-        timeline_title="What happened" if status.is_over else "What happens, the newest first",
+        timeline_title=_live_timeline_title(status),
         path=flown_path(timeline, _live_map_wind(status)),
         has_log=False,
         is_newest_first=not status.is_over,
@@ -986,7 +990,8 @@ def live_page(
         is_lost_in_air=status.is_flying and status.loss is None,
         reasons=headline_reason(judgement),
         unrepaired_fault=unrepaired_fault_text(status),
-        vehicle_state="" if status.is_over else vehicle_state_text(status),
+        vehicle_state=() if status.is_over else vehicle_state_cells(status),
+        files_of_session=files,
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
         alarm_count=history.alarm_count,
@@ -997,7 +1002,7 @@ def live_page(
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
     # What to do stands right below the headline, so that a pilot need not read the reason first.
-    summary = [heading, sentences.next_step]
+    summary = [heading, *_sentences_on_next_step(sentences.next_step)]
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
@@ -1011,6 +1016,38 @@ def live_page(
         # A page of a session that goes on is sent every few seconds.
         MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE,
     )
+
+
+def _live_timeline_title(status: SessionStatus) -> str:
+    """Returns the heading of events and plots of a live page.
+
+    After a session of several flights it names the flight of the plots, since the headline may be on an earlier one.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    if not status.is_over:
+        return "What happens, the newest first"
+    if status.flight_number > 1:
+        return f"What happened; plots of flight {status.flight_number}"
+    return "What happened"
+
+
+def _sentences_on_next_step(next_step: Sentence) -> list[Sentence]:
+    """Returns the next step of a live page in two sentences: what to do, which is set large, and what follows it.
+
+    Args:
+        next_step: what to do, in one sentence or several, the most important first.
+
+    Returns:
+        One sentence, or two if there is more than one in the step.
+    """
+    what_to_do = first_sentence(next_step.text)
+    what_follows = next_step.text.removeprefix(what_to_do).strip()
+    sentences = [next_step._replace(text=what_to_do)]
+    if what_follows:
+        sentences.append(Sentence(what_follows))
+    return sentences
 
 
 def _position_of_lost_vehicle(status: SessionStatus) -> str:
@@ -1091,9 +1128,9 @@ def _live_chapters(
         chapters.append(Chapter("Motors", motor_blocks(learned, None)))
     # Gains are set on the ground, so that a vehicle in flight has no advice on them.
     if status.is_over or not status.is_flying:
-        gain_sentences = _sentences_on_advised_gains(history)
-        if gain_sentences:
-            chapters.append(Chapter(GAINS_TITLE, gain_sentences))
+        gain_blocks = _blocks_on_advised_gains(history)
+        if gain_blocks:
+            chapters.append(Chapter(GAINS_TITLE, gain_blocks))
     seconds_of_training_data = 0.0
     if learned is not None:
         seconds_of_training_data = len(learned.record) * learned.dt
@@ -1108,24 +1145,41 @@ def _live_chapters(
     return chapters
 
 
-def _sentences_on_advised_gains(history: LiveHistory) -> list[Sentence]:
-    """Returns the sentences that advise gains of the controller after the latest flight of a live session.
-
-    Advice is reported once, as an event of the session, when the vehicle has landed and the gains are computed.
+def _blocks_on_advised_gains(history: LiveHistory) -> Blocks:
+    """Returns the advice on gains after the latest flight of a session: tables of the gains, and sentences on them.
 
     Args:
         history: the latest flight, and the events of the whole session; the times of both are on one clock.
+
+    Returns:
+        A table of the gains to set, and one of those that were tried and that another flight is to confirm; what to
+        expect of them, by axis; and why other axes get no gains. Empty without advice.
     """
-    sentences = []
+    rows_to_set: list[list[str]] = []
+    rows_tried: list[list[str]] = []
+    sentences: list[Sentence] = []
     for event in history.events:
-        code = event.fact.code
-        is_about_gains = isinstance(code, GainFact | LoopAction)
+        fact = event.fact
+        is_about_gains = isinstance(fact.code, GainFact | LoopAction)
         # This one says only that gains are being computed, which is over when the page is written.
-        is_awaited = code is GainFact.ADVICE_AWAITED
+        is_awaited = fact.code is GainFact.ADVICE_AWAITED
         is_of_latest_flight = event.seconds >= history.flight.start
-        if is_about_gains and is_of_latest_flight and not is_awaited:
+        if not is_about_gains or is_awaited or not is_of_latest_flight:
+            continue
+        if fact.code is not GainFact.GAINS_ADVISED:
             sentences.append(Sentence(event.sentence))
-    return sentences
+            continue
+        reason = fact.figures["reason"]
+        rows = rows_to_set if reason.figures["is_sound"] else rows_tried
+        for name, present_value, new_value in fact.figures["changes"]:
+            if new_value != present_value:
+                rows.append(gain_row(name, Gain(now=present_value, set=new_value)))
+        sentences += render_section("live_gains", axis=fact.subject, **fact.figures)
+    tables = []
+    for header, rows in (("set", rows_to_set), (TRIED_HEADER, rows_tried)):
+        if rows:
+            tables.append(Table(["gain", "now", header, "times"], rows))
+    return [*tables, *sentences]
 
 
 def _numbered_live_events(
@@ -1133,10 +1187,10 @@ def _numbered_live_events(
 ) -> list[PageEvent]:
     """Returns the events of a live session as the list on its page shows them.
 
-    Events of the latest flight are numbered, except those on the state of the session itself: the charts mark the
-    numbered ones. Their times are on the clock of the boot in which that flight began, as in the charts. Events,
-    alarms and headline are matched by their causes, since the headline may state the cause of an alarm in other
-    words than the event that reported it.
+    Advised gains are left out, since their table is in the chapter on gains. Events of the latest flight are numbered,
+    except those on the state of the session itself: the charts mark the numbered ones. Their times are on the clock of
+    the boot in which that flight began, as in the charts. Events, alarms and headline are matched by their causes,
+    since the headline may state the cause of an alarm in other words than the event that reported it.
 
     Args:
         history: the events in the order in which they were reported, and the flight that the charts show.
@@ -1165,6 +1219,8 @@ def _numbered_live_events(
     page_events = []
     numbered_count = 0
     for number_of_event, event in enumerate(history.events):
+        if event.fact.code in (GainFact.GAINS_ADVISED, GainFact.TWIN_ANGLE_ERROR):
+            continue
         has_silence_ended = (
             event.fact.code in SILENCES_OF_LINK and number_of_event < latest_resumption
         )

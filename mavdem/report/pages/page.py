@@ -327,8 +327,12 @@ class Head(NamedTuple):
     """The fault of an earlier flight of that session that may not have been repaired, and what to do about it; empty
     without one."""
 
-    vehicle_state: str = ""
-    """Mode, time in flight, height, battery and link of that vehicle in a few words, which a telephone always shows."""
+    vehicle_state: Sequence[Sentence] = ()
+    """Mode, height, battery, satellites and link of that vehicle, each a value and a remark, which a telephone always
+    shows."""
+
+    files_of_session: Sequence[str] = ()
+    """Sentences on the files that a session has written and how they are opened, once it is over."""
 
     last_position: str = ""
     """Latitude and longitude of that vehicle, degrees, for a link that opens a map; empty where they are not known."""
