@@ -341,6 +341,9 @@ class LinkMonitor:
                 )
         finally:
             self._warn_of_lost_datagrams()
+            # A recording that has failed is still open: what it had to write last may fit after all.
+            with suppress(OSError):
+                incoming.recording.close()
             is_empty = incoming.recording.remove_if_empty()
             if not is_empty and _shows_vehicle(session, incoming.path):
                 self._store_recording(session, incoming)
