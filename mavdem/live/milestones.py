@@ -247,6 +247,11 @@ class Milestones:
         if is_lost and physical is None:
             # The loss was an alarm, and nobody asks what else a flight has shown that was over before it was known.
             return
+        is_lost_in_air = (
+            self._latest_verdict is not None
+            and self._latest_verdict.is_lost_in_air
+            and not status.is_flying
+        )
         margins = status.overall_judgement.lights.get(Light.MARGINS)
         no_parameters_reason = None
         if physical is None:
@@ -267,6 +272,8 @@ class Milestones:
                 axis=self._axis,
                 is_flying=status.is_flying or not status.has_landed,
                 is_lost=is_lost,
+                # Its end was not received: the autopilot has restarted on the ground meanwhile.
+                is_lost_in_air=is_lost_in_air,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),

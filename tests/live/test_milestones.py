@@ -127,6 +127,19 @@ def test_a_restart_in_flight_is_no_landing_and_the_landing_after_it_is():
     assert str(landed).startswith("Landed at 24 s.")
 
 
+def test_a_flight_whose_end_nobody_saw_has_not_landed():
+    """The autopilot has restarted on the ground when the session ends."""
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    learning = learning_with("model")
+    for is_flying, now, boot in ((True, 21.0, 0), (False, 2.6, 1)):
+        status = SessionStatus(is_flying=is_flying)
+        milestones.update(learning, status, now, boot)
+    milestones.report_end(learning, status, 2.6, None)
+    [report] = facts
+    assert str(report).startswith("The end of the flight was not received. Roll: ")
+
+
 def reported_flights(*parts):
     """The verdicts on earlier flights; a part has boot, flight, whether it flies, and the time since take-off, s."""
     facts = []
