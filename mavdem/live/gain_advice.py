@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
-from mavdem.assessment.axis.tuning import Tuning, tune_loops
+from mavdem.assessment.axis.tuning import Tuning, parameter_sets, tune_loops
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import AXES
@@ -193,11 +193,14 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     if not tuning.parameters:
         return GainAdvice(facts, tuning.judgement)
 
-    simulated_effects = predicted_errors(assessment.evidence, tuning.parameters)
     texts = tuning.files(assessment.evidence.signals.telemetry)
     if not texts:
         # Another flight is to confirm the gains before they are loaded.
-        return GainAdvice((*facts, *simulated_effects), tuning.judgement)
+        return GainAdvice(facts, tuning.judgement)
+    confirmed_gains = dict[str, float]()
+    for parameter_set in parameter_sets(tuning.advice, tuning.notch_parameters):
+        confirmed_gains |= parameter_set.parameters
+    simulated_effects = predicted_errors(assessment.evidence, confirmed_gains)
     files_fact = _write_gain_files(recording, texts, tuning.judgement.next_step)
     return GainAdvice((*facts, *simulated_effects, files_fact), tuning.judgement)
 
@@ -230,13 +233,13 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         tuning: the advice on all axes.
 
     Returns:
-        The new gains of each axis that gets some, and then for each other axis the decision on its loops, if that needs
-        an action, or why its gains stay as they are.
+        The new gains of each axis that gets some to load, and then for each other axis the decision on its loops, such
+        as to fly before gains are loaded, if that needs an action, or why its gains stay as they are.
     """
     facts = []
     facts_without_gains = []
     for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice) and advice.parameters:
+        if isinstance(advice, Advice) and advice.parameters and advice.is_sound:
             facts.append(_new_gains_fact(axis, advice))
             continue
         decision = tuning.judgement.loop_decisions.get(axis)

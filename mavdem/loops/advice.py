@@ -201,6 +201,7 @@ def advise(
     tune: str = "default",
     doubts: Sequence[Fact] = (),
     *,
+    attitude_doubt: Fact | None = None,
     raises_sound_gains: bool = False,
 ) -> Advice:
     """Returns gains of one axis for the next flight, as a step towards the fastest loops that have given margins.
@@ -209,7 +210,8 @@ def advise(
     advised once and have been flown since are not changed again. What is tuned is determined by the loops: the rate
     loop while it lacks margin, and the attitude loop after that.
 
-    No gains are advised if there are ``doubts`` about the flight or one of the :func:`reasons_for_no_gains`.
+    No gains are advised if there are ``doubts`` about the flight or one of the :func:`reasons_for_no_gains`. With an
+    ``attitude_doubt`` the gain of the attitude controller stays, while gains of the rate may change.
 
     The gains are chosen with half of the draws from the plant's posterior, and judged with the other half. Judged with
     the first half they would seem better than they are.
@@ -219,6 +221,7 @@ def advise(
         tune: name of the required margins, a key of ``MARGIN_TARGETS``.
         doubts: reasons why the flight shows too little for advice, such as an oscillation; if there is any, no gains
             are advised.
+        attitude_doubt: that the measured response of the angle differs from the predicted one; None if it does not.
         raises_sound_gains: whether the gains of a loop that has its margins are raised, to make it faster.
 
     Returns:
@@ -236,6 +239,10 @@ def advise(
         gains = logged_gains(loop.controller)
         if gains and may_change:
             step = _next_step(loop, target)
+        changes_angle_gain = bool(step.gains) and step.stage is Stage.ANGLE
+        if attitude_doubt is not None and changes_angle_gain:
+            refusals = (attitude_doubt,)
+            gains, step = {}, NO_STEP
         gains |= step.gains
     # ``with_draws`` always keeps the estimated plant. The first half of the draws chose the gains.
     judging_draws = slice(len(loop.effectiveness) // 2, None)

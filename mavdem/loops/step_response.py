@@ -23,6 +23,7 @@ from mavdem.dataset.signals import (
     rate_between_outages,
 )
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponseFact
@@ -36,6 +37,7 @@ from mavdem.loops.impulse_response import (
     estimate_impulse_response,
 )
 from mavdem.loops.margins import Complex
+from mavdem.loops.rate_setpoint import AttitudePiece, rate_setpoint_parts
 from mavdem.loops.resonance import DEFAULT_ANGLE_GAIN, MAX_FREQUENCY_RATIO, controller_if_known
 from mavdem.loops.step_characteristics import IntervalEstimate, rise_times, step_characteristics
 from mavdem.loops.welch import (
@@ -61,8 +63,6 @@ This and ``LOW_PASS_KAISER_BETA`` are the defaults of ``scipy.signal.resample_po
 """
 LOW_PASS_KAISER_BETA = 5.0
 """Shape of the Kaiser window of that filter, without unit: its stop band is 53 dB below its pass band."""
-MIN_CORRECTION = 0.5
-"""Least regression coefficient of the attitude controller's correction for a rate setpoint to contain it."""
 MAX_TIMING_ERROR_STEPS = 0.5
 """Largest error of the time of a setpoint, in intervals of its messages: a jump may have been at the time of either.
 
@@ -243,13 +243,14 @@ def rate_step_response(
     attitude = signals.attitude
     # Angles can be used only if they come with the rates, at the same times.
     if attitude is not None and rate.time is attitude.time:
-        series.append(_unwrapped(attitude.angle_series))
+        series.append(unwrapped(attitude.angle_series))
         is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
         if is_ardupilot and signals.angle_setpoint is not None:
-            series.append(_unwrapped(signals.angle_setpoint))
+            series.append(unwrapped(signals.angle_setpoint))
     return _measured_step_response(signals, "rate", series, segments, MIN_STREAM_RATE, loop)
 
 
+@cached_per_vehicle("axis")
 def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
     """Measures the response of the angle to its setpoint in flight.
 
@@ -264,11 +265,11 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
     """
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} attitude")
-    series = [_unwrapped(signals.angle_setpoint), _unwrapped(signals.attitude.angle_series)]
+    series = [unwrapped(signals.angle_setpoint), unwrapped(signals.attitude.angle_series)]
     return _measured_step_response(signals, "attitude", series, segments, MIN_SLOW_MOTION_RATE)
 
 
-def _unwrapped(angle: TimeSeries) -> TimeSeries:
+def unwrapped(angle: TimeSeries) -> TimeSeries:
     """Returns an angle without its steps from π to -π, rad, so that it can be interpolated."""
     return replace(angle, values=np.unwrap(angle.values))
 
@@ -453,25 +454,16 @@ def _with_angle_and_correction(
 def _contains_correction(sampling_rate: float, pieces: Sequence[Array], angle_gain: float) -> bool:
     """Returns whether a logged rate setpoint contains the attitude controller's correction, by a regression.
 
-    The rate setpoint is regressed on the derivative of the angle setpoint, and on the correction, angle gain · error of
-    the angle. It contains the correction if the coefficient of that is nearer to 1 than to 0.
-
     Args:
         sampling_rate: rate of the samples, Hz.
         pieces: rate setpoint, rad/s, rate, rad/s, angle, rad, and angle setpoint, rad, in the rows of each piece
             (4, N).
         angle_gain: gain of the attitude controller, 1/s.
-
-    Returns:
-        Whether the coefficient exceeds ``MIN_CORRECTION``.
     """
-    rate_setpoint, _, angle, angle_setpoint = np.concatenate(pieces, axis=1)
-    # The derivative is taken piece by piece: between two pieces the angle setpoint jumps.
-    slopes = [sampling_rate * np.gradient(piece[_ANGLE_SETPOINT]) for piece in pieces]
-    correction = angle_gain * wrapped_angle(angle_setpoint - angle)
-    regressors = np.column_stack([np.concatenate(slopes), correction])
-    _, correction_coefficient = np.linalg.lstsq(regressors, rate_setpoint)[0]
-    return correction_coefficient > MIN_CORRECTION
+    attitude_pieces = []
+    for rate_setpoint, _, angle, angle_setpoint in pieces:
+        attitude_pieces.append(AttitudePiece(rate_setpoint, angle, angle_setpoint))
+    return rate_setpoint_parts(sampling_rate, attitude_pieces, angle_gain).has_correction
 
 
 class _Responses(NamedTuple):

@@ -99,7 +99,10 @@ def tune_blocks(
         axis = axes[0]
         facts = _facts_on_axis(tuning, axis)
         report = " ".join(str(fact) for fact in facts)
-        if report == headline_above:
+        if headline_above and report.startswith(headline_above):
+            # What the report says besides remains.
+            report = report.removeprefix(headline_above).strip()
+        if not report:
             blocks += render_section("tune_repair", axes=axes)
             continue
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
@@ -158,7 +161,9 @@ def _unstated_remedies(
     """
     advice = tuning.axes[axis]
     advice_on_gains = advice if isinstance(advice, Fact) else _conclusion(tuning, advice)
-    candidates = [advice_on_gains.remedy, *_remedies_besides_tuning(tuning, axis)]
+    candidates = _remedies_besides_tuning(tuning, axis)
+    if not _is_put_off_by_next_step(tuning, advice_on_gains):
+        candidates.insert(0, advice_on_gains.remedy)
     remedies: list[str] = []
     for remedy in candidates:
         text_above = " ".join([report, *remedies])
@@ -167,6 +172,30 @@ def _unstated_remedies(
             remedies = [earlier for earlier in remedies if earlier not in remedy]
             remedies.append(remedy)
     return remedies
+
+
+def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
+    """Returns whether a fact forbids to fly before one repair, and the next step of the report before another.
+
+    A report has one repair to make before the next flight, that of its next step.
+
+    Args:
+        tuning: the judgement of the flight, with the next step.
+        fact: why there are no gains, or what to do about the loops of an axis.
+    """
+    return _forbids_flight(tuning.judgement.next_step) and _forbids_flight(fact)
+
+
+def _forbids_flight(fact: Fact) -> bool:
+    """Returns whether a fact, or one of its reasons, forbids to fly before something is repaired.
+
+    Args:
+        fact: such as a next step, which has a ``reason``, or why there are no gains, which has ``reasons``.
+    """
+    if fact.forbids_flight:
+        return True
+    reasons = (fact.figures.get("reason"), *fact.figures.get("reasons", ()))
+    return any(isinstance(reason, Fact) and _forbids_flight(reason) for reason in reasons)
 
 
 def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:
@@ -408,7 +437,22 @@ def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
         return []
     if decision.action.code in (*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS):
         return []
+    if decision.action.code is LoopAction.FLY_DOUBLETS and _advises_flight(tuning.axes[axis]):
+        # One flight is enough: the reason why no gains are advised names it already.
+        return []
+    if _is_put_off_by_next_step(tuning, decision.action):
+        return []
     return [decision.action.sentence_and_remedy]
+
+
+def _advises_flight(advice: Advice | Fact) -> bool:
+    """Returns whether the reason why an axis gets no gains advises a flight that leads to some.
+
+    Args:
+        advice: advice on the gains of the axis, or the fact that its loop is not known.
+    """
+    reason = advice if isinstance(advice, Fact) else advice.conclusion
+    return bool(reason.remedy) and not reason.without_flight_advice.remedy
 
 
 def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
@@ -653,14 +697,16 @@ def is_about_gains_to_set(caution_of_loop: Fact) -> bool:
 
 
 def compared_loops(advice: Advice) -> LoopsByAxis:
-    """Returns the loops of one axis with the gains that flew ("now") and with the gains to set ("advised").
+    """Returns the loops of one axis with the gains that flew ("now") and with new ones, if gains change ("new").
+
+    The new gains are advised or, if another flight is to confirm them first, only tried.
 
     Args:
-        advice: advice on the axis. Without gains to set there is no entry "advised".
+        advice: advice on the axis.
     """
     loops = {"now": advice.before}
     if advice.parameters:
-        loops["advised"] = advice.after
+        loops["new"] = advice.after
     return loops
 
 
@@ -668,7 +714,7 @@ def _variant_name(variant: str, advice: Advice, *, waits: bool) -> str:
     """Returns what a table calls one of the :func:`compared_loops`: whether its gains may be loaded, and when.
 
     Args:
-        variant: "now" or "advised".
+        variant: "now" or "new".
         advice: advice on the axis.
         waits: whether the advised gains wait for the flight with the gains of stage 1.
     """
@@ -676,7 +722,7 @@ def _variant_name(variant: str, advice: Advice, *, waits: bool) -> str:
         return variant
     if not advice.is_sound:
         return TRIED_HEADER
-    return f"advised, stage {advice.stage:d}" if waits else variant
+    return f"advised, stage {advice.stage:d}" if waits else "advised"
 
 
 def _gain_and_margin_table(advice: Advice, *, waits: bool, is_doubtful: bool) -> Table:
@@ -750,7 +796,7 @@ def margin_overview(tuning: Tuning) -> Table | None:
             continue
         remark = ", doubtful" if _has_doubtful_margins(tuning, axis) else ""
         for loop_name in LOOP_NAMES:
-            # The variants are "now" and, where gains change, "advised".
+            # The variants are "now" and, where gains change, "new".
             for variant, loop in compared_loops(advice).items():
                 cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
                 # Wind turns the angle, which the attitude loop holds.
@@ -863,7 +909,7 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
     """Yields two tables of stability margins: one of the rate loops, then one of the attitude loops around them.
 
     Args:
-        loops: the loops to compare, by the header of their column, such as "now" and "advised".
+        loops: the loops to compare, by the header of their column, such as "now" and "new".
         doubtful: the headers of the loops that a measured response speaks against; their columns are called doubtful.
 
     Yields:

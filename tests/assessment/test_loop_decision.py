@@ -221,6 +221,35 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
     assert (comparison is not None) is is_contradicted
 
 
+@mark.parametrize("loop_name, is_contradicted", [("rate", False), ("attitude", True)])
+def test_an_angle_may_differ_from_its_prediction_where_the_rate_agrees(loop_name, is_contradicted):
+    agrees = MeasuredResponse((0.3, 5.0), 90.0, 90.0, 1.0, reason=None)
+    loop = replace(made_up(), measured=agrees)
+    frequency = loop.rate.frequency
+    closed = loop.open_loop(loop_name).closed_loop_of_estimate
+    measured_response = partial_record(
+        StepResponse,
+        axis="roll",
+        loop=loop_name,
+        frequency=frequency,
+        response=1.8 * closed,
+        gain_half=0 * frequency + 0.01,
+        max_frequency=30.0,
+    )
+    comparison = response_comparison(measured_response, loop, frequency, closed)
+    assert (comparison is not None) is is_contradicted
+
+
+@mark.slow
+def test_an_angle_that_differs_from_its_prediction_is_flown_again_before_its_gain_changes():
+    loop = made_up().with_parameters({"MC_ROLL_P": 25.0})
+    doubt = Fact(StepResponseFact.PREDICTION_DOUBTED, subject="roll attitude", share=0.5)
+    assert decision_on_roll(loop).action.code is LoopAction.LOAD_ADVISED_GAINS
+    decision = decision_on_roll(loop, attitude_contradiction=doubt)
+    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
+    assert decision.action == Fact(LoopAction.DO_FIRST, reason=doubt)
+
+
 def test_a_loop_that_the_flight_refutes_gives_no_gains():
     refusal = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     decision = decision_on_roll(refusal)

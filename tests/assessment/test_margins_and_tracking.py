@@ -323,7 +323,7 @@ def test_a_resonance_without_a_step_response_is_not_called_overshoot():
     light = tracking_light(evidence_of_steps(HOVER, 0.2))
     assert (light.code, light.level) == (TrackingLight.AMPLIFIES_SETPOINT, "watch")
     assert light.figures["overshoot"] is None
-    assert light.sentence == "Roll moves 2 times as far as its setpoint at 1.2 Hz."
+    assert light.sentence.startswith("Roll moves 2 times as far as its setpoint at 1.2 Hz; without")
 
 
 def test_a_setpoint_that_holds_a_position_shows_no_resonance():

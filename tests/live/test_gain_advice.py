@@ -4,11 +4,13 @@ from pathlib import Path
 from unittest.mock import MagicMock, Mock
 
 from command_line import run, strict_json
+from partial_records import partial_record
 from pytest import mark, raises
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
+from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import unjudged
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
@@ -25,7 +27,11 @@ from mavdem.live.gain_advice import (
     GainAdviser,
     _write_gain_files,
     advise_gains,
+    facts_of_tuning,
 )
+from mavdem.loops.advice import Advice, Gain
+from mavdem.loops.axis_loops import MARGIN_TARGETS
+from mavdem.loops.gain_design import SURE_SHARE
 
 TUNED_BADLY = """
 seed = 5
@@ -98,6 +104,28 @@ def test_a_decision_among_the_events_names_its_axis():
     decision = LoopDecision("pitch", LoopDiagnosis.UNKNOWN, reason, Fact(GainFact.ADVICE_WAITS))
     named = decision.fact.replace(is_named=True)
     assert named.sentence.startswith("Pitch: no margins: ")
+
+
+@mark.parametrize("share_of_models", [0.95, 0.5])
+def test_gains_that_another_flight_is_to_confirm_are_not_listed(share_of_models):
+    loop = Mock(axis="roll", lean_in_wind=0.1, **{"share_meeting.return_value": 0.5})
+    advice = partial_record(
+        Advice,
+        before=loop,
+        after=loop,
+        target=MARGIN_TARGETS["default"],
+        gains={"MC_ROLLRATE_P": Gain(0.15, 0.2)},
+        sure=share_of_models,
+        conclusion=Fact(GainFact.ADVICE_WAITS),
+    )
+    reason = Fact(LoopFact.NO_MARGINS, reason=Fact(GainFact.ADVICE_WAITS))
+    decision = LoopDecision("roll", LoopDiagnosis.BELOW_GOAL, reason, Fact(GainFact.ADVICE_WAITS))
+    judgement = Mock(loop_decisions={"roll": decision})
+    (fact,) = facts_of_tuning(
+        partial_record(Tuning, axes={"roll": advice}, advice=(advice,), judgement=judgement)
+    )
+    assert (fact.code is GainFact.GAINS_ADVISED) is (share_of_models >= SURE_SHARE)
+    assert (fact == decision.fact.replace(is_named=True)) is (share_of_models < SURE_SHARE)
 
 
 def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from mavdem.assessment.axis.tuning import _advice_on_changed_loops, _next_step_w
 from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.loops import GainBound, GainFact, LoopFact
+from mavdem.facts.loops import GainBound, GainFact, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
@@ -148,6 +148,21 @@ def test_an_attitude_loop_that_alone_lacks_margin_is_in_stage_2():
     advice = advise(made_up(1.0).with_parameters({"MC_ROLL_P": 25.0}))
     assert advice.stage is Stage.ANGLE and advice.parameters.keys() == {"MC_ROLL_P"}
     assert advice.parameters["MC_ROLL_P"] == approx(25 / MAX_GAIN_STEP, rel=0.01)
+
+
+@mark.slow
+def test_a_doubt_about_the_attitude_keeps_the_angles_gain_and_not_those_of_the_rate():
+    doubt = Fact(StepResponseFact.PREDICTION_DOUBTED, subject="roll attitude", share=0.5)
+    fast_angle = made_up(1.0).with_parameters({"MC_ROLL_P": 25.0})
+    kept = advise(fast_angle, attitude_doubt=doubt)
+    assert kept.refusals == (doubt,) and kept.stage is None and not kept.parameters
+    assert kept.conclusion.code is GainFact.NO_GAINS_ADVISED
+    raised = advise(made_up(1.0), attitude_doubt=doubt, raises_sound_gains=True)
+    assert raised.stage is Stage.RATE and raised.parameters.keys() == {
+        "MC_ROLLRATE_P",
+        "MC_ROLLRATE_I",
+        "MC_ROLLRATE_D",
+    }
 
 
 @mark.slow

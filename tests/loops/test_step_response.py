@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 from pytest import approx, mark
 from scipy.signal import cont2discrete, freqz, lfilter, resample_poly
 
-from mavdem.assessment.axis.responses import predicted_attitude_response
 from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponseFact
 from mavdem.ingest.vocabulary import IGNORE_ATTITUDE
+from mavdem.loops.attitude_response import predicted_attitude_response
 from mavdem.loops.identified_step import predicted_step, step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
 from mavdem.loops.step_response import (

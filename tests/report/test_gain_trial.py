@@ -35,7 +35,7 @@ def test_steps_of_both_gains_are_drawn_over_each_other():
     for chart in charts:
         advised, now = chart.lines
         assert (now.style, advised.style) == (LineStyle.DASHES, LineStyle.LINE)
-        assert (now.name, advised.name) == ("now", "advised")
+        assert (now.name, advised.name) == ("now", "new")
         for line in (now, advised):
             assert abs(line.y[0]) < 0.05 and line.y[-1] == approx(1, abs=0.15)
     rate_advised, rate_now = charts[0].lines
@@ -75,8 +75,8 @@ def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch
     monkeypatch.setattr(gain_trial, "try_gains", lambda *_, **__: trial)
     groups = gain_trial_groups(WITHOUT_TWIN, {"roll": advise(made_up(4.5))})
     (_, tracking), (_, wind) = groups["roll"].columns
-    assert [line.name for line in tracking.lines] == ["setpoint", "advised", "now"]
-    assert [line.name for line in wind.lines] == ["advised", "now"]
+    assert [line.name for line in tracking.lines] == ["setpoint", "new", "now"]
+    assert [line.name for line in wind.lines] == ["new", "now"]
     assert tracking.lines[0].y.max() == approx(np.degrees(0.1))
     assert (
         f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° advised" in tracking.title

@@ -7,12 +7,14 @@ names, with the value before and after, and for advice to load or to keep gains.
 import re
 from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover, evidence_of
 from known_gains import PX4, X_ROLL
 from made_up_loop import WIND
 from numpy.random import default_rng
+from partial_records import partial_record
 from pytest import MonkeyPatch, fixture, mark
 from rerun_file import chunks
 
@@ -20,7 +22,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis import Options, analyse
 from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import tune_loops
+from mavdem.assessment.axis.tuning import Tuning, tune_loops
 from mavdem.assessment.event_lights import lights_with_event
 from mavdem.assessment.judgement import judge
 from mavdem.dataset.segments import Segment
@@ -30,6 +32,7 @@ from mavdem.documents import complete_document
 from mavdem.documents.loops import tune_document
 from mavdem.documents.review import review_document
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
@@ -45,7 +48,7 @@ from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop
 from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.charts.timeline import assessment_timeline
 from mavdem.report.loops import (
     is_about_loops,
@@ -180,16 +183,32 @@ def searches_once():
     """Gains are searched once for the same loop and doubts: a search takes seconds."""
     searches = {}
 
-    def advise_once(loop, margins="default", doubts=(), *, raises_sound_gains=False):
-        key = (loop, margins, tuple(doubts), raises_sound_gains)
+    def advise_once(loop, margins="default", doubts=(), **options):
+        key = (loop, margins, tuple(doubts), *options.items())
         if key not in searches:
-            searches[key] = advise(loop, margins, doubts, raises_sound_gains=raises_sound_gains)
+            searches[key] = advise(loop, margins, doubts, **options)
         return searches[key]
 
     with MonkeyPatch.context() as patch:
         for module in ("loop_decision", "tuning"):
             patch.setattr(f"mavdem.assessment.axis.{module}.advise", advise_once)
         yield
+
+
+def saturated(motor):
+    """The fact that a motor is at its limit in settled flight, which forbids to fly."""
+    return Fact(Override.SATURATION, subject=motor, names=(motor,), share=0.1)
+
+
+@mark.parametrize("reason, is_stated", [(saturated("motor 1"), False), (NOT_STEERED, True)])
+def test_a_report_has_one_repair_to_make_before_the_next_flight(reason, is_stated):
+    """Why there are no gains is not repaired too where the next step is another repair."""
+    no_loop = Fact(LoopFact.NO_LOOP, reasons=(saturated("motor 2"),))
+    judgement = Mock(next_step=Fact(NextStep.DO_AS_ADVISED, reason=reason), loop_decisions={})
+    tuning = partial_record(Tuning, axes={"roll": no_loop}, advice=(), judgement=judgement)
+    text = plain_text(tune_blocks(tuning))
+    assert "Motor 2 is at its upper limit" in text
+    assert ("Do not fly before motor 2" in text) is is_stated
 
 
 @fixture(scope="module")

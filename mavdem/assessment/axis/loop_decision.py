@@ -297,7 +297,8 @@ def _decision_by_identified_loop(
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
     The action is to load the gains that `mavdem tune` advises, or to fly before if the flight is not a basis for them.
-    If the loop is not reliable enough for new gains, the action is the remedy of the first reason for that.
+    If the loop is not reliable enough for new gains, or the measured response of the angle differs from the predicted
+    one and it is the angle's gain that would change, the action is the remedy of the first reason for that.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
@@ -313,7 +314,8 @@ def _decision_by_identified_loop(
     if reasons_against_gains:
         action = _action_to_remedy(reasons_against_gains[0])
     else:
-        advice = _advice_if_basis_is_uncertain(loop, raises_sound_gains=False)
+        attitude_doubt = observations.margins.attitude_contradiction
+        advice = _advice_if_basis_is_uncertain(loop, attitude_doubt, raises_sound_gains=False)
         advice_to_fly_first = _advice_to_fly_first(advice)
         if advice_to_fly_first is not None:
             action = advice_to_fly_first
@@ -325,7 +327,9 @@ def _decision_by_identified_loop(
     )
 
 
-def _advice_if_basis_is_uncertain(loop: Loop, *, raises_sound_gains: bool) -> Advice | None:
+def _advice_if_basis_is_uncertain(
+    loop: Loop, attitude_doubt: Fact | None, *, raises_sound_gains: bool
+) -> Advice | None:
     """Designs new gains, as `mavdem tune` does, unless the flight is certainly a sufficient basis for them.
 
     The design itself shows whether the flight is a basis for its gains, but it takes time. It is skipped if nearly all
@@ -334,6 +338,8 @@ def _advice_if_basis_is_uncertain(loop: Loop, *, raises_sound_gains: bool) -> Ad
 
     Args:
         loop: rate and attitude loop of the axis, without reasons against new gains.
+        attitude_doubt: that the measured response of the angle differs from the predicted one, which forbids a new gain
+            of the attitude controller; None if it does not.
         raises_sound_gains: whether the gains are raised although the loop has its margins.
 
     Returns:
@@ -343,9 +349,13 @@ def _advice_if_basis_is_uncertain(loop: Loop, *, raises_sound_gains: bool) -> Ad
     # Fractions of the models that fit the flight.
     fraction_with_margins = loop_with_last_gains.share_meeting(MARGIN_TARGETS["default"])
     surely_lacks_margin = 1 - fraction_with_margins >= SURE_SHARE
-    if surely_lacks_margin:
+    if surely_lacks_margin and attitude_doubt is None:
         return None
-    return advise(loop_with_last_gains, raises_sound_gains=raises_sound_gains)
+    return advise(
+        loop_with_last_gains,
+        attitude_doubt=attitude_doubt,
+        raises_sound_gains=raises_sound_gains,
+    )
 
 
 def _advice_to_fly_first(advice: Advice | None) -> Fact | None:
@@ -356,10 +366,13 @@ def _advice_to_fly_first(advice: Advice | None) -> Fact | None:
             that the gains should be changed (:func:`_advice_if_basis_is_uncertain`).
 
     Returns:
-        The advice to fly first; None if it is not needed, or if no gain would change.
+        The advice to fly first or, if the gains may not be changed, to do what the reason for that advises. None if
+        neither is needed, or if no gain would change.
     """
     if advice is None:
         return None
+    if advice.refusals:
+        return _action_to_remedy(advice.refusals[0])
     changes_gains = bool(advice.parameters)
     # Whether the flight shows clearly enough that the gains should be changed.
     flight_is_sufficient = advice.is_sound
@@ -473,7 +486,8 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
     if reasons_against_gains:
         action = _action_to_remedy(reasons_against_gains[0])
     else:
-        advice = _advice_if_basis_is_uncertain(loop, raises_sound_gains=True)
+        attitude_doubt = observations.margins.attitude_contradiction
+        advice = _advice_if_basis_is_uncertain(loop, attitude_doubt, raises_sound_gains=True)
         advice_to_fly_first = _advice_to_fly_first(advice)
         if advice_to_fly_first is not None:
             action = advice_to_fly_first

@@ -14,6 +14,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import LoopFact, ResponseFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import MAX_AT_LIMIT_SHARE
+from mavdem.loops.attitude_response import has_rate_feedforward, predicted_attitude_response
 from mavdem.loops.axis_loops import (
     MARGIN_TARGETS,
     Loop,
@@ -31,7 +32,11 @@ from mavdem.loops.resonance import (
     setpoint_resonance,
     spectral_resonance,
 )
-from mavdem.loops.step_response import StepResponse, rate_step_response
+from mavdem.loops.step_response import (
+    StepResponse,
+    attitude_step_response,
+    rate_step_response,
+)
 
 LEAST_MARGINS = MARGIN_TARGETS["sharp"]
 """The smallest margins that are advised: a loop that surely has less is bad."""
@@ -64,6 +69,8 @@ class AxisMargins:
     contradiction: Fact | None = None
     """That the measured response of the rate differs from the one that the loop predicts; None if it does not, or that
     is not known."""
+    attitude_contradiction: Fact | None = None
+    """The same of the angle's response. The rate loop may be right nevertheless."""
 
     @property
     def is_loop_doubtful(self) -> bool:
@@ -146,6 +153,7 @@ def stability_margins_by_axis(
                 peak=spectral_resonance(axis_signals, segments),
                 injected=injected_loop(axis_signals, recorded_spans(axis_signals)),
                 contradiction=_contradicting_response(loop, axis_signals, segments),
+                attitude_contradiction=_contradicting_attitude(loop, axis_signals, segments),
             )
         )
     return tuple(margins)
@@ -201,14 +209,47 @@ def _contradicting_response(
     return comparison
 
 
+def _contradicting_attitude(
+    loop: Loop | Fact | None, signals: Signals, segments: Segments
+) -> Fact | None:
+    """Returns the fact that the measured response of the angle to its setpoint differs from a loop's prediction.
+
+    The two may differ although the rate's responses agree, if the attitude controller does other than its gain says. So
+    this is a reason against a new gain of that controller, but not against gains of the rate.
+
+    Args:
+        loop: the identified loop of the axis, or why it is not known.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
+        segments: segments of settled flight in which responses are measured.
+
+    Returns:
+        The fact, which doubts the prediction or the measurement; None if the two agree, or cannot be compared.
+    """
+    # An unstable loop predicts no response.
+    if not isinstance(loop, Loop) or not loop.attitude.is_stable:
+        return None
+    measured_response = attitude_step_response(signals, segments)
+    if isinstance(measured_response, Fact):
+        return None
+    has_feedforward = has_rate_feedforward(signals, segments, loop)
+    predicted_response = predicted_attitude_response(loop, has_feedforward=has_feedforward)
+    comparison = response_comparison(
+        measured_response, loop, loop.attitude.frequency, predicted_response
+    )
+    if comparison is None or comparison.is_good:
+        return None
+    return comparison
+
+
 def response_comparison(
     measured_response: StepResponse, loop: Loop, frequency: Array, closed_loop: Complex
 ) -> Fact | None:
     """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
 
-    The gains |T| of both are compared at some frequencies. The identification of the loop has compared the response at
-    all frequencies already (:attr:`Loop.agrees`). If the two comparisons contradict each other, this one is left out,
-    so that no report calls the same loop right in one place and wrong in another.
+    The gains |T| of both are compared at some frequencies. The identification of the loop has compared the response of
+    the rate at all frequencies already (:attr:`Loop.agrees`). If the two comparisons contradict each other, this one is
+    left out, so that no report calls the same loop right in one place and wrong in another. The exception is an angle
+    that differs: its response depends on the attitude controller too, which that of the rate does not show.
 
     If the first comparison did not decide, a difference usually means that the loop is wrong. It has another cause in
     two cases, and is then left out: a motor was at a limit too often, so that the response is not linear; or gains
@@ -224,7 +265,9 @@ def response_comparison(
         The fact; None if the comparison is left out.
     """
     comparison = measured_response.comparison(frequency, closed_loop)
-    if loop.agrees is not None:
+    is_of_attitude = measured_response.loop == "attitude"
+    differs_only_in_angle = is_of_attitude and loop.agrees is True and not comparison.is_good
+    if loop.agrees is not None and not differs_only_in_angle:
         contradicts_identification = comparison.is_good != loop.agrees
         return None if contradicts_identification else comparison
     if comparison.is_good:

@@ -14,6 +14,7 @@ from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
 from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.loops.attitude_response import has_rate_feedforward, predicted_attitude_response
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identified_step import step_from_frequency_response
 from mavdem.loops.margins import Complex, OpenLoop
@@ -22,9 +23,6 @@ from mavdem.loops.step_response import (
     attitude_step_response,
     rate_step_response,
 )
-
-RATE_FEEDFORWARD_PARAMETER = "ATC_RATE_FF_ENAB"
-"""ArduPilot's parameter that adds the derivative of the attitude's setpoint to the setpoint of the rate."""
 
 
 class LoopResponse(NamedTuple):
@@ -101,7 +99,7 @@ def _responses_of_axis(
     measured_rate = rate_step_response(signals, segments, loop)
     measured_attitude = attitude_step_response(signals, segments)
     # The response of the attitude depends on whether the controller feeds the rate of the setpoint forward.
-    has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
+    has_feedforward = has_rate_feedforward(signals, segments, loop)
     if loop is None:
         rate_response = LoopResponse(measured_rate)
         attitude_response = LoopResponse(measured_attitude)
@@ -153,27 +151,6 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
                 loop_with_advised_gains.rate.frequency, closed_loop, response.measured.time
             )
     return steps
-
-
-def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex:
-    """Returns the frequency response of the attitude to its setpoint at F frequencies, as the loop predicts it.
-
-    The attitude controller demands the rate K (setpoint − angle), with the angle gain K, 1/s; the response of the angle
-    to its setpoint is then T. Feedforward adds the derivative of the setpoint, jω setpoint, to the demanded rate. This
-    acts as if the setpoint were (1 + jω/K) times as large, so that the response becomes T (1 + jω/K).
-
-    Args:
-        loop: the identified loops of the axis.
-        has_feedforward: whether the derivative of the setpoint is added to the setpoint of the rate.
-
-    Returns:
-        (F,) at ``loop.attitude.frequency``.
-    """
-    closed_loop = loop.attitude.closed_loop_of_estimate
-    if not has_feedforward:
-        return closed_loop
-    feedforward = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain
-    return closed_loop * (1 + feedforward)
 
 
 def _compared_response(

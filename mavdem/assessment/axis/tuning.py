@@ -337,6 +337,10 @@ def _advice_on_axes(
     loops = assessment.evidence.loops
     loop_decisions = assessment.judgement.loop_decisions
     reasons_without_loop = _reasons_without_loop(assessment, axes)
+    attitude_doubts = {
+        axis_margins.axis: axis_margins.attitude_contradiction
+        for axis_margins in assessment.margins
+    }
     advice_by_axis = AdviceByAxis()
     for axis in axes:
         loop = loops[axis]
@@ -347,6 +351,7 @@ def _advice_on_axes(
                 reasons_of_vehicle,
                 notch_parameters,
                 loop_decisions.get(axis),
+                attitude_doubts.get(axis),
                 raises_sound_gains=raises_sound_gains,
             )
         else:
@@ -574,6 +579,7 @@ def _advice_on_loop(
     reasons_of_vehicle: Facts,
     notch_parameters: Parameters,
     decision: LoopDecision | None,
+    attitude_doubt: Fact | None,
     *,
     raises_sound_gains: bool,
 ) -> Advice:
@@ -589,6 +595,7 @@ def _advice_on_loop(
         notch_parameters: parameters that set the notch filter; empty without one.
         decision: what was decided on the loop, with the reasons against new gains, and the advice if it was made; None
             for an axis without a decision.
+        attitude_doubt: that the measured response of the angle differs from the predicted one; None if it does not.
         raises_sound_gains: whether the user wants higher gains even if the loop has the wanted margins already.
     """
     reasons_against_gains = (
@@ -607,16 +614,33 @@ def _advice_on_loop(
     if decision is not None and decision.advice is not None and has_usual_request:
         advice = decision.advice
     else:
-        advice = advise(loop, margins, reasons_against_gains, raises_sound_gains=raises_gains)
+        advice = advise(
+            loop,
+            margins,
+            reasons_against_gains,
+            attitude_doubt=attitude_doubt,
+            raises_sound_gains=raises_gains,
+        )
     if is_too_slow and not raises_sound_gains and advice.stage is Stage.ANGLE:
         # A higher angle gain would only demand more of a rate loop that is too slow, so no gain is raised.
         raises_gains = False
-        advice = advise(loop, margins, reasons_against_gains, raises_sound_gains=False)
+        advice = advise(
+            loop,
+            margins,
+            reasons_against_gains,
+            attitude_doubt=attitude_doubt,
+            raises_sound_gains=False,
+        )
     may_be_advised = not advice.refusals
     if notch_parameters and may_be_advised:
         # Doubts would have been among the refusals: there are none to pass on.
         loop_with_notch = loop.with_parameters(notch_parameters)
-        advice = advise(loop_with_notch, margins, raises_sound_gains=raises_gains)
+        advice = advise(
+            loop_with_notch,
+            margins,
+            attitude_doubt=attitude_doubt,
+            raises_sound_gains=raises_gains,
+        )
     return advice
 
 

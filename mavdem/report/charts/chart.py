@@ -10,6 +10,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -126,6 +127,8 @@ STEP_RESPONSE = Axis("share of the step")
 CLIP_SPANS = 0.25
 """Distance beyond other lines at which a line is clipped to them, in spans of their values: a choice."""
 
+STEP_TIME_UNIT = 0.1
+"""A chart of step responses ends at a multiple of this time, s: a choice."""
 SETTLED_SHARE = 0.1
 """Largest deviation of a settled step response from its last value, as a share of that value: a choice."""
 
@@ -582,23 +585,20 @@ class Group(NamedTuple):
         return cls(tuple(columns), caption)
 
 
-def step_chart(title: str, loop_name: str, steps: Sequence[Line]) -> Chart:
+def step_chart(title: str, steps: Sequence[Line]) -> Chart:
     """Makes a chart of step responses over the time after the step, s; a horizontal line at 1 is the setpoint.
 
-    All charts of a rate loop end after the same time, as in PIDtoolbox, so that axes and flights are compared on one
-    scale. The attitude's end after twice the time in which the slowest response settles, which differs much between
-    vehicles: the rest would only compress the part in which the responses differ. A response has settled when it stays
+    A chart ends after twice the time in which its slowest response settles, which differs much between vehicles: the
+    rest would only compress the part in which the responses differ. That time is rounded up to a multiple of
+    ``STEP_TIME_UNIT``, so that similar axes are mostly compared on one scale. A response has settled when it stays
     within the fraction ``SETTLED_SHARE`` of its last value.
 
     Args:
         title: title of the chart.
-        loop_name: "rate" or "attitude".
         steps: responses to a step of 1, all of the same duration.
     """
     setpoint = 1.0
     chart = Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), levels=(setpoint,))
-    if loop_name == "rate":
-        return chart
     longest_settling_time = 0.0
     for step in steps:
         last_value = step.y[-1]
@@ -608,7 +608,7 @@ def step_chart(title: str, loop_name: str, steps: Sequence[Line]) -> Chart:
         longest_settling_time = max(longest_settling_time, settling_time)
     if longest_settling_time == 0.0:
         return chart
-    end = 2 * longest_settling_time
+    end = STEP_TIME_UNIT * ceil(2 * longest_settling_time / STEP_TIME_UNIT)
     return chart._replace(lines=tuple(step.until(end) for step in steps))
 
 

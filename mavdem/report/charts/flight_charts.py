@@ -116,7 +116,7 @@ def step_charts(
             step_lines = _step_lines(response, measured_response, advised_step)
             # The title says it, since a line that is alone has no legend.
             kind = "identified step" if measured_response.is_identified else "step"
-            charts.append(step_chart(f"{title}: {kind}", loop_name, step_lines))
+            charts.append(step_chart(f"{title}: {kind}", step_lines))
             if has_gain and loop_name == "rate":
                 charts.append(_gain_chart(title, response, measured_response))
         if charts:
@@ -163,7 +163,7 @@ def _step_lines(
     if advised_step is not None:
         # Beside a solid line of the same loop with the present gains it is dashed, so that both are seen.
         style = LineStyle.DASHES if measured_response.is_identified else LineStyle.LINE
-        lines.append(Line("advised gains", PHYSICAL, time, advised_step, style=style))
+        lines.append(Line("new gains", PHYSICAL, time, advised_step, style=style))
     # The dashed line is drawn over the solid one of the advised gains, so that both are seen where they are equal. A
     # step of the identified loop is the prediction already.
     if response.predicted_step is not None and not measured_response.is_identified:
@@ -200,7 +200,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     each crossover frequency, where the gain is 1, has the phase margin beside it in the chart of the phase.
 
     Args:
-        loops: variants of the loops of one axis, by the name that the legend shows, such as "now" and "advised".
+        loops: variants of the loops of one axis, by the name that the legend shows, such as "now" and "new".
         loop_name: "rate" or "attitude".
     """
     gains = []

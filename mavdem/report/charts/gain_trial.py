@@ -18,8 +18,8 @@ STEP_POINTS = 200
 """Points of a step response that are drawn: a choice, enough for a smooth line."""
 HOVER_SECONDS = 4.0
 """Part of the twin's hover in wind that is drawn, s: a choice."""
-GAIN_COLOURS = {"now": PREDICTED, "advised": PHYSICAL}
-"""Colours of what the gains that flew do, and of what the advised ones would, as in all charts of loops."""
+GAIN_COLOURS = {"now": PREDICTED, "new": PHYSICAL}
+"""Colours of what the gains that flew do, and of what the new ones would, as in all charts of loops."""
 EQUAL_ERRORS = 0.1
 """Errors of the twin's two flights that differ by at most this part are stated as one.
 
@@ -30,7 +30,7 @@ TRIAL_TIME = Axis("time (s)")
 """Time since the twin's flight began."""
 CAPTION = (
     "The twin, a simulation by the identified loops, flies the recorded setpoints{hovers} with the gains that flew and "
-    "with the advised ones, in wind and gyro noise of the recorded spectra. Errors are the standard deviations of "
+    "with the new ones, in wind and gyro noise of the recorded spectra. Errors are the standard deviations of "
     "these seconds; those expected by wind torque alone are of long flights."
 )
 """What stands below the charts of the twin, with a place for what it flies besides."""
@@ -72,7 +72,7 @@ def gain_trial_groups(
         trial = try_gains(evidence, advised_parameters(advice_by_axis), in_wind=in_wind)
     groups = {}
     for axis, advice in advice_on_changes.items():
-        loops = {"now": advice.before, "advised": advice.after}
+        loops = {"now": advice.before, "new": advice.after}
         charts = []
         for loop_name in LOOP_NAMES:
             response = responses.get(axis, {}).get(loop_name)
@@ -126,21 +126,21 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     rate or angle, for ``STEP_SECONDS`` after the step.
 
     Args:
-        loops: rate and attitude loop of one axis with the gains that flew, under "now"; and with the advised gains,
-            under "advised", if gains change.
+        loops: rate and attitude loop of one axis with the gains that flew, under "now"; and with the new gains, under
+            "new", if gains change.
         loop_name: "rate" or "attitude", the loop of which steps are drawn.
     """
     duration = STEP_SECONDS[loop_name]
     time = np.linspace(0.0, duration, STEP_POINTS)
     lines = []
     # The line of the present gains is dashed and drawn last, so that both are seen where they are equal.
-    for gains, style in (("advised", LineStyle.LINE), ("now", LineStyle.DASHES)):
+    for gains, style in (("new", LineStyle.LINE), ("now", LineStyle.DASHES)):
         if gains in loops:
             loop = loops[gains].open_loop(loop_name)
             step = step_from_frequency_response(loop.frequency, loop.closed_loop_of_estimate, time)
             lines.append(Line(gains, GAIN_COLOURS[gains], time, step, style=style))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: identified step"
-    return step_chart(title, loop_name, lines)
+    return step_chart(title, lines)
 
 
 def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
@@ -164,7 +164,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
         lines.append(Line("setpoint", TRUTH, time, setpoint, style=LineStyle.DASHES))
     advised_angle = np.degrees(motion.advised[is_drawn])
     present_angle = np.degrees(motion.present[is_drawn])
-    lines.append(Line("advised", GAIN_COLOURS["advised"], time, advised_angle))
+    lines.append(Line("new", GAIN_COLOURS["new"], time, advised_angle))
     # The line of the present gains is dashed and drawn last, so that both are seen where they are equal.
     lines.append(Line("now", GAIN_COLOURS["now"], time, present_angle, style=LineStyle.DASHES))
     return Chart(f"{title}: error {errors}", TRIAL_TIME, Axis("angle (°)"), tuple(lines))

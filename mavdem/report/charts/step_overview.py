@@ -43,5 +43,5 @@ def step_overview_charts(responses: Responses) -> dict[str, Chart]:
     for loop_name, lines in lines_by_loop.items():
         kind = "identified step" if loop_name in identified_loops else "step"
         title = f"{loop_name.capitalize()}: {kind}"
-        charts[loop_name] = step_chart(title, loop_name, lines)
+        charts[loop_name] = step_chart(title, lines)
     return charts

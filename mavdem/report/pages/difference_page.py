@@ -639,7 +639,7 @@ def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str)
             half_width = np.array(response["step_half"])
             lines.append(Line.with_band(legend[side], SIDE_COLOURS[side], time, step, half_width))
         if lines:
-            chart = step_chart(f"{axis.capitalize()} {loop_name}: step", loop_name, lines)
+            chart = step_chart(f"{axis.capitalize()} {loop_name}: step", lines)
             yield _with_single_side(chart)
 
 

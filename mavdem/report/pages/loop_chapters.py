@@ -160,16 +160,34 @@ def _responses_caption(
         caption += " A rate that rises within few messages has the step of the identified loop, with its 90 % band; "
         caption += "its |T| is measured."
     if has_advised_steps:
-        caption += " With the advised gains a step is predicted."
-    has_measured_feedforward = False
-    for responses_of_axis in responses.values():
-        attitude = responses_of_axis.get("attitude")
-        # A response that could not be measured is a fact (a coded finding) with the reason.
-        if attitude is not None and isinstance(attitude.measured, StepResponse):
-            has_measured_feedforward = has_measured_feedforward or attitude.has_feedforward
-    if has_measured_feedforward:
-        caption += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
-    return caption
+        caption += " With the new gains a step is predicted."
+    return caption + feedforward_remark(responses)
+
+
+def feedforward_remark(responses: Responses) -> str:
+    """Returns a sentence, after a space, on the axes whose measured attitude has feed-forward of the setpoint's rate.
+
+    With it a step of the attitude overshoots, since the step of the angle comes with a pulse of the rate.
+
+    Args:
+        responses: responses by axis and loop.
+
+    Returns:
+        The sentence; empty if there is no such axis.
+    """
+    axes = []
+    for axis, loops in responses.items():
+        attitude = loops.get("attitude")
+        if attitude is None or not attitude.has_feedforward:
+            continue
+        if isinstance(attitude.measured, StepResponse):
+            axes.append(axis)
+    if not axes:
+        return ""
+    return (
+        f" Feed-forward: about {listed(axes)} the autopilot adds the slope of the angle's setpoint to the rate "
+        "setpoint, so that a step of the attitude overshoots more than its margins suggest."
+    )
 
 
 def _step_figure_text(response: StepResponse, key: str) -> str:
@@ -235,8 +253,8 @@ def loops_chapters(
     loops_by_header: dict[str, Loop] = {}
     for axis, loop in loops.items():
         loops_by_header[axis] = loop
-        if "advised" in loops_by_axis[axis]:
-            loops_by_header[f"{axis}, advised"] = loops_by_axis[axis]["advised"]
+        if "new" in loops_by_axis[axis]:
+            loops_by_header[f"{axis}, new gains"] = loops_by_axis[axis]["new"]
     figures: Blocks = [*margin_tables(loops_by_header, doubtful=evidence.axes_with_doubtful_loop)]
     figures += advised_blocks
     figures += loop_cautions(advice)
@@ -256,7 +274,7 @@ def loops_chapters(
         if groups:
             groups[-1] = groups[-1]._replace(caption="")
         groups.append(trial)
-    yield Chapter("Margins and advised gains", figures, groups)
+    yield Chapter("Margins and new gains", figures, groups)
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:

@@ -31,6 +31,7 @@ from mavdem.report.loops import (
     tune_details,
     tuning_result,
 )
+from mavdem.report.pages.loop_chapters import feedforward_remark
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
@@ -47,7 +48,7 @@ COLOUR_MEANINGS = {
     MEASURED: "“Measured” is of this flight, with its 90 % band.",
     PREDICTED: "“Predicted”, “identified” and “now” are of the identified loop with the gains that flew; with a 90 % "
     "band where the rate rises too fast for its messages to show it.",
-    PHYSICAL: "“Advised” is of the identified loop with the advised gains.",
+    PHYSICAL: "“New” is of the identified loop with the new gains.",
 }
 """What the lines of step responses are, by their colours, in the order of the caption."""
 
@@ -181,7 +182,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
             elif isinstance(advice, Advice):
                 # Without a measured response, the chart has what the identified loop predicts.
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
-    caption = _step_caption(panels)
+    caption = _step_caption(panels) + feedforward_remark(responses)
     if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
         caption = f"{caption} {TRIED_GAINS_MEANING}"
     groups = _groups_of_columns(panels, assessment, caption)

@@ -25,7 +25,7 @@ from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.step_characteristics import IntervalEstimate
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts import model_charts
-from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle
+from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle, step_chart
 from mavdem.report.charts.flight_charts import (
     UNNAMED_LINE,
     axis_spectrum_charts,
@@ -52,6 +52,14 @@ GAINS = {
     "IMU_GYRO_CUTOFF": 40.0,
     "THR_MDL_FAC": 0.3,
 }
+
+
+def test_step_responses_end_after_twice_the_time_in_which_the_slowest_settles():
+    """The slower of two responses is at 90 % of its end after 0.115 s, so that 0.23 s are drawn, rounded up."""
+    time = np.linspace(0, 0.5, 201)
+    steps = [Line(str(lag), "", time, 1 - np.exp(-time / lag)) for lag in (0.02, 0.05)]
+    chart = step_chart("Roll rate: step", steps)
+    assert [line.x[-1] for line in chart.lines] == approx([0.3, 0.3])
 
 
 def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
