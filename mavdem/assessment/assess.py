@@ -526,7 +526,8 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     """Removes advice to fly from the facts about the wind, for a vehicle that must not fly as it is.
 
     A fact that says why a quantity of the wind, such as its direction, is not known usually advises to fly legs in
-    several directions. After a crash, or with an oscillation, that advice would be dangerous.
+    several directions. After a crash, or with an oscillation, that advice would be dangerous. What to fly to know the
+    wind better is only said for the time when the vehicle may fly again.
 
     Args:
         wind: the wind in m/s, or the reason why it is not known.
@@ -539,7 +540,11 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     reason_unknown = wind.reason
     if estimate is not None:
         reasons = {name: fact.without_flight_advice for name, fact in estimate.reasons.items()}
-        estimate = replace(estimate, reasons=reasons, advice=None)
+        advice = estimate.advice
+        if advice is not None:
+            # It then begins with the condition that the vehicle may fly again.
+            advice = advice.without_flight_advice
+        estimate = replace(estimate, reasons=reasons, advice=advice)
     if reason_unknown is not None:
         reason_unknown = reason_unknown.without_flight_advice
     return wind._replace(estimate=estimate, reason=reason_unknown)

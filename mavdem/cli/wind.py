@@ -32,7 +32,7 @@ from mavdem.report.condition import (
     wind_blocks,
     wind_tables,
 )
-from mavdem.report.pages.wind_page import wind_page
+from mavdem.report.pages.wind_page import page_without_wind, wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
@@ -81,6 +81,10 @@ def wind_command(
     assessment, evidence = assess_without_model(source, vehicle)
     wind = evidence.wind.estimate
     if evidence.wind.reason is not None:
+        if out:
+            page = page_without_wind(Path(source).name, evidence.wind.reason, assessment)
+            write_texts(out, {PAGE_FILE: page}, (WIND_DOCUMENT, *DRAG_FILES))
+            print_to_stderr(f"Written: {PAGE_FILE}.")
         raise NotLearnable(evidence.wind.reason)
     # There is an estimate unless something prevented it.
     assert wind is not None

@@ -71,6 +71,14 @@ def is_position_fix(fix_types: NDArray[Any], satellites: Array) -> Flags:
     return (fix_types >= FIX_3D) & has_enough
 
 
+def has_receiver(telemetry: Telemetry) -> bool:
+    """Returns whether a log has messages of a satellite receiver, with a fix or without."""
+    return any(
+        len(telemetry.messages.get(message, {}).get("fix_type", ()))
+        for message in RECEIVER_MESSAGES
+    )
+
+
 def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     """Returns at which times of a boot some satellite receiver had a three-dimensional fix.
 

@@ -37,12 +37,8 @@ from mavdem.wind_velocity.drag_identification import (
     GUST_PRIOR_SD,
     filter_parameters,
 )
-from mavdem.wind_velocity.from_log import (
-    MAX_VELOCITY_GAP,
-    VELOCITY_VALID_FLAG,
-    horizontal_velocity_valid,
-)
-from mavdem.wind_velocity.ground_motion import VELOCITY_MESSAGES
+from mavdem.wind_velocity.from_log import VELOCITY_VALID_FLAG, horizontal_velocity_valid
+from mavdem.wind_velocity.ground_motion import MAX_VELOCITY_GAP, VELOCITY_MESSAGES
 from mavdem.wind_velocity.identifiability import (
     MAX_DIRECTION_INTERVAL,
     lower_speed_bound,

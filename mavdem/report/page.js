@@ -16,7 +16,7 @@
   const readMap = () => {
     map = document.querySelector(".map figure");
     track = map && JSON.parse(map.querySelector("script").textContent);
-    if (track) for (const name of ["time", "x", "y", "height", "direction", "speed"]) track[name] = unpack(track[name], false);
+    if (track) for (const name of ["time", "x", "y", "height", "direction"]) track[name] = unpack(track[name], false);
   };
   readMap();
   const sampleAt = time => {
@@ -46,10 +46,8 @@
       dot.style.visibility = isOnPath ? "visible" : "hidden";
       dot.setAttribute("transform", `translate(${track.x[number]} ${track.y[number]})`);
       if (isOnPath && track.height[number] != null) words.push(`${digits(Number(track.height[number].toFixed(1)))} m high`);
-      if (arrow && track.direction?.[number] != null) {
-        arrow.setAttribute("transform", `rotate(${track.direction[number]})`);
-        if (isOnPath && track.speed?.[number] != null) words.push(`wind ${digits(Number(track.speed[number].toFixed(1)))} m/s`);
-      }
+      // The wind's speed stands in the legend of its chart: the path has fewer points than that.
+      if (arrow && track.direction?.[number] != null) arrow.setAttribute("transform", `rotate(${track.direction[number]})`);
     }
     if (time != null && flight()) {
       // Events within a hundredth of what is shown; the autopilot's messages, which have no sentence, are not among them.

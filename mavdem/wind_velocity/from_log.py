@@ -15,6 +15,7 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
     has_fix_by_row,
+    has_receiver,
     measures_velocity,
     most_satellites,
 )
@@ -38,7 +39,13 @@ from mavdem.ingest.telemetry import Telemetry, interpolated
 from mavdem.wind_velocity.estimate_resets import YAW_RESET, estimate_resets, motion_resets
 from mavdem.wind_velocity.estimation import estimate_wind
 from mavdem.wind_velocity.ground_lean import with_lean_on_ground
-from mavdem.wind_velocity.ground_motion import HEIGHT, VELOCITY, recorded_ground_motion
+from mavdem.wind_velocity.ground_motion import (
+    HEIGHT,
+    MAX_VELOCITY_GAP,
+    VELOCITY,
+    recorded_ground_motion,
+    velocity_interval,
+)
 from mavdem.wind_velocity.mean_wind import INDEPENDENT_SECONDS
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
 from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue, drag_model_setting
@@ -64,9 +71,6 @@ MAX_WIND_SPEED = 40.0
 
 A hurricane begins at 33 m/s; the largest wind that makers allow multirotors is 23 m/s.
 """
-
-MAX_VELOCITY_GAP = 1.5
-"""Longest time between two velocities that are interpolated, and time around a reset that is left out, s."""
 
 MAX_SETTING_RATIO = 4.0
 """Largest ratio of the ends of the 90 % interval of a drag parameter that is to be set.
@@ -220,8 +224,9 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
             NoWind.NO_FLIGHT_WITH_VELOCITY,
             airborne=_settled_seconds(signals, ground_motion),
             name=telemetry.name_in_source("LOCAL_POSITION_NED"),
-            sampling_interval=_velocity_interval(ground_motion),
+            sampling_interval=velocity_interval(ground_motion),
             interval_limit=MAX_VELOCITY_GAP,
+            has_receiver=has_receiver(telemetry),
         )
     velocity_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
     if velocity_is_constant and _lacks_fix(telemetry):
@@ -236,17 +241,6 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     if estimate.speed_identifiable and estimate.speed > MAX_WIND_SPEED:
         raise NotLearnable(NoWind.BEYOND_ANY_WIND, speed=MAX_WIND_SPEED)
     return replace(estimate, boot=boot, left_out=tuple(motion.left_out))
-
-
-def _velocity_interval(ground_motion: TimeSeries) -> float | None:
-    """Returns the median time between two recorded velocities, over all boots; None without two in one boot.
-
-    Args:
-        ground_motion: velocity and height, as :func:`recorded_ground_motion` returns them.
-    """
-    is_same_boot = np.diff(ground_motion.boot) == 0
-    intervals_between = np.diff(ground_motion.time)[is_same_boot]
-    return float(np.median(intervals_between)) if len(intervals_between) else None
 
 
 def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
@@ -300,15 +294,13 @@ def _lacks_fix(telemetry: Telemetry) -> bool:
     Returns:
         True only if there is a receiver, and none ever had a fix.
     """
-    has_receiver = False
+    if not has_receiver(telemetry):
+        return False
     for message in RECEIVER_MESSAGES:
         columns = telemetry.messages.get(message, {})
-        if not len(columns.get("fix_type", ())):
-            continue
-        has_receiver = True
-        if has_fix_by_row(columns).any():
+        if len(columns.get("fix_type", ())) and has_fix_by_row(columns).any():
             return False
-    return has_receiver
+    return True
 
 
 def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:

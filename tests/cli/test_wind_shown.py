@@ -7,6 +7,7 @@ from math import degrees
 import numpy as np
 from command_line import run, unwrapped
 from pytest import approx, mark
+from recorded_flights import SLOW
 
 from mavdem import wind
 from mavdem.fleet.priors import earlier_drag
@@ -16,6 +17,15 @@ from mavdem.report.pages.fleet_page import fleet_page
 from mavdem.report.vehicle_summary import vehicle_summaries
 from mavdem.wind_velocity.compass import compass_text, compass_words
 from sitl_scenarios.files import load, scenario_toml
+
+
+def test_the_page_of_a_log_without_wind_says_why_and_what_to_do(tmp_path, capsys):
+    assert run("wind", SLOW, "--out", tmp_path) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["wind.html"]
+    page = (tmp_path / "wind.html").read_text()
+    *_, refusal = capsys.readouterr().err.splitlines()
+    sentence, remedy = refusal.removeprefix("mavdem: ").split(". ", 1)
+    assert sentence in page and remedy in page
 
 
 @mark.slow

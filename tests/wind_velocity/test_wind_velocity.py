@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from hover import Hover, changed, columns
 from numpy.random import default_rng
+from numpy.testing import assert_array_equal
 from partial_records import partial_record
 from pytest import approx, mark, raises
 from recorded_flights import recorded, shared
@@ -38,6 +39,7 @@ from mavdem.wind_velocity.from_log import (
     wind_evidence,
     wind_of_signals,
 )
+from mavdem.wind_velocity.ground_motion import recorded_ground_motion
 from mavdem.wind_velocity.identifiability import lower_speed_bound, speed_status
 from mavdem.wind_velocity.mean_wind import _layer_rows
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
@@ -118,6 +120,23 @@ def test_a_velocity_that_comes_too_slowly_is_the_reason_for_no_wind():
     reason = wind_evidence(Signals(telemetry)).reason
     assert reason.code is NoWind.NO_FLIGHT_WITH_VELOCITY
     assert "came every 1.6 s" in reason.sentence and "at least every 1.5 s" in reason.sentence
+    often = Hover().stamps(3.0)
+    velocity = dict.fromkeys(("vx", "vy", "vz"), 100.0)
+    telemetry = changed(
+        telemetry, "GLOBAL_POSITION_INT", **columns(often, relative_alt=5e3, **velocity)
+    )
+    motion = recorded_ground_motion(telemetry)
+    assert_array_equal(motion.time, often)
+    assert_array_equal(motion.values, [[1.0, 1.0, 1.0, 5.0]] * len(often))
+
+
+def test_a_log_without_a_receiver_is_refused_for_that():
+    stamps = Hover().stamps(5.0)
+    drift = columns(stamps, z=-stamps, vx=stamps, vy=stamps, vz=stamps)
+    telemetry = changed(Hover().telemetry(20.0, 20.0), "LOCAL_POSITION_NED", **drift)
+    telemetry = changed(telemetry, "EKF_STATUS_REPORT", **columns(stamps, flags=0))
+    reason = wind_evidence(Signals(telemetry)).reason
+    assert reason.sentence.startswith("No GPS in this log") and "GPS" in reason.remedy
 
 
 def test_a_flight_without_a_fix_has_no_wind_for_that_reason():
@@ -232,10 +251,10 @@ def test_hover_takes_the_drag_of_another_flight():
     low, high = mavdem.estimate_wind(*hover, drag=advised).speed_interval
     assert alone.advice.code is WindAdvice.FLY_BOX
     assert (high - low) / 2 == approx(alone.advice.figures["expected_speed_error"], rel=0.4)
-    # After a crash nothing is advised to be flown.
+    # After a crash the advice is for the time after the repair.
     grounded = without_flight_advice(WindEvidence(alone, None, None))
-    leads = [block.lead for block in wind_blocks(grounded)]
-    assert grounded.estimate.advice is None and "To know it better:" not in leads
+    (advice,) = [block for block in wind_blocks(grounded) if block.lead == "To know it better:"]
+    assert advice.text.startswith("Once the vehicle may fly again, fly a box")
     assert not any(
         "Fly" in reason.sentence_and_remedy for reason in grounded.estimate.reasons.values()
     )

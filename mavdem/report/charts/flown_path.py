@@ -100,9 +100,6 @@ class MapWind(NamedTuple):
     directions: Array | None = None
     """(T,) directions at these times, degrees, within half a turn of the mean, so that they can be interpolated."""
 
-    speeds: Array | None = None
-    """(T,) speeds at these times, m/s; None where they are not known."""
-
     name: str = "wind"
     """What is written before its label, such as "mean wind"."""
 
@@ -111,7 +108,7 @@ class MapWind(NamedTuple):
 
     @classmethod
     def of_flight(cls, wind: WindVelocity | None, stated_wind: str = "") -> Self | None:
-        """Returns the wind of a flight for its map: its mean, and how direction and speed changed over time.
+        """Returns the wind of a flight for its map: its mean, and how its direction changed over time.
 
         Args:
             wind: the estimated wind; None without an estimate.
@@ -123,19 +120,13 @@ class MapWind(NamedTuple):
         """
         if wind is None or not wind.direction_identifiable:
             return None
-        wind_over_time = wind.polar
         is_direction_stated = compass_text(wind.direction) in stated_wind
-        map_wind = cls(
+        return cls(
             wind.direction,
-            speed_interval=None,
+            speed_interval=wind.mean_speed_interval if wind.speed_identifiable else None,
             time=wind.time,
-            directions=wind_over_time.direction,
+            directions=wind.polar.direction,
             is_labelled=not is_direction_stated,
-        )
-        if not wind.speed_identifiable:
-            return map_wind
-        return map_wind._replace(
-            speed_interval=wind.mean_speed_interval, speeds=wind_over_time.speed
         )
 
     @property
@@ -148,23 +139,18 @@ class MapWind(NamedTuple):
         return f"{low:.1f} to {high:.1f} m/s {origin}"
 
     def interpolated_at(self, time: Array) -> dict[str, Array]:
-        """Interpolates the wind at the times of the path's points, so that the map can show it beside the cursor.
+        """Interpolates the direction at the times of the path's points, so that the arrow can follow the cursor.
 
         Args:
             time: (N,) times, s since boot.
 
         Returns:
-            "direction", (N,), degrees, and "speed", (N,), m/s, as far as known; NaN before and after the estimate.
-            Empty if only the mean wind is known.
+            "direction", (N,), degrees; NaN before and after the estimate. Empty if only the mean wind is known.
         """
-        if self.time is None:
+        if self.time is None or self.directions is None:
             return {}
-        values_by_name = {"direction": self.directions, "speed": self.speeds}
-        interpolated = {}
-        for name, values in values_by_name.items():
-            if values is not None:
-                interpolated[name] = np.interp(time, self.time, values, left=np.nan, right=np.nan)
-        return interpolated
+        direction = np.interp(time, self.time, self.directions, left=np.nan, right=np.nan)
+        return {"direction": direction}
 
 
 class _MapProjection(NamedTuple):
@@ -273,7 +259,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     description = (
         f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
     )
-    # What the script of the page needs to show the place, height and wind at the time under the cursor.
+    # What the script of the page needs to show place, height and the wind's direction at the time under the cursor.
     track = {"time": time, "x": x, "y": y, "height": height}
     if wind is not None:
         track |= wind.interpolated_at(time)

@@ -354,12 +354,14 @@ def _rings_of_rose(length_per_count: float, unit: str) -> list[tuple[float, str]
         The radius of each ring, and its label: the count at that radius, such as "10 %".
     """
     outer_count = RADIUS / length_per_count
-    # If the outer ring is at more than 1, the labels are whole numbers.
-    decimals = 0 if outer_count > 1 else 1
+    decimals = 1
+    if outer_count >= 2:
+        # The outer ring is at the largest even number, so that both labels are whole numbers, one half the other.
+        outer_count = 2 * (outer_count // 2)
+        decimals = 0
     rings = []
-    for radius in (RADIUS / 2, RADIUS):
-        count = radius / length_per_count
-        rings.append((radius, f"{count:.{decimals}f}{unit}"))
+    for count in (outer_count / 2, outer_count):
+        rings.append((count * length_per_count, f"{count:.{decimals}f}{unit}"))
     return rings
 
 

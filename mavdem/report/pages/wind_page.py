@@ -8,7 +8,7 @@ from types import MappingProxyType
 from mavdem.assessment import Assessment
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.time_history import wind_history
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
 from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
@@ -34,6 +34,9 @@ SUBTITLE = """\
 The wind of the longest flight, from lean and velocity over ground, with 90 % bands. Directions are \
 where it comes from."""
 """What stands below the title."""
+
+SUBTITLE_WITHOUT_WIND = "No wind can be estimated from this log."
+"""What stands below the title without an estimate."""
 
 NO_FILES: Mapping[str, str] = MappingProxyType({})
 """No files with parameters to set."""
@@ -96,6 +99,26 @@ def wind_page(
         path=flown_path(timeline, MapWind.of_flight(wind)),
     )
     return render_document(name, SUBTITLE, summary, [chapter], head=head)
+
+
+def page_without_wind(name: str, reason: Fact, assessment: Assessment) -> str:
+    """Renders the page of ``mavdem wind`` for a log from which no wind can be estimated.
+
+    Args:
+        name: name of the log, the title of the page.
+        reason: why there is no estimate.
+        assessment: assessment of the log, which gives the warnings.
+
+    Returns:
+        The page as HTML, with the reason and what to do about it.
+    """
+    summary: Blocks = [
+        headline_sentence(reason.sentence),
+        *([Sentence(reason.remedy, "Next:")] if reason.remedy else []),
+        *flight_warning(assessment.judgement),
+    ]
+    head = Head(level=Level.UNKNOWN, lights={})
+    return render_document(name, SUBTITLE_WITHOUT_WIND, summary, [], head=head)
 
 
 def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
