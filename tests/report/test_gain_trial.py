@@ -50,7 +50,7 @@ def test_the_caption_of_steps_explains_only_what_is_drawn():
     )
     assert "setpoint. “Predicted”" in _step_caption({"roll": {"rate": [now]}})
     caption = _step_caption({"roll": {"rate": [now, advised]}})
-    assert "“Advised”" in caption and "“Measured”" not in caption
+    assert "“New”" in caption and "“Measured”" not in caption
 
 
 def test_kept_gains_say_how_many_models_have_the_margins_with_and_without_other_thrust():
