@@ -391,24 +391,27 @@ class Assessment:
 
     @cached_property
     def log_contents(self) -> JsonValues:
-        """The inventory of the log as JSON values, which `mavdem info --json` prints.
+        """The inventory of the log as JSON values: its vehicles, with their messages and instances.
 
-        It lists all vehicles with their messages and instances. The first one is the vehicle that was assessed: its
-        entry also has headline, next step, lights, events and the model. A log without a judged vehicle has the plain
-        inventory.
+        ``mavdem info --json`` prints them. The entry of the vehicle that was assessed also has the judgement of its
+        flight, the ``judgement_values``, and the model of its motion. If no vehicle was assessed, no entry has these.
         """
         if self.analysis is None or self.evidence is None:
             return inventory(self.log)
-        # The inventory begins with the vehicle whose contents are given, which need not be read again.
+        # The contents of the assessed vehicle are passed, so that they are not read again. Its entry is the first one.
         log_inventory = inventory(self.log, [self.contents])
-        entry_of_assessed_vehicle = log_inventory["vehicles"][0]
-        entry_of_assessed_vehicle.update(self.judgement_values)
-        entry_of_assessed_vehicle["model"] = self.analysis.model
+        assessed_vehicle = log_inventory["vehicles"][0]
+        assessed_vehicle.update(self.judgement_values)
+        assessed_vehicle["model"] = self.analysis.model
         return log_inventory
 
     @property
     def judgement_values(self) -> JsonValues:
-        """Headline, next step, lights and events by the keys that all JSON documents have."""
+        """The judgement of the flight by the keys that all JSON documents have.
+
+        It consists of the headline (the most serious finding), the next step for the pilot, the lights (eight
+        judgements, such as that on the motors) and the events of the flight.
+        """
         judgement = self.judgement
         return {
             "headline": judgement.headline,

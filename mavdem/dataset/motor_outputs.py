@@ -211,8 +211,8 @@ class ChannelOutputs(NamedTuple):
 def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOutputs:
     """Returns the outputs of all channels in a message, and the number of channels of one port.
 
-    SERVO_OUTPUT_RAW has fields for 16 channels. ArduPilot uses all of them for a port; other autopilots may use only
-    the first 8, so that the number of fields with outputs decides. In other messages all channels are of one port.
+    SERVO_OUTPUT_RAW has the number of a port and the outputs of its channels, each in a field of its own. Other
+    messages have all outputs in one field, which are of one port.
 
     Args:
         message: Name of a message in ``MOTOR_MESSAGES``.
@@ -230,10 +230,22 @@ def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOu
     outputs = values.astype(_exact_float_type(values))
     outputs[outputs == UINT16_UNKNOWN] = 0.0
     has_all_fields = outputs.shape[1] == len(output_fields)
-    has_output_beyond_8 = np.any(outputs[:, CHANNELS_PER_PORT:])
-    if has_all_fields and (autopilot == "ARDUPILOTMEGA" or has_output_beyond_8):
-        return ChannelOutputs(outputs, len(output_fields))
-    return ChannelOutputs(outputs, CHANNELS_PER_PORT)
+    if has_all_fields and _uses_extended_fields(outputs, autopilot):
+        return ChannelOutputs(outputs, channels_per_port=len(output_fields))
+    return ChannelOutputs(outputs, channels_per_port=CHANNELS_PER_PORT)
+
+
+def _uses_extended_fields(outputs: Array, autopilot: str) -> bool:
+    """Returns whether a port has channels beyond the first ``CHANNELS_PER_PORT`` of SERVO_OUTPUT_RAW.
+
+    ArduPilot always uses all 16 fields of the extended message. Other autopilots may use only the first 8 of them; then
+    the others are 0.
+
+    Args:
+        outputs: Outputs in all fields (N, 16); 0 for unused channels.
+        autopilot: MAV_AUTOPILOT without its prefix.
+    """
+    return autopilot == "ARDUPILOTMEGA" or bool(np.any(outputs[:, CHANNELS_PER_PORT:]))
 
 
 def _exact_float_type(values: Array) -> np.dtype[Any]:

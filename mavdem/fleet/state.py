@@ -164,27 +164,30 @@ def with_motors_judged(
 ) -> tuple[VehicleState, VehicleState]:
     """Judges the motors of two logs by comparison with each other, as ``mavdem track`` judges the flights of a vehicle.
 
-    A comparison of two logs then judges a motor as a fleet of these two would. States that are fleets are returned as
-    they are, since their flights are judged already; so are logs of two vehicles, which cannot be judged together.
+    The health of motors shows only in several flights of one vehicle, so that the flights of both states are judged
+    together. States that are fleets are returned as they are, since their flights are judged already. So are logs of
+    different vehicles, which cannot be judged together.
 
     Args:
         before: flights of the first state.
         after: flights of the second state.
 
     Returns:
-        Both states. The rows of two logs of one vehicle have the columns of its motors' health.
+        The first and the second state, with the health of the motors in the rows of their flights.
     """
-    # Only logs have the messages of their vehicles.
+    # Only states of logs have the messages of their vehicles.
     are_logs = bool(before.vehicles) and bool(after.vehicles)
-    names = before.names | after.names
-    are_of_one_vehicle = len(names) == 1 and UNKNOWN not in names
+    vehicle_names = before.names | after.names
+    are_of_one_vehicle = len(vehicle_names) == 1 and UNKNOWN not in vehicle_names
     if not are_logs or not are_of_one_vehicle:
         return before, after
-    judged_rows = assess_safely([*before.rows, *after.rows], assess_rows, [])
+    # Neither of two logs is a baseline that is known to be healthy.
+    judged_rows = assess_safely([*before.rows, *after.rows], assess_rows, healthy_rows=[])
     count_before = len(before.rows)
-    rows_before = judged_rows[:count_before]
-    rows_after = judged_rows[count_before:]
-    return before._replace(rows=rows_before), after._replace(rows=rows_after)
+    return (
+        before._replace(rows=judged_rows[:count_before]),
+        after._replace(rows=judged_rows[count_before:]),
+    )
 
 
 def states_of_common_vehicle(

@@ -269,27 +269,32 @@ class _RecordScan:
         self.offsets.append(offset)
 
     def _add_run(self, offset: int, section_end: int, record_type: int) -> int | None:
-        """Adds a run of sound records of one type, without a gap between them, which is faster than one by one.
+        """Adds a run of sound records to ``offsets``, if one begins at an offset.
+
+        A run is a sequence of records without a gap, found in one pass, which is faster than a check of each record.
+        There are runs of data records, and of records with a key (information and parameters).
 
         Args:
-            offset: Offset of the first record.
+            offset: Offset of the first record in the file.
             section_end: Offset at which the section of the file ends.
-            record_type: Type of the first record. Only data, information and parameters have such runs.
+            record_type: Type of the first record.
 
         Returns:
-            Offset after the run; None if none begins there, and nothing was added.
+            Offset after the run; None if no run begins there.
         """
         if record_type == DATA:
             data_run = self._data_runs.run_at(offset, section_end)
-            if data_run is not None:
-                # Both are 64-bit numbers, which are copied as bytes.
-                self.offsets.frombytes(data_run.starts.tobytes())
-                return data_run.end
-        elif record_type in KEY_OFFSETS:
+            if data_run is None:
+                return None
+            # The array of 64-bit offsets takes the bytes of NumPy's array of 64-bit offsets.
+            self.offsets.frombytes(data_run.starts.tobytes())
+            return data_run.end
+        if record_type in KEY_OFFSETS:
             keyed_run = self.definitions.keyed_run(offset, section_end)
-            if keyed_run.starts:
-                self.offsets.extend(keyed_run.starts)
-                return keyed_run.end
+            if not keyed_run.starts:
+                return None
+            self.offsets.extend(keyed_run.starts)
+            return keyed_run.end
         return None
 
     def _begins_sequence(

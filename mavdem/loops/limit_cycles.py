@@ -107,19 +107,21 @@ class Oscillation(NamedTuple):
 
     @property
     def figures(self) -> JsonValues:
-        """Values by name for a fact about the limit cycle, from which a report makes a sentence.
+        """The limit cycle as values of a fact (a coded finding), from which a report makes a sentence.
 
-        "subject" is the axis, "frequency" its frequency, Hz, and "turn_rate" its body rate, which is converted to
-        rad/s, as values of facts are. "axes" has a tuple of these three for every axis that oscillates.
+        They are the axis ("subject"), the frequency, Hz, and the standard deviation of the body rate ("turn_rate"),
+        rad/s. "axes" has axis, frequency and body rate of every axis that oscillates, this one first.
         """
-        axes = []
+        oscillating_axes = []
         for cycle in (self, *self.other_axes):
-            axes.append((cycle.axis, cycle.frequency, radians(cycle.rate)))
+            # Facts have angles in radians.
+            oscillating_axes.append((cycle.axis, cycle.frequency, radians(cycle.rate)))
+        axis, frequency, body_rate = oscillating_axes[0]
         return {
-            "subject": self.axis,
-            "frequency": self.frequency,
-            "turn_rate": radians(self.rate),
-            "axes": axes,
+            "subject": axis,
+            "frequency": frequency,
+            "turn_rate": body_rate,
+            "axes": oscillating_axes,
         }
 
 

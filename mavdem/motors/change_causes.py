@@ -326,10 +326,11 @@ def can_reach_threshold(
 ) -> bool:
     """Returns whether any cause could explain the changes of the balance well enough for an alarm.
 
-    This is a quick test before all causes are computed. An alarm needs a large sum of Bayes factors: densities of the
-    change under the causes, over its density if nothing changed. No density is higher than under a cause that expects
-    exactly the observed change. This largest factor, times the number of terms of the sum, bounds the sum. Most changes
-    in flight are so small that even the bound is below the threshold.
+    This is a quick test before the causes are computed: most changes in flight are too small for an alarm. The Bayes
+    factor of a cause is the density of the change under this cause over its density if nothing changed. It is largest
+    for a cause that expects exactly the observed change. An alarm compares one of two sums of Bayes factors with the
+    threshold: that of one cause over all windows, or that of all causes in one window. The largest factor, times the
+    number of terms in both sums, bounds each of them.
 
     Args:
         changes: Change of the balance for each of w windows (assumptions on when the change began).
@@ -337,14 +338,12 @@ def can_reach_threshold(
         motor_causes: Number of losses and of recoveries of single motors.
         threshold: Logarithm of the sum of Bayes factors that an alarm needs.
     """
-    # The log density at the expected change itself: the squares of the errors are 0, so only the variance remains.
-    log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
-    largest_log_factor = (log_perfect_density - log_density_without_change).max()
-    # An alarm compares one of two sums with the threshold. The first adds the factors of one cause over all windows,
-    # each weighted by prior odds of at most ``RECOVERIES_PER_LOSS``. The second adds the factors of all causes in one
-    # window; there the joint recovery of all weak motors is one more cause. The terms of both sums together are a bound
-    # for each of them.
-    window_count = len(log_density_without_change)
-    cause_count = motor_causes + CAUSES_WITHOUT_MOTOR + 1
-    term_count = RECOVERIES_PER_LOSS * window_count + cause_count
-    return bool(largest_log_factor + log(term_count) >= threshold)
+    # A cause that expects the observed change has errors of 0, so that only the variance remains of its log density.
+    log_density_of_exact_cause = -np.log(changes.variance).sum(axis=-1) / 2
+    largest_log_factor = (log_density_of_exact_cause - log_density_without_change).max()
+    # Prior odds weight the Bayes factors of a cause: at most ``RECOVERIES_PER_LOSS``, as much as so many terms.
+    terms_over_windows = RECOVERIES_PER_LOSS * len(log_density_without_change)
+    joint_recovery_of_weak_motors = 1
+    terms_over_causes = motor_causes + joint_recovery_of_weak_motors + CAUSES_WITHOUT_MOTOR
+    log_bound = largest_log_factor + log(terms_over_windows + terms_over_causes)
+    return bool(log_bound >= threshold)

@@ -396,14 +396,13 @@ def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
 
 
 def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]) -> Blocks:
-    """Returns the report on a vehicle's drag: a table of coefficients, and which parameter the flight does not show.
+    """Returns the report on a vehicle's drag: a table of its coefficients, then sentences.
 
-    Each row has a value and both ends of its 90 % interval. The linear drag, 1/s, has a row of its own only if no
-    parameter of the autopilot is that drag.
+    The autopilot estimates wind with parameters of the drag. The table has the value that the flight suggests for each
+    of them, with its 90 % interval. The sentences say why some of them should not be set, if there are any.
 
     Args:
-        drag: drag of the vehicle, with linear coefficients along x and y of the body (2,), 1/s, and both ends of their
-            intervals (2, 2). The table has the mean of both axes.
+        drag: drag of the vehicle, estimated from the flight.
         autopilot: name of the autopilot, which decides on the names of the parameters.
         settings: value and both ends of the interval of each parameter to set, by its name.
     """

@@ -256,24 +256,26 @@ def bad_headline(flights: Flights) -> str:
 
 
 def badge(flights: Flights) -> str:
-    """Returns the one word that a fleet's page shows for a vehicle, such as "fault" or "good", with its level.
+    """Returns the one word that a fleet's page shows for a vehicle, such as "fault" or "good", with its colour.
 
-    It is the health of the motors in the latest flight that judged it, if that is a fault or a drift. Otherwise it is
-    the level of the latest flight's headline or, if the log has no headline, the health again.
+    It is the health of the motors if that is an anomaly ("fault" or "drift"). Otherwise it is the level of the latest
+    flight's headline (its most serious finding): "good", "watch", "bad" or "unknown". A flight without a headline has
+    the health of the motors, too.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date.
 
     Returns:
-        The word with its level, which is its colour; without a level for a log that was not used.
+        The word with a level, which decides on the colour; without a level if the latest log was not used.
     """
     latest_row = log_row(flights[-1])
     if not latest_row.has_flight:
         return NOT_USED
     health = vehicle_health(flights)
-    if health in ANOMALOUS_HEALTHS or latest_row.headline_level is None:
+    headline_level = latest_row.headline_level
+    if health in ANOMALOUS_HEALTHS or headline_level is None:
         return Rated(health, HEALTH_LEVELS[MotorHealth(health)])
-    return Rated(latest_row.headline_level, Level(latest_row.headline_level))
+    return Rated(headline_level, Level(headline_level))
 
 
 def badge_level(flights: Flights) -> Level:

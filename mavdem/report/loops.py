@@ -254,8 +254,8 @@ def tune_details(tuning: Tuning) -> Blocks:
         if isinstance(advice, Fact):
             continue
         is_doubtful = _has_doubtful_margins(tuning, axis)
-        for variant, loop in compared_loops(advice).items():
-            header = f"{axis}, {_variant_name(variant, advice, waits=tuning.waits(advice))}"
+        for gains, loop in compared_loops(advice).items():
+            header = f"{axis}, {_gains_header(gains, advice, waits=tuning.waits(advice))}"
             loops[header] = loop
             if is_doubtful:
                 doubtful_headers.append(header)
@@ -696,13 +696,13 @@ def is_about_gains_to_set(caution_of_loop: Fact) -> bool:
     return caution_of_loop.code is not LoopFact.AUTOTUNED
 
 
-def compared_loops(advice: Advice) -> LoopsByAxis:
-    """Returns the loops of one axis with the gains that flew ("now") and with new ones, if gains change ("new").
+def compared_loops(advice: Advice) -> dict[str, Loop]:
+    """Returns the loop of one axis with the gains that flew ("now") and, if gains change, with the new ones ("new").
 
     The new gains are advised or, if another flight is to confirm them first, only tried.
 
     Args:
-        advice: advice on the axis.
+        advice: advice on the axis, with both loops.
     """
     loops = {"now": advice.before}
     if advice.parameters:
@@ -710,16 +710,16 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
     return loops
 
 
-def _variant_name(variant: str, advice: Advice, *, waits: bool) -> str:
-    """Returns what a table calls one of the :func:`compared_loops`: whether its gains may be loaded, and when.
+def _gains_header(gains: str, advice: Advice, *, waits: bool) -> str:
+    """Returns what tables call the present or the new gains of an axis, such as "now" or "advised, stage 2".
 
     Args:
-        variant: "now" or "new".
-        advice: advice on the axis.
+        gains: "now" or "new", the keys of :func:`compared_loops`.
+        advice: advice on the axis. New gains that are not sound are only tried in a flight.
         waits: whether the advised gains wait for the flight with the gains of stage 1.
     """
-    if variant == "now":
-        return variant
+    if gains == "now":
+        return gains
     if not advice.is_sound:
         return TRIED_HEADER
     return f"advised, stage {advice.stage:d}" if waits else "advised"
@@ -757,7 +757,7 @@ def _gain_and_margin_table(advice: Advice, *, waits: bool, is_doubtful: bool) ->
     if advice.parameters:
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
-    headers = [_variant_name(variant, advice, waits=waits) for variant in loops]
+    headers = [_gains_header(gains, advice, waits=waits) for gains in loops]
     remark = ", margins doubtful" if is_doubtful else ""
     return Table([f"{axis} (90 % interval{remark})", *headers], rows)
 
@@ -782,8 +782,6 @@ def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
 def margin_overview(tuning: Tuning) -> Table | None:
     """Returns one table of the stability margins and the predicted step responses of all axes, as flown and as advised.
 
-    Each loop of an axis has a row for the gains that flew and, where gains change, one for the advised gains.
-
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
 
@@ -792,25 +790,38 @@ def margin_overview(tuning: Tuning) -> Table | None:
     """
     rows = []
     for axis, advice in tuning.axes.items():
-        if isinstance(advice, Fact):
-            continue
-        remark = ", doubtful" if _has_doubtful_margins(tuning, axis) else ""
-        for loop_name in LOOP_NAMES:
-            # The variants are "now" and, where gains change, "new".
-            for variant, loop in compared_loops(advice).items():
-                cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
-                # Wind turns the angle, which the attitude loop holds.
-                wind_error = ""
-                if loop_name == "attitude":
-                    wind_error = rounded(loop.lean_in_wind)
-                name = _variant_name(variant, advice, waits=tuning.waits(advice))
-                rows.append([f"{axis} {loop_name}, {name}{remark}", *cells, wind_error])
+        if isinstance(advice, Advice):
+            rows += _margin_rows(tuning, axis, advice)
     if not rows:
         return None
     header = ["loop (90 % interval)"]
     header += [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
     header += ["overshoot of a step (%)", "rise time (ms)", "error by wind torque, sd (°)"]
     return Table(header, rows)
+
+
+def _margin_rows(tuning: Tuning, axis: str, advice: Advice) -> list[list[str]]:
+    """Returns the rows of :func:`margin_overview` for one axis: its rate loop, then its attitude loop.
+
+    Args:
+        tuning: advice for each axis, which decides whether the margins are doubtful, and whether new gains wait.
+        axis: "roll", "pitch" or "yaw".
+        advice: advice on this axis.
+
+    Returns:
+        For each loop a row with the gains that flew and, where gains change, one with the new gains.
+    """
+    remark = ", doubtful" if _has_doubtful_margins(tuning, axis) else ""
+    waits = tuning.waits(advice)
+    rows = []
+    for loop_name in LOOP_NAMES:
+        for gains, loop in compared_loops(advice).items():
+            name = f"{axis} {loop_name}, {_gains_header(gains, advice, waits=waits)}{remark}"
+            cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
+            # Wind turns the vehicle by an angle, which only the attitude loop controls.
+            wind_error = rounded(loop.lean_in_wind) if loop_name == "attitude" else ""
+            rows.append([name, *cells, wind_error])
+    return rows
 
 
 def _margin_cells(open_loop: OpenLoop, step_seconds: float) -> list[str]:

@@ -521,16 +521,16 @@ def _unknown_lights_for_higher_gains(
 def _next_step_without_new_gains(
     advice_by_axis: AdviceByAxis, other_axes: Sequence[str], arguments: Sequence[str]
 ) -> Fact:
-    """Returns the next step if the advice changes no gains of the requested axes.
+    """Returns the next step for the pilot if the advice changes no gains of the requested axes.
+
+    1. If gains of other axes should change, the next step is to tune these.
+    2. Otherwise it is the remedy of the first axis that has one, such as a flight with doublets.
+    3. Without a remedy it is the conclusion on the first axis, such as to keep its gains.
 
     Args:
         advice_by_axis: the advice on each requested axis, or the fact that its loop is not known. None has new gains.
         other_axes: axes that were not requested, but whose gains should change.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
-
-    Returns:
-        The fact that advises to tune the other axes, if there are any. Otherwise to follow the remedy of the first axis
-        that has one, such as to fly doublets; if no axis needs anything, to keep the gains of the first one.
     """
     if other_axes:
         return Fact(

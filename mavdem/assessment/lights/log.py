@@ -273,25 +273,26 @@ def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
 
 
 def _log_of_other_vehicle(evidence: Evidence) -> Fact:
-    """Judges how well the log recorded a vehicle that is not a multirotor. No model is learned of such a vehicle.
+    """Judges how well the log recorded a vehicle that is not a multirotor, such as a plane or a rover.
 
-    Without a model no rate is too slow, and the outputs of the motors do not matter. Only gaps of the attitude in
-    operation, messages that the logger lost ("dropouts"), and damage count.
+    No model of motion is learned of such a vehicle. So neither a low rate nor missing motor outputs are a flaw of the
+    log; only gaps and damage are.
 
     Args:
         evidence: the signals of the vehicle, and when it operated.
 
     Returns:
-        The fact with the rate of the attitude, Hz, its longest gap, s, and the messages that the logger lost.
+        A fact whose code is the first flaw that applies: no attitude; gaps of the attitude longer than ``MAX_GAP``, or
+        messages that the logger itself lost ("dropouts"); damage of the file; none.
     """
+    telemetry = evidence.signals.telemetry
     attitude = evidence.signals.attitude
-    dropouts = evidence.signals.telemetry.dropouts
     if attitude is None:
         return Fact(LogLight.ATTITUDE_NOT_RECORDED)
     longest_gap = _longest_gap(evidence, attitude)
-    damage = _damage_fact(evidence.log, evidence.signals.telemetry)
+    damage = _damage_fact(evidence.log, telemetry)
     code = LogLight.RECORDED_OTHER_VEHICLE
-    if longest_gap > MAX_GAP or dropouts:
+    if longest_gap > MAX_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
     elif damage is not None and _is_damage_large(damage):
         code = LogLight.RECORDED_WITH_DAMAGE
@@ -299,7 +300,8 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
         code,
         attitude_rate=rate_between_outages(attitude),
         longest_gap=longest_gap,
-        dropouts=dropouts,
+        dropouts=telemetry.dropouts,
         damage=damage,
-        is_received=not evidence.signals.telemetry.translated_from,
+        # Gaps are due to the link in a stream, and to the memory card in a log.
+        is_received=not telemetry.translated_from,
     )

@@ -449,41 +449,55 @@ class DensityModel:
     def _synchronous_steps(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, *, with_reference: bool = True
     ) -> SynchronousSteps:
-        """Returns the steps of the reference that are synchronous with the messages, and the responses to them.
+        """Returns the density of the synchronous steps of the reference, and the responses of the loop to them.
 
-        If an outer loop sets a new reference only every few cycles, just as often as messages are sent, each step comes
-        at the same time before a message. Sampling maps the spectrum of the steps at f and at all its aliases f + k f_s
-        to the frequency f. That fixed time gives each alias a fixed phase, so that the aliases are added as complex
-        amplitudes, while the aliases of all other sources have random phases and add in power.
+        If an outer loop sets a new reference just as often as messages are sent, each step of the reference comes at
+        the same time before a message: the steps are synchronous with the messages. A share p of the power of the
+        logged reference, without its noise, is that of such steps. It is a parameter of the loop, as the odds
+        p / (1 − p).
 
         Args:
-            parameters: the parameters of the loop. Two are used, each as odds p / (1 − p) of a share p: with
-                ``synchronous_odds``, p is the share of the reference's power that such steps have; with
-                ``step_time_odds``, p is the time from a step to the next message as a share of ``surplus_interval``.
-            loop: its frequency responses, of which the responses to the reference are used.
+            parameters: the parameters of the loop, with the odds of p and the noise of the angle, from which the
+                reference is computed.
+            loop: frequency responses of the loop, of which those to the reference are used.
             with_reference: whether the reference moves; without it, the steps' density is 0.
 
         Returns:
             The density of the steps, its derivatives, the share of each alias, and the responses to the steps.
         """
-        synchronous_share = _share_from_odds(parameters.synchronous_odds)
-        # Time from a step to the next message, s. Steps come in cycles of the controller, of which the first after a
-        # message is the surplus interval ahead of the next message.
-        step_time = _share_from_odds(parameters.step_time_odds) * self.surplus_interval
-        # Amplitude of each alias (J, F): the transform of a step, times the phase by its time before the message.
-        amplitudes = self._step_transform * np.exp(self._alias_laplace_variables * step_time)
-        # The density below is of the sampled steps, to which the amplitudes of all aliases add up.
-        alias_shares = amplitudes / amplitudes.sum(axis=-1, keepdims=True)
         reference_density, noise_slope = denoised_density(
             self._aliased_reference_density, self._reference_noise(parameters) / self._message_rate
         )
+        synchronous_share = _share_from_odds(parameters.synchronous_odds)
+        step_density = synchronous_share * reference_density
+        if not with_reference:
+            step_density = np.zeros_like(reference_density)
+        alias_shares = self._shares_of_aliases_in_steps(parameters)
         return SynchronousSteps(
-            density=reference_density * (synchronous_share if with_reference else 0.0),
-            # The probability p = odds / (1 + odds) has the derivative d ln p / d ln odds = 1 − p.
+            density=step_density,
+            # The share p = odds / (1 + odds) has the derivative d ln p / d ln odds = 1 − p.
             log_slopes={"synchronous_odds": 1 - synchronous_share, "angle_noise": noise_slope},
             alias_shares=alias_shares,
             response=self._sampled_step_response(alias_shares, loop.from_source[Source.REFERENCE]),
         )
+
+    def _shares_of_aliases_in_steps(self, parameters: LoopParameters) -> ComplexArray:
+        """Returns the complex shares (J, F) of the F aliases in synchronous steps as they are sampled; their sum is 1.
+
+        Sampling at the rate f_s of the messages maps the spectrum of the steps at all aliases f + k f_s to the
+        frequency f. All steps come at the same time before a message, which gives each alias a fixed phase. So the
+        aliases are added as complex amplitudes. Those of all other sources have random phases, and add in power.
+
+        Args:
+            parameters: the parameters of the loop, with the odds p / (1 − p) of the share p of ``surplus_interval``
+                that is the time from a step to the next message.
+        """
+        # A step comes in a cycle of the controller. The first cycle after a message is the surplus interval (the time
+        # between two messages, less one cycle) ahead of the next message, which is the longest step time, s.
+        step_time = _share_from_odds(parameters.step_time_odds) * self.surplus_interval
+        # The transform of a step, times exp(2πj k f_s · step time), the phase of alias k.
+        amplitudes = self._step_transform * np.exp(self._alias_laplace_variables * step_time)
+        return amplitudes / amplitudes.sum(axis=-1, keepdims=True)
 
     def _reference_noise(self, parameters: LoopParameters) -> float:
         """Returns the variance of the noise in the logged reference that comes from the estimated angle, (rad/s)².

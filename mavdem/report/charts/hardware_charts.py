@@ -367,23 +367,26 @@ def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Char
 
 
 def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields a chart of position and one of velocity along each axis with the setpoint, where that was recorded.
+    """Yields a chart of position and one of velocity along each axis: the setpoint, and the autopilot's estimate.
+
+    An axis without a recorded setpoint has no chart.
 
     Args:
-        evidence: signals, events and measurements of the vehicle.
+        evidence: recorded signals of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
     telemetry = evidence.signals.telemetry
-    # MAVLink's fields are x, y and z for the position, and vx, vy and vz for the velocity.
-    for prefix, title, unit in (("", "Position", "m"), ("v", "Velocity", "m/s")):
-        for name, axis in LOCAL_AXES.items():
-            field = f"{prefix}{axis}"
-            target = recorded_series(telemetry, POSITION_TARGET_MESSAGE, field)
-            target_lines = _lines_of_series({"setpoint": target}, timeline, [TRUTH])
-            if target_lines:
-                estimate = recorded_series(telemetry, POSITION_MESSAGE, field)
-                lines = _lines_of_series({name: estimate}, timeline, [PREDICTED])
-                yield over_time(f"{title} {name}", unit, (*target_lines, *lines))
+    # MAVLink's messages have the position north in the field "x", and the velocity north in "vx".
+    for quantity, unit, field_prefix in (("Position", "m", ""), ("Velocity", "m/s", "v")):
+        for direction, axis in LOCAL_AXES.items():
+            field = f"{field_prefix}{axis}"
+            setpoint = recorded_series(telemetry, POSITION_TARGET_MESSAGE, field)
+            setpoint_lines = _lines_of_series({"setpoint": setpoint}, timeline, [TRUTH])
+            if not setpoint_lines:
+                continue
+            estimate = recorded_series(telemetry, POSITION_MESSAGE, field)
+            estimate_lines = _lines_of_series({direction: estimate}, timeline, [PREDICTED])
+            yield over_time(f"{quantity} {direction}", unit, (*setpoint_lines, *estimate_lines))
 
 
 def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:

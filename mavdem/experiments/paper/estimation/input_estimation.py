@@ -104,16 +104,21 @@ MAX_SIMILAR_RATIO = 1.25
 
 
 def dem_input(window: RollWindow, measures_rate: bool = True) -> Array:
-    """Estimates the hidden command by DEM with the authors' settings.
+    """Estimates the command of one motor, which is hidden from the estimator, by DEM with the authors' settings.
+
+    The states are roll and roll rate. The prior of each known command is its recorded value, with a high precision. The
+    prior of the hidden command is the same at all times, with a low precision.
 
     Args:
-        window: samples of a roll flight, with the model of the roll axis.
+        window: T samples of a roll flight, with the model of the roll axis.
         measures_rate: whether the roll rate is measured as well as the roll.
 
     Returns:
-        (T,) estimates; NaN at both ends.
+        (T,) estimates; NaN at both ends, where no whole embedding window lies about the sample.
     """
     outputs = measured_states(window) if measures_rate else window.outputs
+    # Roll is the first state and the first output, so that the rows of the identity select what is measured.
+    output_matrix = np.eye(outputs.shape[1], 2)
     input_precisions = np.full(window.inputs.shape[1], KNOWN_INPUT_PRECISION)
     input_precisions[UNKNOWN_INPUT] = UNKNOWN_INPUT_PRECISION
     prior_means = window.inputs.copy()
@@ -121,7 +126,7 @@ def dem_input(window: RollWindow, measures_rate: bool = True) -> Array:
     observer = DemObserver(
         A=ROLL_SYSTEM_MATRIX,
         B=window.B,
-        C=np.eye(outputs.shape[1], 2),
+        C=output_matrix,
         output_precision=1 / MEASUREMENT_VARIANCE,
         state_precisions=np.full(2, INPUT_STATE_PRECISION),
         input_precisions=input_precisions,
