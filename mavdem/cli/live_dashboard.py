@@ -203,19 +203,21 @@ class Dashboard:
         return self.file is not None and self.file.is_broken
 
     def open(self, row_format: RowFormat) -> LiveView | None:
-        """Sets the names and units of the samples (rows) that the view shows from now on.
+        """Prepares the view for samples with these motors and units, and returns it.
 
-        A row holds the inputs and outputs of the vehicle at one time. Its format is known only when messages have been
-        received, and it may change during the flight, for example if another motor message comes.
+        A sample (row) has the vehicle's inputs, the motor outputs, and its outputs, such as the roll angle, at one
+        time. The live session calls this whenever the format of its samples becomes known or changes, as when another
+        motor message comes, and then adds them to the view.
 
         Args:
-            row_format: Motors, units and sampling step of the rows.
+            row_format: Motors, units and sampling step of the samples.
 
         Returns:
-            The view, to which the caller sends the rows; None if no viewer, browser or file shows them.
+            The view; None if no viewer, browser or file shows the samples.
         """
         if self.view is None:
             return None
+        # Rerun's libraries are loaded only where a view is shown.
         from mavdem.view.live_content import Channels
 
         outputs = model_outputs(self._axis)

@@ -541,16 +541,21 @@ class StatusLines:
             self._print(event_line(event._replace(reception=clock.unix_time())))
 
     def print_closing_line(self, line: str) -> None:
-        """Prints a line of the judgement at the end of a session: a verdict, or what to do next.
+        """Prints a line of the judgement at the end of a session: what to do next, or how a flight was judged.
+
+        Among lines with times, which programs read, a marker says which of the two it is. Then the line itself does not
+        begin with "Next:", which would say it twice.
 
         Args:
-            line: The line, as ``closing_lines`` returns it.
+            line: The line, as ``closing_lines`` returns it. What to do next begins with ``NEXT_STEP_LEAD``.
         """
         is_next_step = line.startswith(NEXT_STEP_LEAD)
-        if is_next_step and self._has_stamps:
+        if not self._has_stamps:
+            self.print_conclusion(line)
+        elif is_next_step:
             self.print_conclusion(line.removeprefix(NEXT_STEP_LEAD), NEXT_MARKER)
         else:
-            self.print_conclusion(line, "" if is_next_step else VERDICT_MARKER)
+            self.print_conclusion(line, VERDICT_MARKER)
 
     def print_conclusion(self, text: str, marker: str = "") -> None:
         """Prints a line at the end of a session: its judgement, and the files that it has written.

@@ -32,6 +32,12 @@ MAX_WAIT_SECONDS = 60.0
 All else that is known has been reported by then. Advice takes some seconds on a free core.
 """
 
+FINDINGS_WITH_REASONS = (GainFact.NO_GAINS_ADVISED, LoopFact.NO_LOOP)
+"""Findings on control loops with a figure "reasons": several other findings, such as one for each axis."""
+
+FINDINGS_WITH_ONE_REASON = (GainFact.GAINS_LEFT, LoopAction.LOOPS_JUDGED, LoopFact.NO_MARGINS)
+"""Findings on control loops with a figure "reason": one other finding, that decides."""
+
 
 class GainAdvice(NamedTuple):
     """What the recording of a session shows of its control loops."""
@@ -75,9 +81,14 @@ class GainAdviser:
 
     @property
     def recording_failure(self) -> Fact | None:
-        """Why the recording of the latest flight is not judged, if reading it failed or took too long; None if not."""
-        has_failed = any(fact.code is GainFact.ADVICE_FAILED for fact in self.facts)
-        if not has_failed or self.is_awaited:
+        """The fact that the recording of the latest flight could not be judged; None if it was, or still may be.
+
+        The recording is judged in the computation of the advice, so that a failure of that, or too long a time, is the
+        cause.
+        """
+        has_advice_failed = any(fact.code is GainFact.ADVICE_FAILED for fact in self.facts)
+        if self.is_awaited or not has_advice_failed:
+            # While advice on a newer flight is computed, an earlier failure says nothing of that flight.
             return None
         return Fact(
             SessionFact.RECORDING_NOT_JUDGED,
@@ -254,25 +265,22 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
 
 
 def decisive_reason(finding: Fact) -> Fact:
-    """Returns the one reason for a finding, where it consists of other findings, such as one for each axis.
+    """Returns the reason at the root of a finding on control loops: that of its reason, and so on to one without any.
+
+    For example, no gains are advised since an axis has no loop, and it has none since the vehicle crashed: the crash is
+    the reason to show.
 
     Args:
         finding: a reason why gains stay as they are, or a decision on a loop.
 
     Returns:
-        The first of several reasons: a crash, for example, comes before what a single axis lacks. The finding itself if
-        it has no reasons.
+        The reason; of several reasons for one finding, the first, which is the most important. The finding itself if it
+        has no reason.
     """
-    has_list_of_reasons = finding.code in (GainFact.NO_GAINS_ADVISED, LoopFact.NO_LOOP)
-    has_one_reason = finding.code in (
-        GainFact.GAINS_LEFT,
-        LoopAction.LOOPS_JUDGED,
-        LoopFact.NO_MARGINS,
-    )
-    # A reason may have a reason in turn.
-    if has_list_of_reasons:
-        return decisive_reason(finding.figures["reasons"][0])
-    if has_one_reason:
+    if finding.code in FINDINGS_WITH_REASONS:
+        reasons = finding.figures["reasons"]
+        return decisive_reason(reasons[0])
+    if finding.code in FINDINGS_WITH_ONE_REASON:
         return decisive_reason(finding.figures["reason"])
     return finding
 

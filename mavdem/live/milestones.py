@@ -206,18 +206,19 @@ class Milestones:
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None
     ) -> None:
-        """Reports the results of the flight at the end of the session, unless they were reported at its landing.
+        """Reports the results of the latest flight at the end of the session, unless they were reported at its landing.
+
+        The physical parameters among them are those that were fitted in flight. After a flight too short for such a
+        fit, they are those of the model that is learned when the session ends.
 
         Args:
-            learning: the learning, whose physical parameters, fitted in flight, are reported.
+            learning: what was learned of the flight, with its latest estimate of the physical parameters.
             status: status of the session, with the judgement of the final model and the wind.
             now: present time on the boot clock, s.
-            model: the model that was learned when the session ended; None without one. Its physical parameters are
-                reported if a short flight left no time to fit any.
+            model: the model that was learned when the session ended; None without one.
         """
         physical = _latest_physical(learning)
-        is_fitted_in_flight = physical is not None
-        if not is_fitted_in_flight and model is not None:
+        if physical is None and model is not None:
             physical = model.physical
         self._report_flight(learning, status, now, physical)
 

@@ -222,15 +222,18 @@ class LiveSession:
             self._presentation.log(fact)
 
     def _report_status_unless_late(self, status: SessionStatus) -> None:
-        """Reports the present status, which is displayed, unless this computer is too slow to analyse messages in time.
+        """Passes the present status on to what displays it, unless this computer is far behind with its messages.
 
-        Then estimates are postponed, and so is the drawing of the status: the time is needed for the analysis.
+        Drawing the status takes time that is then needed to analyse the messages. The backlog of waiting messages tells
+        how far behind the computer is: when it postpones even estimates, which are the last work to be postponed.
 
         Args:
             status: the present status.
         """
-        if not self.backlog.postpones(DelayedWork.ESTIMATES):
-            self._report_status(self._with_awaited_recording(status))
+        is_far_behind = self.backlog.postpones(DelayedWork.ESTIMATES)
+        if is_far_behind:
+            return
+        self._report_status(self._with_awaited_recording(status))
 
     def _request_rates(self) -> None:
         """Requests higher message rates from the vehicle where its messages come too slowly.

@@ -553,17 +553,18 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _warning_before_silence(self) -> Fact | None:
-        """What was found before messages stopped, and may be why: an alarm, or a battery that is low; None for neither.
+        """What may be why messages have stopped: a fault for which to land at once, or a low battery; None for neither.
 
-        An empty battery explains a silence better than a radio does.
+        These facts are as of the last message. A fault such as a loss of control, or an empty battery, explains a
+        silence better than a radio link out of range.
         """
         judgement = self._judgement_with_all_lights
-        headline = self._most_urgent_headline(judgement.headline)
-        if self._is_urgent(headline):
-            return headline
-        power = judgement.lights[Light.POWER]
-        if power.is_watch_or_bad:
-            return power
+        most_urgent_fact = self._most_urgent_headline(judgement.headline)
+        if self._is_urgent(most_urgent_fact):
+            return most_urgent_fact
+        power_fact = judgement.lights[Light.POWER]
+        if power_fact.is_watch_or_bad:
+            return power_fact
         return None
 
     @property

@@ -4,52 +4,44 @@ A fault is a ``Fact``: a finding with a code, a level (good, watch, bad, unknown
 worst fact on one part of the vehicle, such as its motors. No fault needs a learned model.
 
 It is the judgement of a log in small steps. What the autopilot reports, and the lights of vibration, power, estimator
-and tracking, are those of ``mavdem.assessment`` on the messages so far. A limit cycle is found in the last seconds by
-``mavdem.loops.limit_cycles``.
+and tracking, are those of ``mavdem.assessment`` on the messages so far. How the vehicle is lost is found by
+``LossWatch``, and motors at the limits of their outputs by ``MotorLimitWatch``.
+
+All times are of the vehicle's boot clock, which begins anew with each start of its autopilot (a boot).
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import inf
 
-from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, find_ending
 from mavdem.assessment.event_lights import light_of_event
-from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.innovations import INNOVATION_LIMIT, INNOVATIONS, latest_time_above
-from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.assessment.lights.power import POWER_REPORTS, power_light
-from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.restarts import MAX_LATE_TAKE_OFF
 from mavdem.assessment.wind_drifts import WindDriftDetector
 from mavdem.dataset.intervals import Intervals
-from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.parameter_history import ParametersInFlight
-from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
-from mavdem.facts.estimator import EstimatorLight
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
-from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import SessionFact
-from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.active_alarms import CALM_SECONDS, ActiveAlarms
-from mavdem.live.control_watch import ControlWatch, FlightEnd, carries_vehicle
+from mavdem.live.control_watch import ControlWatch
 from mavdem.live.flight_lights import FlightLights
 from mavdem.live.height_watch import HeightWatch
 from mavdem.live.landed_states import LandedStates
+from mavdem.live.last_minute_lights import judge_estimator, judge_vibration
 from mavdem.live.live_signals import (
     FlightMoment,
     LiveFindings,
@@ -57,12 +49,9 @@ from mavdem.live.live_signals import (
     RecentMotion,
     live_evidence,
 )
+from mavdem.live.loss_watch import LossWatch
 from mavdem.live.messages import STATUS_MESSAGES, Message
-from mavdem.live.motor_limits import (
-    motor_at_upper_limit,
-    sinks_at_limit,
-    with_motors_of_alarm,
-)
+from mavdem.live.motor_limit_watch import MotorLimitWatch
 from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
 from mavdem.live.report_alarms import (
     ReportAlarms,
@@ -70,7 +59,7 @@ from mavdem.live.report_alarms import (
     is_moment_or_reported_end,
 )
 from mavdem.live.report_search import ReportSearch
-from mavdem.live.samples import DECISION_SECONDS
+from mavdem.live.review import Review
 from mavdem.live.tracking_watch import TrackingWatch
 from mavdem.live.watch_list import (
     LISTENING_SECONDS,
@@ -79,16 +68,11 @@ from mavdem.live.watch_list import (
     quantities_without_motion,
     reason_battery_not_judged,
 )
-from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.limit_cycles import (
     STARTING_SECONDS,
-    Oscillation,
-    continued_limit_cycle,
-    detect_starting_limit_cycle,
 )
 from mavdem.motors.motor_changes import alarm_if_bad
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
-from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
 from mavdem.witnesses.ground_heights import MAX_WAIT_SECONDS
 
@@ -123,13 +107,6 @@ QUANTITIES_BY_ATTITUDE = (
 )
 """What cannot be watched while attitudes are not numbers."""
 
-LOSSES_IN_AIR = (Ending.CONTROL_LOST, WatchFact.STOPPED_IN_AIR)
-"""Losses of vehicles that are still in the air: how they meet the ground, which ends the flight, is not known yet."""
-
-REPLACEABLE_LOSSES = (*LOSSES_IN_AIR, Ending.LOSS_REPORTED)
-"""Losses that a contact with the ground replaces: by the motion a flight is known to be lost better, as in a log, than
-by the autopilot's report."""
-
 NOT_JUDGED_AFTER_LOSS = (
     WatchedQuantity.OSCILLATION,
     WatchedQuantity.MOTOR_LIMITS,
@@ -138,12 +115,6 @@ NOT_JUDGED_AFTER_LOSS = (
     WatchedQuantity.DRIFT,
 )
 """Quantities in which a vehicle out of control has faults however sound it is: they are not judged after a loss."""
-
-LOSSES_BY_MOTORS = (Ending.CONTROL_LOST, Ending.CRASHED)
-"""Losses that a motor at its limit may have caused."""
-
-FALL_SECONDS = 2 * RECOVERY_SECONDS
-"""Time after a flight in which a vehicle whose motors were stopped in the air meets the ground and lies still, s."""
 
 THOROUGH_PERIOD = 0.8
 """Least time between two thorough reviews, s of the boot clock: every second review is one.
@@ -157,39 +128,6 @@ TRACKING_PERIOD = 10.0
 URGENT_MESSAGES = ("STATUSTEXT", "HEARTBEAT", "EXTENDED_SYS_STATE")
 """Messages whose changes are reported by the next review, thorough or not: warnings in words, modes and failsafes, and
 whether the vehicle is on the ground."""
-
-
-@dataclass
-class _Review:
-    """One review of the vehicle: the present moment, and the facts that were found so far."""
-
-    now: float
-    """Time of the review, s of the boot clock."""
-
-    vehicle: Telemetry
-    """Identity and parameters of the vehicle."""
-
-    is_flying: bool
-    """Whether the vehicle is airborne and armed."""
-
-    has_settled: bool
-    """Whether the flight is settled: vibration counts only then."""
-
-    phase_start: float
-    """Since when the vehicle flies, or is on the ground, s."""
-
-    recent_signals: Signals | None
-    """Signals of the last minute; None where the review neither is thorough nor has an urgent message to judge."""
-
-    facts: dict[WatchedQuantity, Fact] = field(default_factory=dict)
-    """The fact that was found on each quantity, good or bad."""
-
-    last_found_times: dict[WatchedQuantity, float] = field(default_factory=dict)
-    """When the faults of the last minute were there last, s of the boot clock; other faults are there now."""
-
-    def last_found_time(self, quantity: WatchedQuantity) -> float:
-        """Returns when the fault of a quantity was there last, s of the boot clock."""
-        return self.last_found_times.get(quantity, self.now)
 
 
 class Watchdog:
@@ -209,11 +147,7 @@ class Watchdog:
         status_lights: the worst fact on each part of the vehicle in the latest flight.
         control: judges whether control of the flight was lost.
         drift: looks for wind that carries the vehicle away in the present flight.
-        loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
-        ground_contact: how the lost vehicle met the ground, even while the autopilot reports it as flying; it is the
-            loss itself where the ground ended the flight. None before, and where nothing was lost.
-        has_landed: whether the latest flight ended on the ground; not in flight, nor while a vehicle whose motors were
-            stopped may still be in the air. True before any flight.
+        loss_watch: finds out whether and how the vehicle is lost.
     """
 
     def __init__(
@@ -242,22 +176,20 @@ class Watchdog:
         # Whether the heights at rest before and after the latest flight have shown that one of the sensors drifted.
         self._is_height_drift_found = False
         self._tracking = TrackingWatch(slow_messages)
-        # The event that the vehicle was lost, such as a crash; None as long as it is not.
-        self.loss: Fact | None = None if former is None else former.loss
-        self.ground_contact: Fact | None = None if former is None else former.ground_contact
-        # A contact with the ground after a loss in the air, until it is reported.
-        self._unreported_contact: Fact | None = None
-        self.has_landed = True
         self._slow_messages = slow_messages
         self._landed_states = LandedStates()
+        self.loss_watch: LossWatch = LossWatch(
+            self.control,
+            self._landed_states,
+            self.alarms,
+            self.status_lights,
+            former=None if former is None else former.loss_watch,
+        )
+        self._motor_limits = MotorLimitWatch(self.control, self.alarms, slow_messages.boot)
         # Whether the vehicle flew when the former boot ended.
         self._was_flying = was_flying
         # When this boot was reviewed first, s of its clock; None before.
         self._first_review_time: float | None = None
-        # The limit cycle of the latest alarm, as it is stated; None before any.
-        self._limit_cycle: Oscillation | None = None
-        # The alarm of a fall with the motors at idle that has not ended; None without one.
-        self._ongoing_fall: Fact | None = None
         self._report_search = ReportSearch()
         # The restart of the autopilot in flight, as its light states it; None without one.
         self._restart: Fact | None = None
@@ -276,7 +208,7 @@ class Watchdog:
         # Why the latest judgement of the power says nothing of the battery; None if it does, or before any.
         self._battery_not_judged: Fact | None = None
         # The review that has begun; None between reviews.
-        self._review: _Review | None = None
+        self._review: Review | None = None
 
     def add_message(self, message: Message, time: float) -> None:
         """Adds a message with the attitude or its setpoint to the data by which control and tracking are judged.
@@ -287,6 +219,21 @@ class Watchdog:
         """
         self.control.add_message(message, time)
         self._tracking.add_message(message, time)
+
+    @property
+    def loss(self) -> Fact | None:
+        """How the latest flight was lost, such as by a crash; None if it was not (see :class:`LossWatch`)."""
+        return self.loss_watch.loss
+
+    @property
+    def ground_contact(self) -> Fact | None:
+        """How the lost vehicle met the ground; None before, and if nothing was lost (see :class:`LossWatch`)."""
+        return self.loss_watch.ground_contact
+
+    @property
+    def has_landed(self) -> bool:
+        """Whether the latest flight has ended on the ground; True before any flight (see :class:`LossWatch`)."""
+        return self.loss_watch.has_landed
 
     @property
     def active_alarms(self) -> Facts:
@@ -307,8 +254,9 @@ class Watchdog:
         # A loss of control is among the faults already.
         if self.loss is not None and self.loss not in bad_faults:
             most_urgent.append(self.loss)
-        if self._ongoing_fall is not None and not self.has_landed:
-            most_urgent.append(self._ongoing_fall)
+        ongoing_fall = self.loss_watch.ongoing_fall
+        if ongoing_fall is not None and not self.has_landed:
+            most_urgent.append(ongoing_fall)
         return (*most_urgent, *bad_faults)
 
     def begin_review(
@@ -352,7 +300,7 @@ class Watchdog:
             recent_signals = self._status_signals(
                 vehicle, now, now - MEMORY_SECONDS, settled_intervals
             )
-        self._review = _Review(
+        self._review = Review(
             now,
             vehicle,
             is_flying,
@@ -475,20 +423,31 @@ class Watchdog:
             self._first_review_time = now
         if landed_state == self._landed_states.latest:
             return
+        self._end_faults_of_phase(now)
+        if not is_flying:
+            self._landed_states.begin_phase(ON_GROUND, now, self._review_time)
+            return
+        has_restarted_in_air = self._has_restarted_in_air(now, takeoff_time)
+        self._begin_flight(now, has_restarted_in_air=has_restarted_in_air)
+        if has_restarted_in_air:
+            self._landed_states.begin_in_air(now)
+        else:
+            self._landed_states.begin_phase(IN_AIR, now, self._review_time)
+
+    def _end_faults_of_phase(self, now: float) -> None:
+        """Ends the faults that last at most until a take-off or landing; their status lights get the time of the end.
+
+        They are a drift in the wind, and heights by barometer and satellites that disagree.
+
+        Args:
+            now: present time on the boot clock, s.
+        """
         self._end_drift(now)
-        # The event that barometer and satellites disagree about the height.
         height_disagreement = self._height.end_flight(now)
         if height_disagreement is not None:
             self.status_lights.replace(
                 Light.ESTIMATOR, height_disagreement.code, height_disagreement
             )
-        if landed_state == IN_AIR and self._has_restarted_in_air(now, takeoff_time):
-            self._begin_flight(now, has_restarted_in_air=True)
-            self._landed_states.begin_in_air(now)
-            return
-        if landed_state == IN_AIR:
-            self._begin_flight(now, has_restarted_in_air=False)
-        self._landed_states.begin_phase(landed_state, now, self._review_time)
 
     def _has_restarted_in_air(self, now: float, takeoff_time: float) -> bool:
         """Returns whether the autopilot restarted in the air, so that the flight of its former boot goes on.
@@ -517,10 +476,9 @@ class Watchdog:
             now: present time on the boot clock, s.
             has_restarted_in_air: whether the flight of the former boot goes on, since the autopilot restarted in it.
         """
-        self._ongoing_fall = None
+        self.loss_watch.begin_flight()
         self._height.begin_flight()
         self._is_height_drift_found = False
-        self.has_landed = False
         self._landing_report = None
         self.alarms.begin_flight()
         states = self._landed_states
@@ -530,8 +488,7 @@ class Watchdog:
             seconds_on_ground = now - states.phase_start
             is_new_flight = seconds_on_ground >= RECOVERY_SECONDS
         if is_new_flight:
-            self.loss = None
-            self.ground_contact = None
+            self.loss_watch.forget_loss()
             self.alarms.discard(WatchedQuantity.CONTROL)
         if is_new_flight and not has_restarted_in_air:
             self.status_lights.begin_flight()
@@ -554,37 +511,34 @@ class Watchdog:
     def review_lights(self) -> None:
         """Judges battery, estimator and, in settled flight, vibration, by the functions that judge a log.
 
-        The review must have begun, and be thorough. The judgements are added to the ``facts`` of the review, and to its
-        ``last_found_times`` when a fault was there last.
+        This is a step of each thorough review in flight, which must have begun. It adds the judgements to the ``facts``
+        of the review.
         """
         review = self._review
         assert review is not None
-        signals = review.recent_signals
-        assert signals is not None
+        # A thorough review always has the signals of the last minute.
+        assert review.recent_signals is not None
         condition = Condition(duration=review.now - review.phase_start)
         self._judge_battery(review, condition)
-        # Estimator and vibration are judged by the last minute alone, since they may recover: earlier warnings of the
-        # autopilot must not last.
-        first_time = review.now - MEMORY_SECONDS
-        recent_warnings = [warning for warning in self._warnings if warning.start_time > first_time]
-        findings = LiveFindings(events=tuple(recent_warnings), ending=self._loss_that_ended_flight)
-        evidence = live_evidence(signals, condition, findings)
-        _judge_estimator(review, signals, evidence)
+        # Estimator and vibration may recover, so that only the signals and warnings of the last minute count.
+        findings = LiveFindings(
+            events=self._warnings_since(review.now - MEMORY_SECONDS),
+            ending=self.loss_watch.loss_that_ended_flight,
+        )
+        evidence = live_evidence(review.recent_signals, condition, findings)
+        judge_estimator(review, evidence)
         if review.has_settled:
-            _judge_vibration(review, signals, evidence)
+            judge_vibration(review, evidence)
 
-    @property
-    def _loss_that_ended_flight(self) -> Fact | None:
-        """The loss of the vehicle, if it is one of those by which a flight in a log ends (``Ending``); otherwise None.
+    def _warnings_since(self, start_time: float) -> Facts:
+        """Returns what the autopilot has warned of in the flights of this boot since a time.
 
-        Whatever is measured after such a loss, of a tumbling or crashed vehicle, does not count in its judgement.
+        Args:
+            start_time: the time, s of the boot clock.
         """
-        loss = self.loss
-        # Other losses, such as motors that stopped in the air, do not yet say how the flight ended.
-        is_end_of_flight = loss is not None and loss.code in Ending
-        return loss if is_end_of_flight else None
+        return tuple(warning for warning in self._warnings if warning.start_time > start_time)
 
-    def _judge_battery(self, review: _Review, condition: Condition) -> None:
+    def _judge_battery(self, review: Review, condition: Condition) -> None:
         """Judges the power by all messages and warnings of the boot, since a battery does not recover in flight.
 
         Args:
@@ -593,7 +547,9 @@ class Watchdog:
         """
         all_signals = self._status_signals(review.vehicle, review.now, start_time=-inf)
         # The current that a crashed vehicle draws is no fault of its battery: the light gets the crash with its time.
-        findings = LiveFindings(events=tuple(self._warnings), ending=self._loss_that_ended_flight)
+        findings = LiveFindings(
+            events=tuple(self._warnings), ending=self.loss_watch.loss_that_ended_flight
+        )
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
         # Just after the take-off too few voltages have come to say that none is measured.
@@ -645,7 +601,7 @@ class Watchdog:
         if review.is_flying:
             reported_facts = self._judge_flight(review, moment)
         else:
-            self._judge_end_of_flight(review, moment)
+            self.loss_watch.judge_end_of_flight(review, moment, self._report_search.reports)
             reported_facts = self._judge_height_sensors_at_rest(review, moment)
         if self.has_landed and self._landing_report is not None:
             # The autopilot has reported a landing, which waited until the vehicle is known to be on the ground: a land
@@ -655,7 +611,7 @@ class Watchdog:
         reasons_not_watched = self._reasons_not_watched(review.now, review.vehicle, motion)
         self.watch_list.update(review.now, reasons_not_watched, is_flying=review.is_flying)
         reported_facts += self._update_alarms(review)
-        reported_facts += self._pop_contact_report(review.now)
+        reported_facts += self.loss_watch.pop_contact_report(review.now)
         self._review_time = review.now
         return reported_facts
 
@@ -673,7 +629,7 @@ class Watchdog:
         if not self._landed_states.is_in_air:
             # The first review of the flight has not begun yet.
             return []
-        review = _Review(
+        review = Review(
             moment.time,
             moment.vehicle,
             is_flying=True,
@@ -682,26 +638,14 @@ class Watchdog:
             recent_signals=None,
         )
         # The judgement of the control adds its finding to ``review.facts``.
-        reported_facts = self._judge_control(review, moment)
+        reported_facts = self.loss_watch.judge_flight(review, moment)
         for quantity, fact in review.facts.items():
             self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
         reported_facts += self._raise_alarms(review)
-        reported_facts += self._pop_contact_report(moment.time)
+        reported_facts += self.loss_watch.pop_contact_report(moment.time)
         return reported_facts
 
-    def _pop_contact_report(self, now: float) -> list[Fact]:
-        """Returns the report of a contact with the ground that followed a loss in the air, once; otherwise nothing.
-
-        Args:
-            now: present time on the boot clock, s.
-        """
-        contact = self._unreported_contact
-        self._unreported_contact = None
-        if contact is None:
-            return []
-        return [alarm_if_bad(contact, now)]
-
-    def _judge_flight(self, review: _Review, moment: FlightMoment) -> list[Fact]:
+    def _judge_flight(self, review: Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight control, height, drift in wind, oscillation, and motors at their limits.
 
         Args:
@@ -711,14 +655,14 @@ class Watchdog:
         Returns:
             The begin or the end of a fall, to be reported.
         """
-        reported_facts = self._judge_control(review, moment)
+        reported_facts = self.loss_watch.judge_flight(review, moment)
         self._judge_attitude_estimate(review)
         if self.drift.latest is not None:
-            self._add_event(review, WatchedQuantity.DRIFT, self.drift.latest)
+            review.add_event(WatchedQuantity.DRIFT, self.drift.latest)
         if self.is_thorough:
             self._judge_height(review, moment)
         if moment.motion is not None:
-            self._judge_motor_limits(review, moment, moment.motion)
+            self._motor_limits.judge(review, moment, moment.motion)
         if WatchedQuantity.OSCILLATION in review.facts:
             # The motors go from limit to limit in a limit cycle, and cannot be compared with each other. So it is no
             # longer known that they are sound.
@@ -728,7 +672,7 @@ class Watchdog:
                 review.facts.pop(quantity, None)
         return reported_facts
 
-    def _judge_height(self, review: _Review, moment: FlightMoment) -> None:
+    def _judge_height(self, review: Review, moment: FlightMoment) -> None:
         """Judges in flight whether the height estimate diverges, or barometer and satellites disagree.
 
         Args:
@@ -743,185 +687,9 @@ class Watchdog:
         if disagreement is not None:
             height_events.append(disagreement)
         if height_events:
-            self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
+            review.add_event(WatchedQuantity.HEIGHT, worst_fact(height_events))
 
-    @staticmethod
-    def _add_event(review: _Review, quantity: WatchedQuantity, event: Fact) -> None:
-        """Adds an event of the last minute to the facts of a review, with the time until which it lasted.
-
-        Args:
-            review: the review, whose ``facts`` and ``last_found_times`` are changed.
-            quantity: watched quantity that the event is about, such as the height.
-            event: the event; it has no end time while it lasts.
-        """
-        review.facts[quantity] = event
-        end_time = event.end_time
-        review.last_found_times[quantity] = review.now if end_time is None else end_time
-
-    def _judge_control(self, review: _Review, moment: FlightMoment) -> list[Fact]:
-        """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
-
-        While a loss lasts, the vehicle may seem to be lost in other ways: what was found first is kept. The contact
-        with the ground is looked for until it is found, since it shows when the vehicle hit the ground, and how fast.
-
-        Args:
-            review: the review, whose ``facts`` get the loss.
-            moment: present time, and the motion.
-
-        Returns:
-            The alarm of a fall with idle motors that begins, or its end once the motors carry the vehicle again. A fall
-            is no loss yet: the pilot may catch the vehicle. Empty if control was lost, which is an alarm of its own.
-        """
-        present_loss = self.control.loss(moment)
-        flight_end = self._crash(present_loss, moment)
-        if present_loss is not None:
-            if self._awaits_impact(present_loss, flight_end, moment):
-                return []
-            first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL, present_loss)
-            self._record_loss(first_loss, flight_end, review)
-        elif flight_end is not None and flight_end.loss is not None:
-            # The vehicle hit the ground with its attitude under control: the crash itself is the loss.
-            self._record_loss(flight_end.loss, flight_end, review)
-        if self.loss is not None:
-            self._ongoing_fall = None
-            return []
-        return self._update_fall(review, moment)
-
-    def _crash(self, present_loss: Fact | None, moment: FlightMoment) -> FlightEnd | None:
-        """Returns how a flying vehicle that was lost, or may be, has met the ground; None unless the motion shows it.
-
-        Args:
-            present_loss: loss of control that the latest messages show; None for none.
-            moment: present time, and the motion.
-        """
-        if self.ground_contact is not None:
-            # The contact was found before.
-            return None
-        # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
-        is_sinking = self.loss is None and self._has_sinking_alarm
-        if present_loss is None and not is_sinking:
-            return None
-        return self.control.crash_after_loss(moment)
-
-    def _awaits_impact(
-        self, loss: Fact, flight_end: FlightEnd | None, moment: FlightMoment
-    ) -> bool:
-        """Returns whether a loss of control is recorded only after the impact, which is a moment away.
-
-        The impact shows what happened. It is awaited only after a new loss near the ground.
-
-        Args:
-            loss: loss of control that the latest messages show.
-            flight_end: how the flight ended; None before the vehicle has met the ground.
-            moment: present time.
-        """
-        is_new = WatchedQuantity.CONTROL not in self.alarms.facts
-        has_met_ground = self.ground_contact is not None or flight_end is not None
-        is_still_in_air = loss.code in LOSSES_IN_AIR and not has_met_ground
-        return is_new and is_still_in_air and self.control.awaits_impact(loss, moment)
-
-    def _update_fall(self, review: _Review, moment: FlightMoment) -> list[Fact]:
-        """Begins or ends the alarm that the vehicle falls because its motors idle, as after a closed throttle.
-
-        The alarm begins when the fall is found, and ends only when the motors carry the vehicle again. A fall that is
-        no longer found, for example because no climb rate is received, does not end it.
-
-        Args:
-            review: the review, with its time and the vehicle's parameters.
-            moment: present time, and the motion of the last seconds.
-
-        Returns:
-            The alarm when it begins, or the fact that it is over when it ends; empty in all other reviews.
-        """
-        former_fall = self._ongoing_fall
-        present_fall = self.control.fall(moment)
-        if present_fall is not None:
-            # The newest fact has the present height and speed.
-            self._ongoing_fall = present_fall
-            if former_fall is None:
-                return [alarm_if_bad(present_fall, review.now)]
-            return []
-        motors_carry_vehicle = carries_vehicle(moment.motion, review.vehicle.parameters)
-        if former_fall is not None and motors_carry_vehicle:
-            self._ongoing_fall = None
-            return [Fact(WatchFact.ALARM_OVER, time=review.now, reason=former_fall)]
-        return []
-
-    @property
-    def _has_sinking_alarm(self) -> bool:
-        """Whether the alarm is active that the vehicle cannot hold its height."""
-        alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        return alarm is not None and alarm.code is WatchFact.SINKS_AT_LIMIT
-
-    def _record_loss(self, loss: Fact, flight_end: FlightEnd | None, review: _Review) -> None:
-        """Stores that the vehicle was lost and how it met the ground, and judges the motors by the loss.
-
-        Afterwards ``loss`` and the facts of the review have the loss, of which the alarms are made; ``ground_contact``
-        has the contact with the ground; and the light of the motors no longer says that they are sound.
-
-        Args:
-            loss: the event that control was lost, as it was found first.
-            flight_end: how the flight ended; None before the vehicle has met the ground. A loss that it states, such as
-                a crash, replaces ``loss``.
-            review: the review, whose ``facts`` get the loss.
-        """
-        contact = None
-        if flight_end is not None:
-            loss = flight_end.loss or loss
-            contact = flight_end.contact
-        loss = self._with_motor_as_cause(loss)
-        self._store_ground_contact(loss, contact)
-        if contact is not None and loss.code in LOSSES_IN_AIR:
-            # The fact then does not advise to release the parachute, which does not help a vehicle on the ground.
-            loss = loss.replace(is_low=True)
-        self.loss = loss
-        review.facts[WatchedQuantity.CONTROL] = loss
-        self._judge_motors_after_loss(loss)
-
-    def _store_ground_contact(self, loss: Fact, contact: Fact | None) -> None:
-        """Stores how the lost vehicle met the ground, if it has; a contact after a loss in the air is to be reported.
-
-        Args:
-            loss: how the vehicle was lost. The loss is the contact itself if it is none in the air, such as a crash.
-            contact: the contact with the ground that the end of the flight shows; None for none.
-        """
-        if loss.code not in LOSSES_IN_AIR:
-            self.ground_contact = loss
-        elif contact is not None and self.ground_contact is None:
-            # The loss in the air came first, and stays what the flight is judged by.
-            self.ground_contact = contact.replace(Level.BAD)
-            self._unreported_contact = self.ground_contact
-
-    def _with_motor_as_cause(self, loss: Fact) -> Fact:
-        """Adds to the loss of a vehicle its cause, if a single motor was at its upper limit just before.
-
-        A motor may reach its limit many seconds before the vehicle meets the ground. The outputs that are kept, of the
-        last seconds, no longer show that, but the alarm on the motor's limit does.
-
-        Args:
-            loss: the event that the vehicle was lost, such as a fall or a crash.
-
-        Returns:
-            The loss with the motor as cause; unchanged if another cause is known, or if no motor caused it.
-        """
-        has_known_cause = loss.figures.get("cause") is not None
-        if has_known_cause or loss.code not in LOSSES_BY_MOTORS:
-            return loss
-        limit_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        # An alarm about several motors has no subject: it is not known which of them failed first.
-        if limit_alarm is None or not limit_alarm.subject:
-            return loss
-        # The alarm stays active for a while after the motor has left its limit.
-        last_time_at_limit = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
-        was_at_limit_just_before = last_time_at_limit >= loss.start_time - RECOVERY_SECONDS
-        if not was_at_limit_just_before:
-            return loss
-        motor_name = limit_alarm.subject
-        cause = Fact(FailedFirst.LIMIT_FIRST, subject=motor_name)
-        # The flight mode that was chosen explains nothing if a motor is the cause.
-        return loss.replace(subject=motor_name, cause=cause, mode="")
-
-    def _judge_attitude_estimate(self, review: _Review) -> None:
+    def _judge_attitude_estimate(self, review: Review) -> None:
         """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.
 
         Args:
@@ -938,114 +706,7 @@ class Watchdog:
         # The attitude is NaN now, so that the estimator has a fault now, even if another of its faults is over.
         review.last_found_times.pop(WatchedQuantity.ESTIMATOR, None)
 
-    def _judge_motor_limits(
-        self, review: _Review, moment: FlightMoment, motion: RecentMotion
-    ) -> None:
-        """Judges in flight whether motors reach the limits of their outputs, which shows three faults.
-
-        1. A limit cycle (oscillation) begins.
-        2. The vehicle sinks with motors at their upper limit although it should hold its height.
-        3. A motor stays at its upper limit. This is less urgent than the second fault, and not looked for beside it.
-
-        Args:
-            review: the review, to whose ``facts`` the faults are added.
-            moment: present time.
-            motion: attitude and motor outputs of the last seconds.
-        """
-        motors = motion.motors
-        outputs = motors.scale.fraction(motors.outputs)
-        # Flags (N, k): N samples of k motors.
-        is_at_upper, is_at_lower = samples_at_limits(outputs, motors.scale)
-        # Motors that reach their limits bound the amplitude of a limit cycle. Where none does, as in most flights,
-        # there is no need to look for one.
-        if is_at_upper.any() or is_at_lower.any():
-            self._judge_oscillation(review, motion)
-        fault = None
-        if is_at_upper.any():
-            fault = self._sinking_at_limit(review, moment, motors, is_at_upper)
-        if fault is None:
-            fault = self._motor_at_limit(review, motors, is_at_upper)
-        if fault is not None:
-            review.facts[WatchedQuantity.MOTOR_LIMITS] = fault
-
-    def _motor_at_limit(
-        self, review: _Review, motors: MotorOutputs, is_at_upper: Flags
-    ) -> Fact | None:
-        """Returns the fact that motors stay at their upper limits, joined with the active alarm if there is one.
-
-        Args:
-            review: the review, with its time and that of the take-off.
-            motors: outputs of the k motors in the last seconds, N samples.
-            is_at_upper: (N, k) whether each output is at its motor's upper limit.
-
-        Returns:
-            The fact, which names the motors; None if no motor stays there, and just after a take-off.
-        """
-        has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
-        motors_at_limit = motor_at_upper_limit(motors, is_at_upper, review.now)
-        if motors_at_limit is None or has_just_taken_off:
-            return None
-        active_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        if active_alarm is not None and self._has_sinking_alarm:
-            # A vehicle that could not hold its height has not become sound while a motor is at its limit.
-            return active_alarm
-        return with_motors_of_alarm(motors_at_limit, active_alarm)
-
-    def _sinking_at_limit(
-        self, review: _Review, moment: FlightMoment, motors: MotorOutputs, is_at_upper: Flags
-    ) -> Fact | None:
-        """Returns the fact that the vehicle sinks, although it should hold its height, with motors at their limit.
-
-        Args:
-            review: the review, with its time.
-            moment: present time, and the motion.
-            motors: outputs of the k motors in the last seconds, N samples.
-            is_at_upper: (N, k) whether each output is at its motor's upper limit.
-
-        Returns:
-            The fact; None if the vehicle does not sink, is not to hold its height, or descends by command.
-        """
-        climb_rate = self.control.climb_rate_in_height_hold(moment)
-        if climb_rate is None:
-            return None
-        sinking = sinks_at_limit(motors, is_at_upper, climb_rate, review.now)
-        if sinking is None:
-            return None
-        # The fact names the motors at their limit only if other motors have reserve. If none has, not even a commanded
-        # descent explains it.
-        have_others_reserve = bool(sinking.figures["names"])
-        if have_others_reserve and self.control.is_descent_commanded(moment):
-            return None
-        return sinking
-
-    def _judge_oscillation(self, review: _Review, motion: RecentMotion) -> None:
-        """Judges whether a limit cycle, an oscillation from limit to limit, begins in the last seconds.
-
-        Args:
-            review: the review, to whose ``facts`` the oscillation is added with the gains that should be lowered.
-            motion: attitude and motor outputs of the last seconds.
-        """
-        limit_cycle = detect_starting_limit_cycle(
-            motion.motors,
-            motion.tilts,
-            self.control.setpoints(review.vehicle),
-            self._slow_messages.boot,
-            review.phase_start,
-            review.now,
-        )
-        if limit_cycle is None:
-            return
-        if self._limit_cycle is not None and WatchedQuantity.OSCILLATION in self.alarms.facts:
-            limit_cycle = continued_limit_cycle(self._limit_cycle, limit_cycle)
-        self._limit_cycle = limit_cycle
-        # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
-        parameters = ParametersInFlight.unchanged(review.vehicle.parameters)
-        advice = gain_reduction_advice(limit_cycle, parameters)
-        review.facts[WatchedQuantity.OSCILLATION] = Fact(
-            MarginsLight.OSCILLATES, reason=advice, **limit_cycle.figures
-        )
-
-    def _judge_height_sensors_at_rest(self, review: _Review, moment: FlightMoment) -> list[Fact]:
+    def _judge_height_sensors_at_rest(self, review: Review, moment: FlightMoment) -> list[Fact]:
         """Judges on the ground whether barometer or satellite receiver drifted in the latest flight.
 
         Their heights while the vehicle rests after the landing are compared with those of its rest before the take-off.
@@ -1071,7 +732,7 @@ class Watchdog:
         self._height.update_latest_rest(review.vehicle, moment.motion)
         return []
 
-    def _is_search_for_drift_due(self, review: _Review) -> bool:
+    def _is_search_for_drift_due(self, review: Review) -> bool:
         """Returns whether a drift of barometer or satellite receiver is still looked for after the latest flight.
 
         Args:
@@ -1096,79 +757,6 @@ class Watchdog:
         self.status_lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
         # Any other fact stays the light if its level is worse than that of the drift.
         self.status_lights.add(Light.ESTIMATOR, drift)
-
-    def _judge_end_of_flight(self, review: _Review, moment: FlightMoment) -> None:
-        """Judges whether the flight that has just ended did so on the ground or, if not, how the vehicle was lost.
-
-        A vehicle that was disarmed in the air falls. Its impact is looked for in each review until ``FALL_SECONDS``
-        after the end of the flight. If none is found, it stays unknown how the vehicle came down, and it does not count
-        as landed.
-
-        Args:
-            review: the review, whose ``facts`` get the loss, which becomes an alarm as one in flight does.
-            moment: present time, and the motion.
-        """
-        end_time = self._landed_states.flight_end
-        if end_time is None or review.now - end_time > FALL_SECONDS:
-            return
-        flight_end = self.control.flight_end(moment, end_time, self._report_search.reports)
-        self.has_landed = not flight_end.is_in_air
-        loss = self._loss_at_end_of_flight(flight_end, review)
-        # A loss that was found in flight does not say how the vehicle met the ground, and this one may.
-        if loss is not None and self._replaces_known_loss(loss):
-            self._record_loss(loss, flight_end, review)
-            # A fall that was an alarm in flight has become this loss.
-            self._ongoing_fall = None
-
-    def _loss_at_end_of_flight(self, flight_end: FlightEnd, review: _Review) -> Fact | None:
-        """Returns the fact of how a flight that has just ended was lost, such as by a crash.
-
-        Args:
-            flight_end: how the flight ended.
-            review: the review, with the time when the flight ended.
-
-        Returns:
-            The loss; None if the vehicle has landed, or if it is not known how it came down.
-        """
-        if flight_end.loss is not None and flight_end.loss.is_bad:
-            return flight_end.loss
-        if not flight_end.is_falling or self.loss is not None:
-            return None
-        # The motors stopped between the last review in flight and the first one after it.
-        fall_start: float | None = review.phase_start
-        if self._ongoing_fall is not None:
-            fall_start = self._ongoing_fall.time
-        return Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=fall_start)
-
-    def _replaces_known_loss(self, loss: Fact) -> bool:
-        """Returns whether the loss of a vehicle, as found at the end of its flight, replaces the one found before.
-
-        A loss that was found in the air, or that the autopilot reported, is replaced, since it does not state how the
-        vehicle met the ground. But if the autopilot reports a loss twice, its second report adds nothing.
-
-        Args:
-            loss: the event that the vehicle was lost, as the end of the flight shows it.
-        """
-        earlier_loss = self.loss
-        if earlier_loss is None:
-            return True
-        are_both_reports = (
-            earlier_loss.code is Ending.LOSS_REPORTED and loss.code is Ending.LOSS_REPORTED
-        )
-        return earlier_loss.code in REPLACEABLE_LOSSES and not are_both_reports
-
-    def _judge_motors_after_loss(self, loss: Fact) -> None:
-        """Updates the status light of the motors, that is the judgement of them, after the vehicle was lost.
-
-        If a motor failed first, the loss becomes the judgement. Otherwise a good judgement is removed, since it is no
-        longer certain that the motors are sound.
-
-        Args:
-            loss: the event that the vehicle was lost; its subject is the motor that failed first, if one is known.
-        """
-        if loss.subject:
-            self.status_lights.add(Light.MOTORS, loss)
-        self.status_lights.remove_good(Light.MOTORS)
 
     def _status_signals(
         self,
@@ -1231,25 +819,25 @@ class Watchdog:
             reports = self.control.lower_unconfirmed_crash_reports(vehicle, reports)
             if self.loss is None:
                 reports_of_loss = [report for report in reports if report.code in REPORTS_OF_LOSS]
-                self.loss = find_ending(signals, reports_of_loss)
+                self.loss_watch.loss = find_ending(signals, reports_of_loss)
         return reports
 
     def _update_restart(self, restart: Fact) -> None:
-        """Moves the restart of the autopilot in flight to the status light of the part that caused it, such as power.
+        """Shows the restart of the autopilot in flight by the status light of the part that caused it, such as power.
 
-        The cause may become known some time after the restart, when more messages have come.
+        The cause may become known some time after the restart, when more messages have come. The light that showed the
+        restart until then, perhaps of another part, no longer does.
 
         Args:
             restart: the event of the restart, with its cause as far as that is known now.
         """
         part_at_fault = light_of_event(restart)
+        # A restart in flight always has a light: of the power, or of the control if a program hung.
         assert part_at_fault is not None
-        # A status light states the restart as it was known before, maybe the light of another part.
-        former_restart = self._restart
-        self.status_lights.move(former_restart, part_at_fault, restart)
+        self.status_lights.move(former_fact=self._restart, part=part_at_fault, fact=restart)
         self._restart = restart
 
-    def _update_alarms(self, review: _Review) -> list[Fact]:
+    def _update_alarms(self, review: Review) -> list[Fact]:
         """Begins and ends alarms by the facts of a review, and adds these to the status lights.
 
         There is at most one alarm for each watched quantity, such as the vibration:
@@ -1271,7 +859,7 @@ class Watchdog:
             self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
         return [*self._raise_alarms(review), *self._end_alarms(review)]
 
-    def _drop_past_faults(self, review: _Review) -> None:
+    def _drop_past_faults(self, review: Review) -> None:
         """Removes from a review the faults that have been over for ``CALM_SECONDS``, unless their alarm is active.
 
         A review judges the messages of the last minute, which still show such a fault. An alarm on it would begin when
@@ -1287,7 +875,7 @@ class Watchdog:
                 # The fact may be missing: some are removed after a loss of control (``NOT_JUDGED_AFTER_LOSS``).
                 review.facts.pop(quantity, None)
 
-    def _raise_alarms(self, review: _Review) -> list[Fact]:
+    def _raise_alarms(self, review: Review) -> list[Fact]:
         """Turns the warnings of a review into active alarms, and returns those that are new to the user.
 
         Args:
@@ -1303,21 +891,14 @@ class Watchdog:
             if quantity is WatchedQuantity.BATTERY:
                 # A battery does not recover in flight: a milder fault that is found later replaces no worse alarm.
                 fault = worst_fact([fault, self.alarms.facts.get(quantity, fault)])
-            fault_time = review.last_found_time(quantity)
             # An alarm is new unless one with the same code and level was active already.
-            is_new = self.alarms.raise_alarm(quantity, fault, fault_time)
-            # What the autopilot itself reports on its estimator was shown to the user when the report came.
-            is_autopilot_report = isinstance(fault.code, ReportedEvent)
-            was_shown = quantity is WatchedQuantity.ESTIMATOR and is_autopilot_report
-            if not is_new or was_shown:
-                continue
-            reported_fact = fault
-            if quantity is WatchedQuantity.BATTERY:
-                reported_fact = _battery_report_in_flight(fault)
-            reported_alarms.append(alarm_if_bad(reported_fact, review.now))
+            is_new = self.alarms.raise_alarm(quantity, fault, review.last_found_time(quantity))
+            if is_new and not _was_reported_by_autopilot(quantity, fault):
+                fault_for_user = _fault_for_user(quantity, fault)
+                reported_alarms.append(alarm_if_bad(fault_for_user, review.now))
         return reported_alarms
 
-    def _end_alarms(self, review: _Review) -> list[Fact]:
+    def _end_alarms(self, review: Review) -> list[Fact]:
         """Removes the active alarms that are over.
 
         Args:
@@ -1334,7 +915,7 @@ class Watchdog:
                     reported_ends.append(reported_end)
         return reported_ends
 
-    def _end_alarm(self, quantity: WatchedQuantity, review: _Review) -> Fact | None:
+    def _end_alarm(self, quantity: WatchedQuantity, review: Review) -> Fact | None:
         """Removes an active alarm, and updates the status light of its fault.
 
         If that was a fault of the present moment (``PRESENT_FAULTS``), its status light then states that the fault is
@@ -1352,8 +933,7 @@ class Watchdog:
         is_end_reported = self._is_end_reported(quantity, review)
         alarm = self.alarms.end(quantity)
         if quantity is WatchedQuantity.CONTROL:
-            self.loss = None
-            self.ground_contact = None
+            self.loss_watch.forget_loss()
         if not is_end_reported:
             return None
         alarm_over = Fact(
@@ -1367,7 +947,7 @@ class Watchdog:
             self.status_lights.replace(PART_OF_QUANTITY[quantity], alarm.code, past_fault)
         return alarm_over
 
-    def _is_alarm_over(self, quantity: WatchedQuantity, review: _Review) -> bool:
+    def _is_alarm_over(self, quantity: WatchedQuantity, review: Review) -> bool:
         """Returns whether an active alarm is over: after the landing, or if its fault has not been found for some time.
 
         There are two exceptions. The alarm that control was lost stays after the landing. The alarm that the attitude
@@ -1386,13 +966,12 @@ class Watchdog:
                 return False
         return self.alarms.is_calm(quantity, review.now)
 
-    def _is_end_reported(self, quantity: WatchedQuantity, review: _Review) -> bool:
-        """Returns whether the end of an alarm is reported.
+    def _is_end_reported(self, quantity: WatchedQuantity, review: Review) -> bool:
+        """Returns whether it is reported to the user that an alarm is over.
 
-        In flight it is, unless the autopilot has reported it, or the fault was a moment. A landing ends all alarms, but
-        not all faults, and only the end of a fault is reported:
-        after a loss the vehicle stays lost, and a landing neither charges a battery, nor ends a state that lasts, such
-        as a GPS receiver without a fix, nor corrects a barometer.
+        In flight it is not reported in two cases: the fault had no duration, such as a reset of the estimator; or the
+        autopilot itself has reported the end. A landing ends all alarms, but it is not reported as the end of a fault
+        that lasts on the ground (:meth:`_outlasts_landing`).
 
         Args:
             quantity: quantity of the alarm, which is still active.
@@ -1401,10 +980,26 @@ class Watchdog:
         alarm = self.alarms.facts[quantity]
         if review.is_flying:
             return not is_moment_or_reported_end(alarm)
-        if self.loss is not None or quantity is WatchedQuantity.BATTERY:
-            return False
-        is_lasting = is_lasting_state(alarm) or alarm.code is MotionEvent.HEIGHTS_DISAGREE
-        return not is_lasting
+        return not self._outlasts_landing(alarm, quantity)
+
+    def _outlasts_landing(self, fault: Fact, quantity: WatchedQuantity) -> bool:
+        """Returns whether a fault in flight may still be there after the landing.
+
+        Args:
+            fault: the fault, which was an alarm until the landing.
+            quantity: what it is about, such as the battery.
+        """
+        if self.loss is not None:
+            # A vehicle that was lost, such as by a crash, has not become sound.
+            return True
+        if quantity is WatchedQuantity.BATTERY:
+            # Landing charges no battery.
+            return True
+        if fault.code is MotionEvent.HEIGHTS_DISAGREE:
+            # The barometer or the satellite receiver that drifted is still wrong.
+            return True
+        # The autopilot still reports the fault, for example that the GPS receiver has no fix.
+        return is_lasting_state(fault)
 
     def _reasons_not_watched(
         self, now: float, vehicle: Telemetry, motion: RecentMotion | None
@@ -1469,45 +1064,6 @@ class Watchdog:
             )
 
 
-def _judge_estimator(review: _Review, signals: Signals, evidence: Evidence) -> None:
-    """Judges the state estimator by the last minute, as the estimator of a whole log is judged.
-
-    Args:
-        review: the review, to whose ``facts`` the judgement is added. ``last_found_times`` gets the time when a fault
-            was there last, unless the fault is a state that lasts until now.
-        signals: signals of the last minute.
-        evidence: these signals, with the autopilot's warnings of the last minute, in the form by which a log is judged.
-    """
-    estimator = estimator_light(evidence)
-    if estimator.code is EstimatorLight.ESTIMATOR_UNMEASURED:
-        return
-    review.facts[WatchedQuantity.ESTIMATOR] = estimator
-    is_fault_with_time = estimator.is_watch_or_bad and estimator.time is not None
-    if is_fault_with_time and not is_lasting_state(estimator):
-        fault_time = latest_estimator_time(signals, estimator)
-        review.last_found_times[WatchedQuantity.ESTIMATOR] = fault_time
-
-
-def _judge_vibration(review: _Review, signals: Signals, evidence: Evidence) -> None:
-    """Judges the vibration in the settled flight of the last minute, that is without take-off and landing.
-
-    Args:
-        review: the review, to whose ``facts`` the judgement is added. ``last_found_times`` gets the time when too
-            strong a vibration was there last.
-        signals: signals of the last minute, with the intervals of settled flight.
-        evidence: these signals in the form by which a log is judged.
-    """
-    vibration = vibration_light(evidence)
-    if vibration.code is VibrationLight.VIBRATION_MEASURED:
-        # A recording is judged by its whole flight, whose mean may be another.
-        vibration = vibration.replace(is_in_flight=True)
-    review.facts[WatchedQuantity.VIBRATION] = vibration
-    if vibration.is_watch_or_bad:
-        limit = vibration.figures["acceptable_vibration"]
-        fault_time = latest_vibration_time(signals, limit)
-        review.last_found_times[WatchedQuantity.VIBRATION] = fault_time
-
-
 def _with_level_in_flight(report: Fact) -> Fact:
     """Returns a report of the autopilot with the level that it has in flight.
 
@@ -1517,6 +1073,28 @@ def _with_level_in_flight(report: Fact) -> Fact:
     if report.code is ReportedEvent.BOARD_VOLTAGE_LOW:
         return report.replace(Level.BAD)
     return report
+
+
+def _was_reported_by_autopilot(quantity: WatchedQuantity, fault: Fact) -> bool:
+    """Returns whether a fault is a report of the autopilot on its estimator, shown to the user when the report came.
+
+    Args:
+        quantity: what the fault is about, such as the vibration.
+        fault: the fault, found by mavdem or reported by the autopilot.
+    """
+    return quantity is WatchedQuantity.ESTIMATOR and isinstance(fault.code, ReportedEvent)
+
+
+def _fault_for_user(quantity: WatchedQuantity, fault: Fact) -> Fact:
+    """Returns a fault as it is reported to a pilot in flight: one of the battery says what to do now.
+
+    Args:
+        quantity: what the fault is about, such as the battery.
+        fault: the fault.
+    """
+    if quantity is WatchedQuantity.BATTERY:
+        return _battery_report_in_flight(fault)
+    return fault
 
 
 def _battery_report_in_flight(report: Fact) -> Fact:
@@ -1529,43 +1107,3 @@ def _battery_report_in_flight(report: Fact) -> Fact:
     if "batteries" in report.figures:
         report = report.replace(batteries=())
     return report.replace(is_in_flight=True)
-
-
-def latest_estimator_time(signals: Signals, estimator: Fact) -> float:
-    """Returns when a fault of the state estimator was there last.
-
-    Args:
-        signals: signals of the last minute, in which the estimator was judged.
-        estimator: the fault, with its time. If the fault is a large innovation, its figure "name" is the name of the
-            innovation.
-
-    Returns:
-        The time, s of the boot clock: when an innovation was last beyond its limit; the end of any other fault.
-    """
-    innovation_name = estimator.figures.get("name")
-    if innovation_name in INNOVATIONS:
-        limit = estimator.figures.get("failsafe_limit", INNOVATION_LIMIT)
-        latest_time = latest_time_above(signals.telemetry, innovation_name, limit)
-        if latest_time is not None:
-            return latest_time
-    duration = float(estimator.figures.get("duration", 0.0))
-    return estimator.start_time + duration
-
-
-def latest_vibration_time(signals: Signals, limit: float) -> float:
-    """Returns when the vibration was last above a limit, or an accelerometer out of its range (clipping).
-
-    Args:
-        signals: signals of the last minute, in which the vibration was judged.
-        limit: vibration, m/s².
-
-    Returns:
-        The time, s of the boot clock; minus infinity if it was in no sample.
-    """
-    vibration = reported_vibration(signals)
-    assert vibration is not None
-    # Each sample has three axes of vibration, and the clipping of several accelerometers: one of them is enough.
-    is_above_limit = (vibration.levels.values > limit).any(axis=1)
-    is_clipping = (vibration.clips > 0).any(axis=1)
-    times = vibration.levels.time[is_above_limit | is_clipping]
-    return float(times.max(initial=-inf))

@@ -125,16 +125,17 @@ class _FlightState:
         self.has_landed = False
         self.has_restarted = False
         self._is_in_air = False
-        # Whether the vehicle was in the air before its latest restart, and whether it was armed since then.
-        self._has_restarted_in_air = False
+        # Whether the vehicle was in the air when it was received last before its latest restart. While its link was
+        # lost it may have landed, and restarted on the ground.
+        self._was_in_air_before_restart = False
         self._is_armed_since_restart = False
 
     def update(self, fact: Fact) -> None:
         """Notes a take-off, landing, arming or restart of the vehicle.
 
-        After a landing and a restart, the next flight gets a session of its own. A restart in the air goes on with the
-        same flight, unless the vehicle takes off afterwards, or is armed on the ground (:meth:`note_status`): that
-        shows that it has restarted on the ground, after its link was lost in the air.
+        A restart after a landing ends the flight. A restart of a vehicle that was last received in the air does not end
+        it, unless what comes later shows that it restarted on the ground: a take-off, or motors that are armed on the
+        ground (:meth:`note_status`).
 
         Args:
             fact: any event of the session; all others are ignored.
@@ -142,29 +143,29 @@ class _FlightState:
         if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
             self.has_landed = fact.code is ReportedEvent.ON_GROUND
             self._is_in_air = not self.has_landed
-            if self._is_in_air and self._has_restarted_in_air:
+            if self._is_in_air and self._was_in_air_before_restart:
+                # A vehicle that takes off after its restart was on the ground.
                 self.has_restarted = True
             # A flight that went on over a restart in the air ends with its landing, as any other.
-            self._has_restarted_in_air = False
+            self._was_in_air_before_restart = False
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
             self.has_restarted = self.has_landed
-            self._has_restarted_in_air = self._is_in_air
+            self._was_in_air_before_restart = self._is_in_air
             self._is_armed_since_restart = False
         elif fact.code is ReportedEvent.MOTORS_ARMED:
             self._is_armed_since_restart = True
 
     def note_status(self, status: SessionStatus) -> None:
-        """Notes that a vehicle that seemed to restart in the air is armed on the ground: its next flight begins.
+        """Notes that the vehicle has restarted on the ground, if it was lost in the air and is now armed on the ground.
 
-        An autopilot that is reset in the air may arm its motors too, but is not on the ground then.
+        Armed motors alone do not show that, since an autopilot that is reset in the air may arm them too.
 
         Args:
-            status: present status of the vehicle. The reason without a model is that it does not fly only once its
-                messages show that it is on the ground.
+            status: present status of the vehicle.
         """
-        reason = status.no_model_reason
-        is_on_ground = reason is not None and reason.code is SessionFact.NOT_FLYING
-        if self._has_restarted_in_air and self._is_armed_since_restart and is_on_ground:
+        if not self._was_in_air_before_restart:
+            return
+        if self._is_armed_since_restart and _is_on_ground(status):
             self.has_restarted = True
 
 
@@ -741,6 +742,16 @@ class LinkMonitor:
             self._summary = f"{title}: {vehicle_state}"
 
 
+def _is_on_ground(status: SessionStatus) -> bool:
+    """Returns whether the messages of a vehicle show that it is on the ground; False if they do not show where it is.
+
+    Args:
+        status: status of the vehicle. On the ground, that it does not fly is the reason for learning no model of it.
+    """
+    reason = status.no_model_reason
+    return reason is not None and reason.code is SessionFact.NOT_FLYING
+
+
 def _shows_vehicle(session: LiveSession, recording_path: Path) -> bool:
     """Returns whether the recording of an ended session has messages of a vehicle, by which a log can be judged.
 
@@ -822,23 +833,27 @@ def _finished_page(
 def _final_reason_without_model(
     status_at_end: SessionStatus, status_at_last_message: SessionStatus
 ) -> Fact:
-    """Returns why an ended session learns no model any more, as its page states it.
+    """Returns the reason for learning no model that the page of an ended session states.
+
+    The first of these rules that applies decides:
+
+    1. If the link was lost in flight, the reason is that no messages come: the page then shows where the vehicle was
+       last.
+    2. If no model was being learned when the last message came, the reason is the one at that time, such as that the
+       vehicle was on the ground. That it is silent at the end says nothing more: most are switched off.
+    3. If a model was being learned until the last message, the reason is that the flight is over.
 
     Args:
         status_at_end: status at the end of the session, when its vehicle has mostly been silent for a while.
         status_at_last_message: status of the same session when the last message of the vehicle came.
-
-    Returns:
-        That no messages come, if the link was lost in flight: the page then shows where the vehicle was last. Otherwise
-        the silence tells nothing about the vehicle, and the reason is that at the last message. If there was none then,
-        since a model was being learned, it is that the flight is over.
     """
-    silence = status_at_end.no_model_reason
-    was_lost_in_flight = status_at_end.link_loss is not None
-    if was_lost_in_flight and silence is not None:
-        return silence
-    if status_at_last_message.no_model_reason is not None:
-        return status_at_last_message.no_model_reason
+    reason_at_end = status_at_end.no_model_reason
+    was_link_lost_in_flight = status_at_end.link_loss is not None
+    if was_link_lost_in_flight and reason_at_end is not None:
+        return reason_at_end
+    reason_at_last_message = status_at_last_message.no_model_reason
+    if reason_at_last_message is not None:
+        return reason_at_last_message
     # The figure "reason" of this fact is how the vehicle was lost; here nothing is known of a loss.
     return Fact(SessionFact.FLIGHT_OVER, reason=None)
 

@@ -51,11 +51,12 @@ from mavdem.live.flight_lights import FlightLights
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
+from mavdem.live.samples import DECISION_SECONDS
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.watch_list import not_watched
-from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
+from mavdem.live.watchdog import TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import light_rows, vehicle_text, watched_quantities_text
 from mavdem.report.pages.flight_page import live_page
@@ -977,7 +978,7 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
         "motor_inputs.InputSelector.candidate_messages",
         "motor_inputs.InputSelector.select",
         "flight_phase.FlightPhase.review",
-        "watchdog.detect_starting_limit_cycle",
+        "motor_limit_watch.detect_starting_limit_cycle",
     ):
         original = resolve_name(f"mavdem.live.{name}")
 
