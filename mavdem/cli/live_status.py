@@ -442,11 +442,7 @@ class StatusLines:
         reportable_facts = _facts_to_report(watch_facts)
         is_updated_in_place = self.terminal_text is not None
         if is_updated_in_place:
-            # A status that is updated in place names all that is not watched: what is watched again needs no line.
-            for quantity, fact in list(reportable_facts.items()):
-                if _is_watched(fact):
-                    self._printed_watch_facts.pop(quantity, None)
-                    del reportable_facts[quantity]
+            reportable_facts = self._unwatched_facts(reportable_facts)
         changed_facts = []
         changes: dict[Hashable, Hashable] = {}
         for quantity, fact in reportable_facts.items():
@@ -455,11 +451,28 @@ class StatusLines:
             if self._printed_watch_facts.get(quantity) != content:
                 changes[quantity] = content
                 changed_facts.append(fact)
-        has_settled = self._watch_change_debouncer.update(changes, monotonic())
-        if changed_facts and (has_settled or not is_updated_in_place):
+        is_stable = self._watch_change_debouncer.update(changes, monotonic())
+        if changed_facts and (is_stable or not is_updated_in_place):
             self._printed_watch_facts.update(changes)
             text = escape_unprintable(watched_quantities_text(changed_facts))
             self._print(stamped_line(text, boot_clock=boot_clock))
+
+    def _unwatched_facts(self, watch_facts: dict[Hashable, Fact]) -> dict[Hashable, Fact]:
+        """Returns the facts on quantities that are not watched, and forgets what was printed on all others.
+
+        A status that is updated in place names all that is not watched, so that what is watched again needs no line. If
+        it is not watched once more later, that is printed again.
+
+        Args:
+            watch_facts: a fact on each quantity, by vehicle and quantity.
+        """
+        unwatched_facts = {}
+        for quantity, fact in watch_facts.items():
+            if _is_watched(fact):
+                self._printed_watch_facts.pop(quantity, None)
+            else:
+                unwatched_facts[quantity] = fact
+        return unwatched_facts
 
     def _print_state(self, status: SessionStatus) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
@@ -578,17 +591,21 @@ class StatusLines:
             is_reminder: Whether the first sentence of a step that was printed or said before is printed again.
         """
         next_step = status.session_judgement.next_step
-        content = next_step.without_measurements
+        # With a reason, such as a fault to repair after the landing, even this step says something new.
         has_reason = bool(next_step.figures.get("reason"))
         is_to_stay = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST) and not has_reason
         if is_to_stay:
             return
         text = escape_unprintable(next_step)
-        is_advised = text in escape_unprintable(self._advised_text)
-        is_known = is_advised or content == self._printed_next_step
+        # Measured numbers in a step change all the time, which makes it no other step.
+        content = next_step.without_measurements
+        was_advised_by_event = text in escape_unprintable(self._advised_text)
+        was_printed = content == self._printed_next_step
         self._printed_next_step = content
-        if is_known:
-            text = first_sentence(text) if is_reminder else ""
+        if was_advised_by_event or was_printed:
+            if not is_reminder:
+                return
+            text = first_sentence(text)
         if text:
             self._print(stamped_line(f"{NEXT_MARKER} {text}", boot_clock=status.boot_clock))
 

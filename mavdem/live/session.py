@@ -587,28 +587,32 @@ class LiveSession:
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
 
-        In flight, a lost link is such a reason, which is reported once it is bad: until then the headline states it.
-        The same reason with other measured figures, such as rates that vary, is not reported again.
+        It is not reported if only measured figures of the reason change, such as rates that vary; if the link is lost
+        in flight for so short a time that this is no alarm yet; if it is that the flight is over, which was reported
+        before with another cause; nor if another report says the same (:meth:`_is_covered_by_other_report`).
 
         Args:
             status: the present status, with the reason.
         """
         link_loss = status.link_loss
-        reason = link_loss or status.no_model_reason
+        # In flight, a lost link is the reason.
+        reason = status.no_model_reason if link_loss is None else link_loss
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
             # It is kept for the end of the session, when the vehicle no longer flies.
             self.flight.no_rows_reason = reason
-        if link_loss is not None and not link_loss.is_bad:
+        is_short_link_loss = link_loss is not None and not link_loss.is_bad
+        if is_short_link_loss:
             return
         former_reason = self._reported_reason
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
-        if reason is not None and reason.code is SessionFact.FLIGHT_OVER:
-            if self._ended_flight == status.flight_number:
-                # The end was reported, and has got another cause meanwhile.
-                return
+        is_flight_over = reason is not None and reason.code is SessionFact.FLIGHT_OVER
+        if is_flight_over:
+            was_end_reported = self._ended_flight == status.flight_number
             self._ended_flight = status.flight_number
+            if was_end_reported:
+                return
         if not self._is_covered_by_other_report(reason, former_reason, status):
             self._presentation.log(_report_on_learning(reason, status))
 

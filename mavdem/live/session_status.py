@@ -365,6 +365,17 @@ class SessionStatus(ImmutableResult):
             judgement = _judgement_with_headline(self.loss, lights)
         if self._is_in_flight:
             return self._judgement_in_flight(judgement)
+        return self._judgement_after_flight(judgement)
+
+    def _judgement_after_flight(self, judgement: Judgement) -> Judgement:
+        """Returns a judgement for a vehicle that does not fly now, or whose session is over; before any flight, too.
+
+        Its headline is the first of these that applies: the link was lost in flight; the end of the flight is not known
+        yet, unless something was wrong in it; what the recording of the flight shows, or that this is awaited.
+
+        Args:
+            judgement: judgement of the latest flight by this session.
+        """
         link_loss = self.link_loss
         if link_loss is not None:
             # What was found before, such as a weak motor, is the cause that this fact has.
@@ -766,24 +777,36 @@ class SessionStatus(ImmutableResult):
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
         """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
 
-        If no messages of the vehicle arrive, that is the headline, with the alarm before it, and no light is good.
-        Neither is one if this computer is so late that its alarms cannot be relied on.
+        No light is good if no messages of the vehicle arrive, or if this computer is so late that its alarms cannot be
+        relied on: how the vehicle flies now is not known then.
 
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
         """
-        headline = self._most_urgent_headline(judgement.headline)
-        is_urgent = self._is_urgent(headline)
         if self.no_model_reason is not None and not self._is_received:
             return self._judgement_of_silent_vehicle(judgement, self.no_model_reason)
         if self.is_late:
-            # What is shown was so before: how the vehicle flies now is not known.
             past_lights = lights_during_silence(
                 judgement.lights, self.analysis_delay, MissingMessages.MESSAGES
             )
             judgement = replace(judgement, lights=past_lights)
-            if not is_urgent:
-                headline = self._late_headline
+        headline = self._most_urgent_headline(judgement.headline)
+        if self._is_urgent(headline):
+            land_now = Fact(NextStep.LAND_NOW, reason=headline)
+            return replace(judgement, headline=headline, next_step=land_now)
+        if self.is_late:
+            headline = self._late_headline
+        judgement = replace(judgement, headline=self._qualified_headline(headline))
+        return replace(judgement, next_step=self._next_step_in_flight(judgement))
+
+    def _qualified_headline(self, headline: Fact) -> Fact:
+        """Adds to a headline in flight that states no fault what is not known of the flight.
+
+        That is what was not judged so far, and how long no messages came earlier in the flight.
+
+        Args:
+            headline: the headline. One that states a fault is returned as it is.
+        """
         if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
             # The pilot flew without alarms meanwhile, which is not over with the outage.
             headline = headline.replace(outage=self.link_outage)
@@ -792,10 +815,7 @@ class SessionStatus(ImmutableResult):
             # once all is judged.
             level = Level.UNKNOWN if headline.figures["missing"] else headline.level
             headline = headline.replace(level, is_in_flight=True)
-        judgement = replace(judgement, headline=headline)
-        if is_urgent:
-            return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
-        return replace(judgement, next_step=self._next_step_in_flight(judgement))
+        return headline
 
     def _judgement_with_recording(self, judgement: Judgement) -> Judgement:
         """Returns the judgement of a flight that is over, with the verdict of its recording as headline.
@@ -840,18 +860,20 @@ class SessionStatus(ImmutableResult):
             judgement: judgement of the flight so far.
             reason: the fact that says which messages do not come.
         """
-        alarm_or_headline = self._most_urgent_headline(judgement.headline)
-        is_urgent = self._is_urgent(alarm_or_headline)
         missing = MissingMessages.MESSAGES
         if reason.subject == MissingMessages.MOTION:
             missing = MissingMessages.MOTION
         lights = lights_during_silence(judgement.lights, self._missing_age(reason), missing)
+        most_urgent_fact = self._most_urgent_headline(judgement.headline)
+        is_urgent = self._is_urgent(most_urgent_fact)
         link_loss = self.link_loss
-        headline = link_loss or reason
-        if is_urgent and link_loss is None:
-            # The fact of a lost link has the alarm as its cause, and advises a landing by sight; another silence does
-            # not.
-            headline = alarm_or_headline
+        if link_loss is not None:
+            # This fact has an urgent alarm as its cause, and advises a landing by sight.
+            headline = link_loss
+        elif is_urgent:
+            headline = most_urgent_fact
+        else:
+            headline = reason
         step = NextStep.LAND_NOW if is_urgent else NextStep.DO_AS_ADVISED
         next_step = Fact(step, reason=headline)
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)

@@ -193,8 +193,9 @@ class Watchdog:
         self._report_search = ReportSearch()
         # The restart of the autopilot in flight, as its light states it; None without one.
         self._restart: Fact | None = None
-        # What the autopilot has warned of in the flights of this boot, and its alarms.
+        # What the autopilot has warned of in the flights of this boot.
         self._warnings: deque[Fact] = deque(maxlen=MAX_EVENTS)
+        # The active alarms on what the autopilot reports.
         self._report_alarms = ReportAlarms()
         # The report of a landing that is not certain yet; None without one.
         self._landing_report: Fact | None = None
@@ -290,10 +291,7 @@ class Watchdog:
         settled_intervals = None
         if settled_start is not None:
             settled_intervals = [(settled_start, now)]
-        # How often an urgent message has differed from the one before, in the whole boot.
-        change_count = sum(self._slow_messages.changes[name] for name in URGENT_MESSAGES)
-        has_urgent_change = change_count > self._change_count
-        self._change_count = change_count
+        has_urgent_change = self._has_new_urgent_change()
         # Collecting the messages takes most of the time of a review, so it is done only if something may be found.
         recent_signals = None
         if self.is_thorough or has_urgent_change:
@@ -312,11 +310,20 @@ class Watchdog:
             return []
         reports = self._new_reports(recent_signals, vehicle, now)
         if not is_flying:
+            # On the ground a report is shown as it is, and is no alarm.
             self._report_alarms.end_flight()
             return reports
         reported_facts = [self._take_report_in_flight(report, now) for report in reports]
         reported_facts += self._report_alarms.update(self._report_search.reports, now)
         return reported_facts
+
+    def _has_new_urgent_change(self) -> bool:
+        """Returns whether an urgent message has changed since this was asked last, that is since the last review."""
+        # How often an urgent message has differed from the one before, in the whole boot.
+        change_count = sum(self._slow_messages.changes[name] for name in URGENT_MESSAGES)
+        has_changed = change_count > self._change_count
+        self._change_count = change_count
+        return has_changed
 
     def _take_report_in_flight(self, report: Fact, now: float) -> Fact:
         """Updates status lights and alarms by a new report of the autopilot in flight.
@@ -481,17 +488,25 @@ class Watchdog:
         self._is_height_drift_found = False
         self._landing_report = None
         self.alarms.begin_flight()
-        states = self._landed_states
-        # A phase is a time on the ground, or one in the air. In the first one of a boot, no earlier flight is known.
-        is_new_flight = True
-        if not states.is_first_phase:
-            seconds_on_ground = now - states.phase_start
-            is_new_flight = seconds_on_ground >= RECOVERY_SECONDS
-        if is_new_flight:
-            self.loss_watch.forget_loss()
-            self.alarms.discard(WatchedQuantity.CONTROL)
-        if is_new_flight and not has_restarted_in_air:
+        if self._has_only_bounced(now):
+            return
+        self.loss_watch.forget_loss()
+        self.alarms.discard(WatchedQuantity.CONTROL)
+        if not has_restarted_in_air:
             self.status_lights.begin_flight()
+
+    def _has_only_bounced(self, now: float) -> bool:
+        """Returns whether a vehicle that leaves the ground was in the air less than ``RECOVERY_SECONDS`` before.
+
+        Args:
+            now: time when it is found in the air again, s of the boot clock.
+        """
+        states = self._landed_states
+        if states.is_first_phase:
+            # No earlier flight of this boot is known.
+            return False
+        seconds_on_ground = now - states.phase_start
+        return seconds_on_ground < RECOVERY_SECONDS
 
     def _end_drift(self, now: float) -> None:
         """Ends the search for wind that carries the vehicle away, at a take-off or landing, and begins a new one.
@@ -795,8 +810,9 @@ class Watchdog:
     def _new_reports(self, signals: Signals, vehicle: Telemetry, now: float) -> list[Fact]:
         """Returns what the autopilot itself has reported since the last search, such as a failsafe or a crash.
 
-        Two kinds of reports may be wrong. A crash that the motion does not show gets a lower level ("watch"). A report
-        of a landing is kept back: ``finish_review`` returns it once the vehicle is found on the ground.
+        Two kinds of reports may be wrong. A crash that the motion does not show gets a lower level ("watch")
+        (:meth:`_checked_reports_of_loss`). A report of a landing is kept back: ``finish_review`` returns it once the
+        vehicle is found on the ground.
 
         Args:
             signals: time series and texts of the last minute of messages.
@@ -816,11 +832,29 @@ class Watchdog:
             self._update_restart(self._report_search.restart)
         has_report_of_loss = any(report.code in REPORTS_OF_LOSS for report in reports)
         if has_report_of_loss:
-            reports = self.control.lower_unconfirmed_crash_reports(vehicle, reports)
-            if self.loss is None:
-                reports_of_loss = [report for report in reports if report.code in REPORTS_OF_LOSS]
-                self.loss_watch.loss = find_ending(signals, reports_of_loss)
+            return self._checked_reports_of_loss(reports, signals, vehicle)
         return reports
+
+    def _checked_reports_of_loss(
+        self, reports: list[Fact], signals: Signals, vehicle: Telemetry
+    ) -> list[Fact]:
+        """Checks reports of the autopilot that the vehicle was lost, such as by a crash, against the motion.
+
+        If the loss was not known by the motion before, the vehicle is lost by these reports from now on.
+
+        Args:
+            reports: new reports, among them one of a loss.
+            signals: time series and texts of the last minute of messages.
+            vehicle: identity and parameters of the vehicle, without messages.
+
+        Returns:
+            The same reports, in which a crash that the motion does not show has a lower level ("watch").
+        """
+        checked_reports = self.control.lower_unconfirmed_crash_reports(vehicle, reports)
+        if self.loss is None:
+            reports_of_loss = [fact for fact in checked_reports if fact.code in REPORTS_OF_LOSS]
+            self.loss_watch.loss = find_ending(signals, reports_of_loss)
+        return checked_reports
 
     def _update_restart(self, restart: Fact) -> None:
         """Shows the restart of the autopilot in flight by the status light of the part that caused it, such as power.
@@ -950,19 +984,20 @@ class Watchdog:
     def _is_alarm_over(self, quantity: WatchedQuantity, review: Review) -> bool:
         """Returns whether an active alarm is over: after the landing, or if its fault has not been found for some time.
 
-        There are two exceptions. The alarm that control was lost stays after the landing. The alarm that the attitude
-        does not track its setpoint stays until the tracking, which is judged more rarely, is judged again as good.
+        The time is that of ``ActiveAlarms.is_calm``. There are two exceptions. The alarm that control was lost stays
+        after the landing. The alarm that the attitude does not track its setpoint stays at least until the next
+        judgement of the tracking, which is made only every ``TRACKING_PERIOD``.
 
         Args:
             quantity: what the alarm is about, such as the vibration.
             review: the review that ends, with its time and whether the vehicle flies.
         """
         if not review.is_flying:
-            is_lost_control = self.loss is not None and quantity is WatchedQuantity.CONTROL
-            return not is_lost_control
+            is_vehicle_lost = quantity is WatchedQuantity.CONTROL and self.loss is not None
+            return not is_vehicle_lost
         if quantity is WatchedQuantity.TRACKING:
-            was_found_by_latest_judgement = self.alarms.last_found(quantity) >= self._tracking_time
-            if was_found_by_latest_judgement:
+            is_judged_again = self._tracking_time > self.alarms.last_found(quantity)
+            if not is_judged_again:
                 return False
         return self.alarms.is_calm(quantity, review.now)
 
@@ -1031,11 +1066,8 @@ class Watchdog:
         if invalid_attitude is not None:
             for quantity in QUANTITIES_BY_ATTITUDE:
                 reasons[quantity] = invalid_attitude
-        states = self._landed_states
-        has_just_begun = states.is_in_air and now - states.phase_start < STARTING_SECONDS
-        # One that is found earlier needs no more time.
-        is_found = WatchedQuantity.OSCILLATION in self.alarms.facts
-        if has_just_begun and not is_found:
+        # The reasons above, by which a quantity is not received at all, stay.
+        if self._is_too_early_for_oscillation(now):
             reasons.setdefault(
                 WatchedQuantity.OSCILLATION,
                 Fact(WatchFact.OSCILLATION_AWAITED, duration=STARTING_SECONDS),
@@ -1043,6 +1075,17 @@ class Watchdog:
         if self._battery_not_judged is not None:
             reasons.setdefault(WatchedQuantity.BATTERY, self._battery_not_judged)
         return reasons
+
+    def _is_too_early_for_oscillation(self, now: float) -> bool:
+        """Returns whether the flight is still too short to say that nothing oscillates, and no oscillation was found.
+
+        Args:
+            now: present time on the boot clock, s.
+        """
+        states = self._landed_states
+        has_just_taken_off = states.is_in_air and now - states.phase_start < STARTING_SECONDS
+        is_oscillating = WatchedQuantity.OSCILLATION in self.alarms.facts
+        return has_just_taken_off and not is_oscillating
 
     def set_motors_watched(self, reason: Fact | None, now: float) -> None:
         """Adds to the list of watched quantities whether the motors are tested for a loss of thrust at present.

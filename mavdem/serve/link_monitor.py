@@ -48,14 +48,16 @@ If it was last in the air, what was recorded is added to the library then, and t
 """
 
 MAX_SILENT_PAGES_IN_AIR = 120
-"""The same of a vehicle that was last in the air, 10 min in all: a choice.
+"""Such pages after which the session is over of a vehicle that was last in the air, 10 min in all: a choice.
 
 Most links that are lost in flight come back, since the vehicle returns or lands by itself, for which its battery lasts
 some minutes. Until then the flight goes on, with its take-off, its lights and the reference of its motors.
 """
 
 MAX_SILENT_PAGES_AFTER_LANDING = 3
-"""The same after a landing, 15 s in all: a choice. The vehicle was switched off, or its next flight is one of its own.
+"""Such pages after which the session is over of a vehicle that has landed, 15 s in all: a choice.
+
+It was switched off, or its next flight gets a session of its own.
 
 An autopilot that reboots, or a radio that fades, is mostly back before.
 """
@@ -70,7 +72,7 @@ AWAITED_IN_SESSION = Fact(
     kind=RecordingState.IN_SESSION,
     duration=MAX_SILENT_PAGES_AFTER_LANDING * PAGE_SECONDS,
 )
-"""The verdict of a recording whose session goes on."""
+"""States that the recording of the running session is not judged yet, in the place of the library's verdict on it."""
 
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
@@ -106,7 +108,8 @@ class _StoredFlight(NamedTuple):
     """Link to its page in the library."""
 
     verdict: Fact | None = None
-    """The latest verdict of the library on the recording; None before it was asked for."""
+    """The verdict of the library when it was looked up last: how it judges the recording, or that it has not judged it
+    yet. None before it was looked up."""
 
     session: LiveSession | None = None
     """Its session, if that is over and shown until another vehicle comes; otherwise None."""
@@ -316,41 +319,64 @@ class LinkMonitor:
         self._incoming = incoming
         session = self._new_session(incoming, executor)
         try:
-            try:
-                self._update_page(session)
-                run_session(
-                    session,
-                    lambda: self._is_over() or session.successor is not None,
-                    None,
-                    NEWS_SECONDS,
-                    self._watch_session,
-                )
-                # A flight whose landing was reported is not reported again.
-                session.report_end(session.status, None)
-                successor = self._vehicle_of_next_session(session)
-                if successor is None:
-                    session.intake.record_rest()
-                else:
-                    self._next_vehicle = successor.name
-            finally:
-                session.end()
-            vehicle = session.stream.followed_vehicle
-            if successor is not None and vehicle is not None:
-                restart = session.stream.latest_restart if self._flight.has_restarted else None
-                self._next_recording = self._recording_of_next_session(
-                    incoming.recording, vehicle, restart
-                )
+            self._run_until_over(session, incoming.recording)
         finally:
             self._warn_of_lost_datagrams()
-            # A recording that has failed is still open: what it had to write last may fit after all.
-            with suppress(OSError):
-                incoming.recording.close()
-            is_empty = incoming.recording.remove_if_empty()
-            if not is_empty and _shows_vehicle(session, incoming.path):
-                self._store_recording(session, incoming)
+            self._keep_recording(session, incoming)
+
+    def _run_until_over(self, session: LiveSession, recording: RawRecording) -> None:
+        """Runs a session until it is over, and begins the recording of the next one if its vehicle is known already.
+
+        Args:
+            session: the session.
+            recording: its recording, from which the messages that belong to the next session are moved.
+
+        Raises:
+            OSError: the recording cannot be written any more.
+            Refusal: the disk is nearly full.
+        """
+        try:
+            self._update_page(session)
+            run_session(
+                session,
+                lambda: self._is_over() or session.successor is not None,
+                None,
+                NEWS_SECONDS,
+                self._watch_session,
+            )
+            # A flight whose landing was reported is not reported again.
+            session.report_end(session.status, None)
+            successor = self._vehicle_of_next_session(session)
+            if successor is None:
+                session.intake.record_rest()
             else:
-                # Stray packets, or those of ground stations alone, are no flight.
-                incoming.path.unlink(missing_ok=True)
+                self._next_vehicle = successor.name
+        finally:
+            session.end()
+        vehicle = session.stream.followed_vehicle
+        if successor is not None and vehicle is not None:
+            restart = session.stream.latest_restart if self._flight.has_restarted else None
+            self._next_recording = self._recording_of_next_session(recording, vehicle, restart)
+
+    def _keep_recording(self, session: LiveSession, incoming: _IncomingRecording) -> None:
+        """Closes the recording of a session that has ended, and adds it to the library if a vehicle was received.
+
+        Args:
+            session: the session.
+            incoming: its recording, which is deleted if it has no vehicle.
+
+        Raises:
+            Refusal: the library has no room.
+        """
+        # A recording that has failed is still open: what it had to write last may fit after all.
+        with suppress(OSError):
+            incoming.recording.close()
+        is_empty = incoming.recording.remove_if_empty()
+        if not is_empty and _shows_vehicle(session, incoming.path):
+            self._store_recording(session, incoming)
+        else:
+            # Stray packets, or those of ground stations alone, are no flight.
+            incoming.path.unlink(missing_ok=True)
 
     def _new_session(self, incoming: _IncomingRecording, executor: LearningProcess) -> LiveSession:
         """Begins a session, and resets what the monitor has noted of the session before.
@@ -632,9 +658,10 @@ class LinkMonitor:
         self._render_page(session)
 
     def _count_silent_pages(self, session: LiveSession) -> None:
-        """Counts how many pages of the session were made in a row without a new frame of the vehicle.
+        """Counts how many pages of the session were made in a row without a new frame of the vehicle (``_is_over``).
 
-        A page is made every few seconds. After a number of such pages the session ends.
+        A page is made every ``PAGE_SECONDS``, so that the count measures time. It also updates whether the vehicle was
+        in the air when its messages ended, by which more or fewer such pages end the session.
 
         Args:
             session: the running session, which records what it receives.
