@@ -24,7 +24,7 @@ from mavdem.dataset.landed_reports import (
     with_undefined_ground,
 )
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.signals import Signals
+from mavdem.dataset.signals import ModeChange, Signals
 from mavdem.dataset.time_series import (
     TimeSeries,
     averaged_series,
@@ -133,18 +133,24 @@ def armed_intervals(signals: Signals, boot: int) -> Intervals:
 
 def mode_intervals(signals: Signals, boot: int, modes: Container[str]) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is in one of several flight modes, by their names."""
-    changes = [*signals.mode_changes(boot), (inf, "")]
-    return [(start, end) for (start, name), (end, _) in pairwise(changes) if name in modes]
+    # The last mode holds to the end of the boot.
+    changes = [*signals.mode_changes(boot), ModeChange(inf, mode="")]
+    intervals = []
+    for change, next_change in pairwise(changes):
+        if change.mode in modes:
+            intervals.append((change.time, next_change.time))
+    return intervals
 
 
 def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
-    """Finds the intervals of a boot in which the vehicle is in one of several landed states.
+    """Finds the intervals of a boot in which the vehicle is in one of several landed states, all of them in the air.
 
-    The state is read from EXTENDED_SYS_STATE while it is reported, except where height and motors contradict it
-    (:func:`contradicted_landings`). A report holds until the next one, but not across a gap longer than
-    ``MAX_REPORT_INTERVAL``. At all other times the collective decides: if it is high enough to keep the vehicle in the
-    air, the vehicle counts as in one of the states. If motor outputs are missing too, the last reported state holds,
-    since a missing message is no landing.
+    Three sources decide, each where those before it say nothing:
+
+    1. The reports in EXTENDED_SYS_STATE, where they hold (:func:`_intervals_with_reports`).
+    2. The collective (mean output of all motors): the vehicle counts as in one of the states while the collective is
+       high enough to keep it in the air.
+    3. The last report, where motor outputs are missing too, since a missing message is no landing.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -152,48 +158,72 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         states: Numbers of MAV_LANDED_STATE, all of them states in the air.
 
     Returns:
-        Start and end of the intervals, s. Without reports they are those of a high collective (mean output of all
-        motors).
+        Start and end of the intervals, s; none if neither reports nor motor outputs were recorded.
     """
     reports = _credible_landed_states(signals, boot)
     collective = _averaged_collective(signals, boot)
-    # Where the motors carry the vehicle, judged by the collective alone.
-    intervals_by_collective: Intervals = []
-    if collective is not None:
-        min_collective = min_airborne_collective(signals.telemetry.parameters)
-        intervals_by_collective = true_intervals(
-            collective.time, collective.values > min_collective
-        )
     if reports is None:
-        return intervals_by_collective
-    reported_intervals = true_intervals(reports.time, np.isin(reports.values, states))
-    if collective is None:
-        return true_intervals(reports.time, np.isin(_last_defined(reports.values), states))
-    is_undefined = reports.values == UNDEFINED_LANDED_STATE
-    is_gap = np.diff(reports.time) > MAX_REPORT_INTERVAL
-    # The times at which a report holds: between two defined reports that are not too far apart. Elsewhere the
-    # collective decides.
-    covered_intervals = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
-    begins_with_report = reports.time[0] <= collective.time[0]
-    if covered_intervals and begins_with_report:
-        first_start, first_end = covered_intervals[0]
-        if first_start == reports.time[0]:
-            # Nothing was recorded before the first report: its state holds there too.
-            covered_intervals[0] = (-inf, first_end)
-    flights = union(
-        intersection(reported_intervals, covered_intervals),
-        intersection(intervals_by_collective, complement(covered_intervals)),
-    )
-    # If neither reports nor outputs come, the last report holds.
-    near_motor_samples = _intervals_near_samples(collective.time)
-    uncovered_intervals = complement(union(covered_intervals, near_motor_samples))
+        return _intervals_of_high_collective(signals, collective)
     last_reported_intervals = true_intervals(
         reports.time, np.isin(_last_defined(reports.values), states)
     )
-    held_intervals = intersection(last_reported_intervals, uncovered_intervals)
-    return union(
-        flights, [(start, end) for start, end in held_intervals if start < reports.time[-1]]
+    if collective is None:
+        return last_reported_intervals
+    intervals_with_reports = _intervals_with_reports(reports, recording_start=collective.time[0])
+    flights_by_reports = intersection(
+        true_intervals(reports.time, np.isin(reports.values, states)), intervals_with_reports
     )
+    flights_by_collective = intersection(
+        _intervals_of_high_collective(signals, collective), complement(intervals_with_reports)
+    )
+    intervals_with_outputs = _intervals_near_samples(collective.time)
+    intervals_with_neither = complement(union(intervals_with_reports, intervals_with_outputs))
+    flights_by_last_report = []
+    for start, end in intersection(last_reported_intervals, intervals_with_neither):
+        # After the last report of all, a flight does not begin any more.
+        if start < reports.time[-1]:
+            flights_by_last_report.append((start, end))
+    return union(union(flights_by_reports, flights_by_collective), flights_by_last_report)
+
+
+def _intervals_of_high_collective(signals: Signals, collective: TimeSeries | None) -> Intervals:
+    """Returns the intervals in which the collective is high enough to keep a multirotor in the air.
+
+    Args:
+        signals: logged time series of the vehicle, whose parameters state at which command its motors idle.
+        collective: (N,) moving average of the collective; None if the motor outputs were not recorded.
+
+    Returns:
+        Start and end of each interval, s; none without a collective.
+    """
+    if collective is None:
+        return []
+    min_collective = min_airborne_collective(signals.telemetry.parameters)
+    return true_intervals(collective.time, collective.values > min_collective)
+
+
+def _intervals_with_reports(reports: TimeSeries, recording_start: float) -> Intervals:
+    """Returns the intervals in which the reports of the landed state hold: between two that are defined and near.
+
+    Two reports are near if they are at most ``MAX_REPORT_INTERVAL`` apart.
+
+    Args:
+        reports: (N,) MAV_LANDED_STATE as reported.
+        recording_start: time of the first motor output, s. If the first report is not later, it holds before it too,
+            since nothing was recorded there.
+
+    Returns:
+        Start and end of each interval, s.
+    """
+    is_undefined = reports.values == UNDEFINED_LANDED_STATE
+    is_far = np.diff(reports.time) > MAX_REPORT_INTERVAL
+    intervals = split_at_gaps(reports.time, is_far | is_undefined[1:] | is_undefined[:-1])
+    first_report_time = reports.time[0]
+    if intervals and first_report_time <= recording_start:
+        first_start, first_end = intervals[0]
+        if first_start == first_report_time:
+            intervals[0] = (-inf, first_end)
+    return intervals
 
 
 @cached_per_vehicle()

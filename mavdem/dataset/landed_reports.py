@@ -47,19 +47,21 @@ class LandedReport(NamedTuple):
 class LandedReportCheck:
     """Checks one report of the landed state after the other, in a log and in a live session.
 
+    A series consists of reports of the ground without a report of flight between them.
+
     Attributes:
-        first_time: time of the first of the latest reports of the ground in a row, s on the boot clock; None while the
-            vehicle is reported in the air, or before any report.
-        contradicted_rise: height gained when these reports were last contradicted, m; None while they are not. They
-            stay contradicted until another state is reported, since a detector that is stuck in flight shows no
-            landing either.
+        first_time: time of the first report of the present series, s on the boot clock; None while the vehicle is
+            reported in the air, or before any report.
+        contradicted_rise: largest height, m, at which height and motors have contradicted the series; None if they have
+            not. A series stays contradicted to its end, since a detector that is stuck in flight shows no landing
+            either.
     """
 
     first_time: float | None = None
     contradicted_rise: float | None = None
     # Height when the motors last gave too little thrust to fly, or at the first report; None before any.
     _ground_height: float | None = None
-    # Time of the first of the latest reports in a row that both witnesses contradict; None if the latest one is right.
+    # Time from which on height and motors have contradicted every report; None if the latest one is right.
     _contradiction_start: float | None = None
 
     def add(self, report: LandedReport) -> None:
@@ -68,15 +70,17 @@ class LandedReportCheck:
         A report of the ground is contradicted if the vehicle has risen and its motors give enough thrust to fly. A
         contradiction counts only after ``MIN_CONTRADICTION_SECONDS``, since a single height or thrust may be wrong.
         """
+        is_on_ground = report.state == ON_GROUND
         if report.state in OFF_GROUND:
+            # The series ends.
             self.first_time = None
             self.contradicted_rise = None
-        elif report.state == ON_GROUND and self.first_time is None:
+        elif is_on_ground and self.first_time is None:
+            # A series begins.
             self.first_time = report.time
         rise = self._rise_above_ground(report)
         seems_to_fly = rise > MIN_CERTAIN_RISE and report.has_thrust
-        is_contradicted = report.state == ON_GROUND and seems_to_fly
-        if not is_contradicted:
+        if not (is_on_ground and seems_to_fly):
             self._contradiction_start = None
             return
         if self._contradiction_start is None:

@@ -106,6 +106,16 @@ class ModeChange(NamedTuple):
     """Name of the new mode."""
 
 
+class HeartbeatFlags(NamedTuple):
+    """What the heartbeats of a vehicle say, 0 or 1 each."""
+
+    armed: TimeSeries
+    """Whether the vehicle is armed (N,)."""
+
+    landing: TimeSeries
+    """Whether the autopilot is in a mode that lands by itself (N,)."""
+
+
 class ModelSignals(NamedTuple):
     """The signals from which a model of an axis is learned."""
 
@@ -161,28 +171,23 @@ class VehicleSignals:
     @cached_per_vehicle()
     def armed(self) -> TimeSeries | None:
         """Whether the vehicle was armed, 0 or 1, from HEARTBEAT; None without heartbeats of the vehicle."""
-        return self._heartbeat_flag(column=0)
+        flags = self._heartbeat_flags
+        return None if flags is None else flags.armed
 
     @property
     @cached_per_vehicle()
     def landing(self) -> TimeSeries | None:
         """Whether the autopilot was in a mode that lands by itself, 0 or 1; None without heartbeats of the vehicle."""
-        return self._heartbeat_flag(column=1)
-
-    def _heartbeat_flag(self, column: int) -> TimeSeries | None:
-        """Returns one of the flags (N,) in the heartbeats: column 0 is "armed", column 1 "in a landing mode"."""
         flags = self._heartbeat_flags
-        if flags is None:
-            return None
-        return replace(flags, values=flags.values[:, column])
+        return None if flags is None else flags.landing
 
     @property
     @cached_per_vehicle()
-    def _heartbeat_flags(self) -> TimeSeries | None:
-        """Whether the vehicle is armed, and whether its flight mode lands it (N, 2), 0 or 1; None without heartbeats.
+    def _heartbeat_flags(self) -> HeartbeatFlags | None:
+        """Whether the vehicle is armed, and whether its flight mode lands it; None without heartbeats.
 
-        Both are bits of HEARTBEAT messages. A median over a few messages removes single wrong ones, such as in
-        damaged messages.
+        Both come from the bits and modes of HEARTBEAT messages. Of a few neighbouring messages the majority decides,
+        which removes single wrong ones, such as damaged messages.
         """
         columns = self.heartbeats
         if columns is None:
@@ -193,13 +198,11 @@ class VehicleSignals:
         landing_modes = list(LANDING_MODES.get(int(columns["autopilot"][0]), ()))
         is_armed = mode_bits & ARMED > 0
         is_landing = np.isin(custom_modes, landing_modes) & (mode_bits & CUSTOM_MODE > 0)
-        flags = np.column_stack([is_armed, is_landing]).astype(float)
-        # The median of flags is what more than half of them are, and a mean is found in a tenth of the time.
-        mean_flags = scipy.ndimage.uniform_filter1d(
-            flags, HEARTBEAT_MEDIAN_SAMPLES, axis=0, mode="nearest"
+        time, boot = columns["time"], columns["boot"]
+        return HeartbeatFlags(
+            armed=TimeSeries(time, boot, _majority_of_neighbours(is_armed)),
+            landing=TimeSeries(time, boot, _majority_of_neighbours(is_landing)),
         )
-        majority = (mean_flags > 0.5).astype(float)
-        return TimeSeries(columns["time"], columns["boot"], majority)
 
     @property
     @cached_per_vehicle()
@@ -524,6 +527,15 @@ class GlobalPositions(NamedTuple):
 
     is_fix: Flags
     """Whether each is a position fix (N,); before a fix, receivers send zeros."""
+
+
+def _majority_of_neighbours(flags: Flags) -> Array:
+    """Returns for each of N flags what most of ``HEARTBEAT_MEDIAN_SAMPLES`` flags around it are, 0 or 1 (N,)."""
+    # This is the running median of the flags, which a mean gives in a tenth of the time.
+    mean_flags = scipy.ndimage.uniform_filter1d(
+        flags.astype(float), HEARTBEAT_MEDIAN_SAMPLES, mode="nearest"
+    )
+    return (mean_flags > 0.5).astype(float)
 
 
 def global_positions(columns: Columns) -> GlobalPositions:

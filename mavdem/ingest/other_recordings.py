@@ -98,7 +98,8 @@ class BootTimesInUtc(NamedTuple):
 
     @property
     def disagree(self) -> bool:
-        """Whether they are of several boots."""
+        """Whether they are of several boots: the clock of one boot reads 0 at one time in UTC."""
+        # Two boots with a known UTC have so many readings at least.
         if len(self.utc) < 2 * MIN_UTC_READINGS:
             return False
         return bool(np.ptp(self.utc) > MAX_UTC_DIFFERENCE)
@@ -341,28 +342,38 @@ def _runs_of_rising_clock(
         }
     )
     runs: list[_Run] = []
+    end_of_run_before = 0
     for first, end in pairwise(run_bounds):
         if end - first < MIN_BLOCK_MESSAGES:
             continue
         first_position, last_position = int(positions[first]), int(positions[end - 1])
-        # A log begins with definitions, its head, which lies between the last message of the run before and this run.
-        earliest_head = first_position - MAX_HEAD_BYTES
-        if runs:
-            earliest_head = max(earliest_head, int(positions[runs[-1].end - 1]))
-        latest_head = first_position + MAX_HEAD_BYTES
-        first_log_start, end_log_start = np.searchsorted(log_starts, [earliest_head, latest_head])
         runs.append(
             _Run(
                 first,
                 end,
                 start_time=float(time[first]),
                 end_time=float(time[first:end].max()),
-                begins_log=bool(first_log_start < end_log_start),
+                begins_log=_begins_log(first_position, end_of_run_before, log_starts),
                 utc_at_boot=boots.median_between(first_position, last_position),
                 is_repeated=first in end_rows_of_repeated_blocks,
             )
         )
+        end_of_run_before = last_position
     return runs
+
+
+def _begins_log(first_position: int, end_of_run_before: int, log_starts: Integers) -> bool:
+    """Returns whether a log begins with a run: whether the definitions of a log are near its first message.
+
+    Args:
+        first_position: Offset of the first message of the run.
+        end_of_run_before: Offset of the last message of the run before, after which the definitions must lie; 0 for the
+            first run.
+        log_starts: Offsets of the definitions with which a log begins, ascending.
+    """
+    earliest_start = max(first_position - MAX_HEAD_BYTES, end_of_run_before)
+    latest_start = first_position + MAX_HEAD_BYTES
+    return bool(((log_starts >= earliest_start) & (log_starts < latest_start)).any())
 
 
 def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, int]:

@@ -216,13 +216,14 @@ def detect_starting_limit_cycle(
         return _strongest_limit_cycle(cycles)
     segment = Segment(boot, max(start_time, now - long_window - SPAN_SLACK), now)
     slow_cycles = _cycles_at_limits(motor_series, tilts, segment, long_window, MIN_DURATION)
-    return _strongest_limit_cycle(
-        cycle
-        for cycle in slow_cycles
-        if cycle.rate >= MIN_DANGEROUS_RATE
-        and cycle.axis in setpoints
-        and _is_unsteered(tilts[cycle.axis].angle_series, setpoints[cycle.axis], segment)
-    )
+    dangerous_cycles = []
+    for cycle in slow_cycles:
+        if cycle.rate < MIN_DANGEROUS_RATE or cycle.axis not in setpoints:
+            continue
+        angle = tilts[cycle.axis].angle_series
+        if _is_unsteered(angle, setpoints[cycle.axis], segment):
+            dangerous_cycles.append(cycle)
+    return _strongest_limit_cycle(dangerous_cycles)
 
 
 def _is_dangerous_at_once(cycle: Oscillation) -> bool:

@@ -108,6 +108,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     if not effectiveness[ESTIMATE] > 0:
         raise NotLearnable(LoopFact.MIXER_REVERSED)
     loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
+    _require_recorded_crossover(loop)
     cautions = _loop_cautions(loop)
     rate = loop.rate
     measured = None
@@ -129,29 +130,27 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
 
-def _loop_cautions(loop: Loop) -> list[Fact]:
-    """Returns cautions about a biased plant, frequencies that the record does not contain, and a fast crossover.
+def _require_recorded_crossover(loop: Loop) -> None:
+    """Raises an error if the record does not contain the frequencies at which the rate loop crosses over.
 
-    A record contains frequencies up to its Nyquist frequency, half of the sampling rate. Above it the loop is an
-    extrapolation by the model, so there is a caution if the gain margin is there. If the crossover is near the rate of
-    the record, delay and time constant are not known well.
+    A record contains frequencies up to its Nyquist frequency, half of the sampling rate.
 
     Args:
         loop: rate and attitude loop of the estimated plant and of draws.
 
-    Returns:
-        The cautions; empty if there are none.
-
     Raises:
-        NotLearnable: there are three cases. The crossover is above half of the Nyquist frequency, and the lag of the
-            plant contains that of the gyro's filters. (The loop of ArduCopter's simulator, with a margin of 19° at a
-            crossover of 20 Hz, was identified with 44° from messages at 50 Hz.) Or the interval of the crossover
-            reaches the Nyquist frequency, so that the phase margin may be at a frequency that the record does not
-            contain. (A simulated loop with 30° at 18 Hz was identified with 51°, 39 to 57°, at 12 Hz from messages at
-            25 Hz.) Or the crossover is below the lowest frequency of the spectra, where position control and drag also
-            move the vehicle, which the model of one axis leaves out.
+        NotLearnable: there are three cases:
+
+            - The crossover is below the lowest frequency of the spectra, where position control and drag also move the
+              vehicle, which the model of one axis leaves out.
+            - The crossover is above half of the Nyquist frequency, and the lag of the plant contains that of the gyro's
+              filters. The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, was identified
+              with 44° from messages at 50 Hz.
+            - The interval of the crossover reaches the Nyquist frequency, so that the phase margin may be at a
+              frequency that the record does not contain. A simulated loop with 30° at 18 Hz was identified with 51°,
+              39 to 57°, at 12 Hz from messages at 25 Hz.
     """
-    plant, record, rate = loop.plant, loop.record, loop.rate
+    rate = loop.rate
     if rate.crossover < LOWEST_FREQUENCY:
         raise NotLearnable(
             LoopFact.CROSSOVER_UNSEEN,
@@ -159,24 +158,39 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
             rate=None,
             frequency=LOWEST_FREQUENCY,
         )
-    cautions = []
-    if plant.bias:
-        cautions.append(Fact(LoopFact.EFFECT_BIASED, reason=plant.reasons["effect"]))
-    nyquist_frequency = 0.5 / record.dt
-    if plant.filtered:
+    nyquist_frequency = 0.5 / loop.record.dt
+    if loop.plant.filtered:
         if rate.crossover > nyquist_frequency / 2:
             raise _crossover_too_fast(loop, nyquist_frequency / 2)
     else:
         _, highest_crossover = rate.crossover_interval
         if highest_crossover >= nyquist_frequency:
             raise _crossover_too_fast(loop, nyquist_frequency)
-        if np.isfinite(rate.gain_margin):
-            # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the
-            # crossing is the one at which L is nearest to that point.
-            point_on_axis = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
-            crossing_index = np.argmin(np.abs(rate.response[ESTIMATE] - point_on_axis))
-            if rate.frequency[crossing_index] >= nyquist_frequency:
-                cautions.append(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
+
+
+def _loop_cautions(loop: Loop) -> list[Fact]:
+    """Returns cautions about the margins of a loop; empty if there are none.
+
+    - The control effectiveness of the plant is biased.
+    - The gain margin is at a frequency above the Nyquist frequency of the record, where the loop is an extrapolation by
+      the model.
+    - The crossover is near the rate of the record, so that delay and time constant are not known well.
+
+    Args:
+        loop: rate and attitude loop of the estimated plant and of draws.
+    """
+    plant, record, rate = loop.plant, loop.record, loop.rate
+    cautions = []
+    if plant.bias:
+        cautions.append(Fact(LoopFact.EFFECT_BIASED, reason=plant.reasons["effect"]))
+    nyquist_frequency = 0.5 / record.dt
+    if not plant.filtered and np.isfinite(rate.gain_margin):
+        # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the crossing
+        # is the one at which L is nearest to that point.
+        point_on_axis = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
+        crossing_index = np.argmin(np.abs(rate.response[ESTIMATE] - point_on_axis))
+        if rate.frequency[crossing_index] >= nyquist_frequency:
+            cautions.append(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
         least_rate = rate.crossover / MAX_CROSSOVER_FRACTION
         cautions.append(

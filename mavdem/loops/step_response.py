@@ -543,16 +543,10 @@ def _described_response(
     responses = _step_and_frequency_responses(
         estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency
     )
-    steps = responses.steps
-    identified_responses = None
-    if rate_loop is not None:
-        identified_responses = identified_steps(rate_loop, responses.time, RESPONSE_DRAWS)
     message_interval = timing_error / MAX_TIMING_ERROR_STEPS
-    is_identified = identified_responses is not None and _is_too_fast(
-        responses.time, identified_responses, message_interval
-    )
-    if identified_responses is not None and is_identified:
-        steps = identified_responses
+    steps_of_fast_loop = _steps_of_fast_loop(rate_loop, responses.time, message_interval)
+    is_identified = steps_of_fast_loop is not None
+    steps = responses.steps if steps_of_fast_loop is None else steps_of_fast_loop
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     known_count = _known_frequency_count(responses.frequency, gains, spectra.frequency, coherence)
@@ -622,6 +616,27 @@ def _known_frequency_count(
     highest_coherent = spectrum_frequency[coherence >= MIN_COHERENCE].max(initial=0.0)
     coherent_count = int(np.searchsorted(frequency, highest_coherent))
     return min(certain_count, coherent_count)
+
+
+def _steps_of_fast_loop(
+    rate_loop: Loop | None, time: Array, message_interval: float
+) -> Array | None:
+    """Returns the step responses of an identified rate loop that is too fast for a deconvolution.
+
+    Args:
+        rate_loop: the identified loop; None if it is not known.
+        time: times after the step (K,), s.
+        message_interval: time between two messages, s.
+
+    Returns:
+        Steps (N, K) of the estimate first, then of draws; None if the loop is not known, or not too fast.
+    """
+    if rate_loop is None:
+        return None
+    steps = identified_steps(rate_loop, time, RESPONSE_DRAWS)
+    if steps is None or not _is_too_fast(time, steps, message_interval):
+        return None
+    return steps
 
 
 def _is_too_fast(time: Array, steps: Array, message_interval: float) -> bool:

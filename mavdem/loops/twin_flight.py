@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -99,17 +100,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     record = loop.record
     outputs = record.outputs[rows]
     if loop.axis == "yaw":
-        columns = _interpolated_setpoints(loop, rows, ["yaw rate setpoint"])
-        if columns is None:
-            return None
-        # Yaw is steered by its rate, so that the setpoint of its angle is 0. If the rate setpoint hardly changes, the
-        # heading was only held.
-        (yaw_rate_setpoint,) = columns
-        is_steered = yaw_rate_setpoint.std() > MIN_YAW_SETPOINT_RATIO * outputs.std()
-        if not is_steered:
-            return None
-        angle_setpoint = np.zeros_like(yaw_rate_setpoint)
-        return ReplaySegment(outputs, np.column_stack([angle_setpoint, yaw_rate_setpoint]))
+        return _replay_segment_of_yaw(loop, rows, outputs)
     columns = _interpolated_setpoints(
         loop, rows, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
     )
@@ -125,6 +116,31 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     if not lacks_correction:
         rate_setpoint = rate_setpoint - correction
     return ReplaySegment(outputs, np.column_stack([angle_setpoint, rate_setpoint]))
+
+
+def _replay_segment_of_yaw(loop: Loop, rows: slice, yaw_rate: Array) -> ReplaySegment | None:
+    """Returns the yaw rate in some rows of a record, and the setpoint with which the twin can repeat it.
+
+    Yaw is steered by its rate, so that the setpoint of its angle is 0.
+
+    Args:
+        loop: loop of yaw, with its record.
+        rows: the T rows of the record.
+        yaw_rate: recorded yaw rate (T, 1), rad/s.
+
+    Returns:
+        Motion and setpoints; None if too few setpoints were recorded, or the rate setpoint hardly changes beside the
+        rate, so that the heading was only held.
+    """
+    columns = _interpolated_setpoints(loop, rows, ["yaw rate setpoint"])
+    if columns is None:
+        return None
+    (rate_setpoint,) = columns
+    is_steered = rate_setpoint.std() > MIN_YAW_SETPOINT_RATIO * yaw_rate.std()
+    if not is_steered:
+        return None
+    angle_setpoint = np.zeros_like(rate_setpoint)
+    return ReplaySegment(yaw_rate, np.column_stack([angle_setpoint, rate_setpoint]))
 
 
 def _interpolated_setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | None:
@@ -296,34 +312,45 @@ def motion_figures(
         "rate" is the standard deviation of the rate, deg/s. For roll and pitch, "lean" and "sway" are the mean and the
         standard deviation of the angle, degrees.
     """
-    # Importing scipy.signal takes half a second.
-    from scipy.signal import detrend, welch
-
     dt = loop.record.dt
-    outputs = recorded_motion.shape[1]
-    # Recorded and simulated motions are put into one array, (M, T, 2), with the recorded one first; for yaw only the
-    # rate.
-    same_outputs = [motion[:, -outputs:] for motion in simulated_motions]
-    motions = np.array([recorded_motion, *same_outputs])
-    motions = motions[:, round(SETTLING_SECONDS / dt) :]
-    angles, rates = motions[..., 0], motions[..., -1]
-    window = int(min(SPECTRUM_WINDOW_SECONDS / dt, motions.shape[1] / 2))
-    frequency, density = welch(rates, 1 / dt, nperseg=window, detrend=detrend)
-    # Number of each frequency's band. Band 0 is below the first edge, and the last band above the last edge; both are
-    # left out.
-    bands = np.digitize(frequency, RATE_BANDS)
-    level_by_band = np.array(
-        [density[:, bands == band].mean(axis=1) for band in range(1, len(RATE_BANDS))]
+    # Angle and rate or, for yaw, the rate alone: the last columns of the simulated motions.
+    column_count = recorded_motion.shape[1]
+    # Motions (M, T, columns): row 0 is the recorded one, the other rows are the simulated ones.
+    motions = np.array(
+        [recorded_motion, *[motion[:, -column_count:] for motion in simulated_motions]]
     )
-    recorded_level, simulated_levels = level_by_band[:, 0], level_by_band[:, 1:]
-    level_ratio = simulated_levels.mean(axis=1) / recorded_level
+    motions = motions[:, round(SETTLING_SECONDS / dt) :]
+    rates = motions[..., -1]
     figures = {"rate": np.degrees(rates.std(axis=1))}
     if loop.axis != "yaw":
-        degrees = np.degrees(angles)
-        figures["lean"] = degrees.mean(axis=1)
-        figures["sway"] = degrees.std(axis=1)
-    compared_figures = {"levels": (DECIBELS_PER_POWER_DECADE * np.log10(level_ratio)).tolist()}
-    # Row 0 of the values belongs to the recorded motion, the other rows belong to the simulated ones.
+        angles = np.degrees(motions[..., 0])
+        figures["lean"] = angles.mean(axis=1)
+        figures["sway"] = angles.std(axis=1)
+    compared_figures = {"levels": _simulated_levels(rates, dt)}
     for name, values in figures.items():
         compared_figures[name] = [values[0], values[1:].mean()]
     return compared_figures
+
+
+def _simulated_levels(rates: Array, dt: float) -> list[float]:
+    """Returns the power of simulated rates, relative to that of the recorded rate, in each of the ``RATE_BANDS``.
+
+    Args:
+        rates: rates in M motions (M, T), rad/s: the recorded one first, then the simulated ones.
+        dt: time between samples, s.
+
+    Returns:
+        The mean power of the simulated rates over the recorded one in each band, dB.
+    """
+    # Importing scipy.signal takes half a second.
+    from scipy.signal import detrend, welch
+
+    window = int(min(SPECTRUM_WINDOW_SECONDS / dt, rates.shape[1] / 2))
+    frequency, density = welch(rates, 1 / dt, nperseg=window, detrend=detrend)
+    levels = []
+    for low, high in pairwise(RATE_BANDS):
+        is_in_band = (frequency >= low) & (frequency < high)
+        recorded_power, *simulated_powers = density[:, is_in_band].mean(axis=1)
+        power_ratio = np.mean(simulated_powers) / recorded_power
+        levels.append(float(DECIBELS_PER_POWER_DECADE * np.log10(power_ratio)))
+    return levels

@@ -146,11 +146,12 @@ def gradual_loss(
     lean_after = lean[time >= block_times[ramp.start]].mean(axis=0)
     is_slow = ramp.length * block_seconds > MAX_ONSET_ERROR
     loads_per_motor = SLOW_LOADS_PER_MOTOR if is_slow else LOADS_PER_MOTOR
-    motor, log_odds = _motor_of_change(
+    cause = _motor_cause(
         ramp.change, variance, degrees_of_freedom, lean_after, loads_per_motor, model
     )
-    if motor is None:
+    if cause is None:
         return None
+    motor = cause.motor
     # Only the rise of this motor's command is estimated: the pattern of the rises is 1 for it and 0 for all others.
     rise_pattern = np.zeros(len(geometry.names))
     rise_pattern[motor] = 1.0
@@ -163,7 +164,7 @@ def gradual_loss(
         motor=geometry.motors[motor],
         name=geometry.names[motor],
         size=rise,
-        probability=1 / (1 + np.exp(-log_odds)),
+        probability=1 / (1 + np.exp(-cause.log_odds)),
         assumed=geometry.positions_assumed,
         boot=boot,
         loss=model.thrust_loss(motor, max(rise - half_width, 0.0), rise + half_width),
@@ -297,15 +298,24 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
     return np.asarray(slope_variance + WANDER_SD**2)
 
 
-def _motor_of_change(
+class _MotorCause(NamedTuple):
+    """A weak motor as the cause of a change of the balance."""
+
+    motor: int
+    """Index of the motor, from 0."""
+    log_odds: float
+    """Logarithm of the odds that this motor is the cause, and nothing else."""
+
+
+def _motor_cause(
     change: Array,
     variance: Array,
     degrees_of_freedom: float,
     lean: Array,
     loads_per_motor: float,
     model: BalanceModel,
-) -> tuple[int | None, float]:
-    """Returns the index of the motor whose weakness explains a change, and the logarithm of the odds that it does.
+) -> _MotorCause | None:
+    """Returns the motor whose weakness explains a change of the balance.
 
     The signature of a motor is the change of the balance if it is weak. Its misfit to the change must be small, and its
     odds against all other causes must be strong evidence. These are the causes of the sequential test: the other
@@ -321,7 +331,7 @@ def _motor_of_change(
         model: mixer of the vehicle, with the change of the balance that each weak motor causes.
 
     Returns:
-        Index and log odds; None and 0 where no motor explains the change, or its work rose by less than
+        The motor, with its odds; None if no motor explains the change, or its work rose by less than
         ``MIN_WORK_RISE``.
     """
     variance = variance + (SIGNATURE_ERROR * np.linalg.norm(change)) ** 2
@@ -338,8 +348,8 @@ def _motor_of_change(
     work_rise = rises[motor] / model.mixer.own_rise_ratios[motor]
     is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS
     if not is_explained or work_rise < MIN_WORK_RISE:
-        return None, 0.0
-    return motor, log_odds
+        return None
+    return _MotorCause(motor, log_odds)
 
 
 def _evidence_of_all_causes(

@@ -292,14 +292,6 @@ class GrayBoxModel(NamedTuple):
             Responses (channels, b, F), s; the channels of ``_input_channels``.
         """
         dt = windows.dt
-        # The delay consists of whole samples, and of a linear interpolation between two samples for the remainder.
-        one_sample_later = np.exp(-1j * windows.omega * dt)
-        delay_steps = np.maximum(thetas[:, [self.delay_index]], 0.0) / dt
-        whole_steps, fraction = np.divmod(delay_steps, 1.0)
-        delay_response = one_sample_later**whole_steps * (
-            1 - fraction + fraction * one_sample_later
-        )
-
         omega = _aliases(windows)
         damping = self.damping(thetas)[:, None, None]
         lag = self.lag(thetas, dt)[:, None, None]
@@ -316,6 +308,7 @@ class GrayBoxModel(NamedTuple):
         held_fraction = min(1.0, RESPONSE_SECONDS / dt)
         half_sample_delay = np.exp(-0.5j * omega * dt)
         hold = held_fraction * held_spectrum * half_sample_delay
+        delay_response = self._delay_response(thetas, windows)
         interpolated_response = delay_response * np.sum(plant * interpolation, axis=1)
         held_response = delay_response * np.sum(plant * hold, axis=1)
         responses = [interpolated_response, held_response]
@@ -323,6 +316,24 @@ class GrayBoxModel(NamedTuple):
         for weight in self.refinement_values(thetas).T:
             responses.append(interpolated_response * weight[:, None])
         return np.array(responses)
+
+    def _delay_response(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
+        """Returns the frequency response of the delay from a command to the motors' torque.
+
+        It is a delay by whole samples, and a linear interpolation between two samples for the remainder.
+
+        Args:
+            thetas: b parameter vectors θ (b, k).
+            windows: windows with F frequencies.
+
+        Returns:
+            Responses (b, F), without unit.
+        """
+        delay = np.maximum(thetas[:, [self.delay_index]], 0.0)
+        whole_samples, remainder = np.divmod(delay / windows.dt, 1.0)
+        one_sample_later = np.exp(-1j * windows.omega * windows.dt)
+        interpolation = (1 - remainder) + remainder * one_sample_later
+        return np.asarray(one_sample_later**whole_samples * interpolation)
 
     def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:
         """Returns the spectral density of the body rate that wind torque and measurement noise cause.

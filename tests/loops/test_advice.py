@@ -355,7 +355,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
         "Keep the gains, and fly ten small, quick doublets about roll in calm air;"
     )
     assert (
-        "69 % reach the goal with the gains that `mavdem tune` advises" in steps["unclear"].sentence
+        "69 % reach the goal with the gains that `mavdem tune` tries" in steps["unclear"].sentence
     )
 
 

@@ -308,23 +308,54 @@ def _decision_by_identified_loop(
     Returns:
         The decision, with the diagnosis "below the goal".
     """
-    axis = observations.margins.axis
-    reasons_against_gains = reasons_for_no_gains(loop)
-    advice = None
+    gain_action = _gain_action(
+        observations.margins,
+        loop,
+        action_to_tune=Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments),
+        raises_sound_gains=False,
+    )
+    return LoopDecision(
+        observations.margins.axis,
+        LoopDiagnosis.BELOW_GOAL,
+        loop_fact.replace(action=gain_action.action),
+        gain_action.action,
+        gain_action.reasons_against_gains,
+        advice=gain_action.advice,
+    )
+
+
+class _GainAction(NamedTuple):
+    """What to do about a loop whose gains should change."""
+
+    action: Fact
+    """To run ``mavdem tune`` or, if this flight is not a basis for new gains, what to do before."""
+    reasons_against_gains: Facts
+    """Why no gains may be computed from the loop; empty if they may be."""
+    advice: Advice | None
+    """The advice on gains, if it was needed to decide between the two."""
+
+
+def _gain_action(
+    margins: AxisMargins, loop: Loop, action_to_tune: Fact, *, raises_sound_gains: bool
+) -> _GainAction:
+    """Decides whether the gains of a loop may be changed after this flight, or what to do before.
+
+    Args:
+        margins: margins of the axis, and whether the measured response of the angle contradicts the predicted one.
+        loop: rate and attitude loop of the axis, with the plant that was identified in flight.
+        action_to_tune: the action if the gains may be changed.
+        raises_sound_gains: whether the gains are raised although the loop has its margins, since it is too slow.
+    """
+    reasons_against_gains = reasons_for_no_gains(loop, for_higher_gains=raises_sound_gains)
     if reasons_against_gains:
         action = _action_to_remedy(reasons_against_gains[0])
-    else:
-        attitude_doubt = observations.margins.attitude_contradiction
-        advice = _advice_if_basis_is_uncertain(loop, attitude_doubt, raises_sound_gains=False)
-        advice_to_fly_first = _advice_to_fly_first(advice)
-        if advice_to_fly_first is not None:
-            action = advice_to_fly_first
-        else:
-            action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
-    reason = loop_fact.replace(action=action)
-    return LoopDecision(
-        axis, LoopDiagnosis.BELOW_GOAL, reason, action, reasons_against_gains, advice=advice
+        return _GainAction(action, reasons_against_gains, advice=None)
+    advice = _advice_if_basis_is_uncertain(
+        loop, margins.attitude_contradiction, raises_sound_gains=raises_sound_gains
     )
+    advice_to_fly_first = _advice_to_fly_first(advice)
+    action = action_to_tune if advice_to_fly_first is None else advice_to_fly_first
+    return _GainAction(action, reasons_against_gains, advice)
 
 
 def _advice_if_basis_is_uncertain(
@@ -387,50 +418,69 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     An identified loop with enough margin would follow well, so that it cannot be right, and no gains are computed from
     it. The exception is an axis whose body rate only falls short of its setpoint: such a loop may be right but slow.
 
-    The action depends on what is wrong:
-
-    - The angle overshoots: lower the gains of the attitude loop.
-    - The angle amplifies its setpoint: fly doublets, which show the margins.
-    - The error is a consequence of a swing: in an automatic mode, setpoint and angle may swing by tens of degrees. The
-      action is the remedy of the swing. The swing explains the error if the angle was far from its setpoint in it, or
-      if the axis itself swung and its error is not bad.
-    - The error is large for another reason: check the vehicle.
-
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
 
     Returns:
         The decision; None if the axis follows well, or that is not known.
     """
-    axis = observations.margins.axis
     tracking = observations.tracking
     if not tracking.is_watch_or_bad:
         return None
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
         return _decision_on_slow_rate(observations)
-    swing = observations.attitude_swing
-    is_error_by_swing = False
-    if swing is not None:
-        # Only a swing in which roll or pitch was far from its setpoint has the figure "angle_error".
-        is_far_from_setpoint = "angle_error" in swing.figures
-        is_swing_of_axis = swing.subject == axis
-        is_error_by_swing = is_far_from_setpoint or (is_swing_of_axis and not tracking.is_bad)
-    if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
-        action = _advice_to_lower_gains(observations, "attitude")
-    elif tracking.code is TrackingLight.AMPLIFIES_SETPOINT:
-        action = Fact(LoopAction.FLY_DOUBLETS, axis=axis, is_biased=False)
-    elif swing is not None and is_error_by_swing:
-        action = _action_to_remedy(swing)
-    else:
-        action = Fact(
-            LoopAction.CHECK_VEHICLE,
-            angle_error=tracking.figures["angle_error"],
-            offset_angle=tracking.figures["offset_angle"],
-        )
+    action = _action_by_tracking(observations)
     reason = tracking.replace(action=action)
     return LoopDecision(
-        axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, reasons_against_gains=(reason,)
+        observations.margins.axis,
+        LoopDiagnosis.FOLLOWS_BADLY,
+        reason,
+        action,
+        reasons_against_gains=(reason,),
     )
+
+
+def _action_by_tracking(observations: LoopObservations) -> Fact:
+    """Returns what to do about an axis whose angle follows its setpoint badly.
+
+    - If the angle overshoots: lower the gains of the attitude loop.
+    - If the angle amplifies its setpoint: fly doublets, which show the margins.
+    - If a swing of the vehicle explains the error: the remedy of the swing.
+    - If the error is large for another reason: check the vehicle.
+
+    Args:
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
+    """
+    tracking = observations.tracking
+    if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
+        return _advice_to_lower_gains(observations, "attitude")
+    if tracking.code is TrackingLight.AMPLIFIES_SETPOINT:
+        return Fact(LoopAction.FLY_DOUBLETS, axis=observations.margins.axis, is_biased=False)
+    swing = observations.attitude_swing
+    if swing is not None and _swing_explains_error(swing, observations):
+        return _action_to_remedy(swing)
+    return Fact(
+        LoopAction.CHECK_VEHICLE,
+        angle_error=tracking.figures["angle_error"],
+        offset_angle=tracking.figures["offset_angle"],
+    )
+
+
+def _swing_explains_error(swing: Fact, observations: LoopObservations) -> bool:
+    """Returns whether an axis is far from its setpoint because the vehicle swung to and fro in an automatic mode.
+
+    In such a swing, setpoint and angle may move by tens of degrees. It explains the error if roll or pitch was far from
+    its setpoint in it, or if this axis swung and its error is not bad.
+
+    Args:
+        swing: the event of the swing, of roll or pitch.
+        observations: margins and tracking of the axis.
+    """
+    # Only a swing in which roll or pitch was far from its setpoint has this figure.
+    if "angle_error" in swing.figures:
+        return True
+    is_swing_of_axis = swing.subject == observations.margins.axis
+    return is_swing_of_axis and not observations.tracking.is_bad
 
 
 def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
@@ -481,29 +531,22 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
         The decision, with the diagnosis that the axis follows badly because it is too slow.
     """
     axis = observations.margins.axis
-    reasons_against_gains = reasons_for_no_gains(loop, for_higher_gains=True)
-    advice = None
-    if reasons_against_gains:
-        action = _action_to_remedy(reasons_against_gains[0])
-    else:
-        attitude_doubt = observations.margins.attitude_contradiction
-        advice = _advice_if_basis_is_uncertain(loop, attitude_doubt, raises_sound_gains=True)
-        advice_to_fly_first = _advice_to_fly_first(advice)
-        if advice_to_fly_first is not None:
-            action = advice_to_fly_first
-        else:
-            action = Fact(
-                LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
-            )
-    reason = observations.tracking.replace(action=action)
+    gain_action = _gain_action(
+        observations.margins,
+        loop,
+        action_to_tune=Fact(
+            LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
+        ),
+        raises_sound_gains=True,
+    )
     return LoopDecision(
         axis,
         LoopDiagnosis.FOLLOWS_BADLY,
-        reason,
-        action,
-        reasons_against_gains,
+        observations.tracking.replace(action=gain_action.action),
+        gain_action.action,
+        gain_action.reasons_against_gains,
         is_too_slow=True,
-        advice=advice,
+        advice=gain_action.advice,
     )
 
 
@@ -661,12 +704,27 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
             if action.code in ADVICE_TO_TUNE:
                 return action
         return first_action
-    if first_action.code is not LoopAction.LOWER_BY_A_THIRD:
-        return first_action
-    reductions = [action for action in needed_actions if action.code is LoopAction.LOWER_BY_A_THIRD]
+    if first_action.code is LoopAction.LOWER_BY_A_THIRD:
+        return _joined_reductions(
+            [action for action in needed_actions if action.code is LoopAction.LOWER_BY_A_THIRD]
+        )
+    return first_action
+
+
+def _joined_reductions(reductions: Sequence[Fact]) -> Fact:
+    """Joins the actions to lower the gains of single axes by a third to one action for all these axes.
+
+    Args:
+        reductions: the action of each axis, at least one. Its figures are the ``axis``, the ``changes`` of gains, and,
+            if gains changed in flight, the facts on that as ``changed``.
+
+    Returns:
+        An action with the changes of all axes, and their names as ``names``. The action of a single axis stays as it
+        is.
+    """
+    first_reduction = reductions[0]
     if len(reductions) == 1:
-        # The action of a single axis has no list of axes ("names").
-        return first_action
+        return first_reduction
     gain_changes = []
     facts_on_changed_gains: list[Fact] = []
     axes = []
@@ -674,10 +732,10 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
         gain_changes += reduction.figures["changes"]
         facts_on_changed_gains += reduction.figures.get("changed", ())
         axes.append(reduction.figures["axis"])
-    joined_action = first_action.replace(changes=gain_changes, names=axes)
+    joined_reduction = first_reduction.replace(changes=gain_changes, names=axes)
     if facts_on_changed_gains:
-        return joined_action.replace(changed=facts_on_changed_gains)
-    return joined_action
+        return joined_reduction.replace(changed=facts_on_changed_gains)
+    return joined_reduction
 
 
 def advises_to_tune(next_step: Fact) -> bool:

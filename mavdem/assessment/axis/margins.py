@@ -251,9 +251,7 @@ def response_comparison(
     left out, so that no report calls the same loop right in one place and wrong in another. The exception is an angle
     that differs: its response depends on the attitude controller too, which that of the rate does not show.
 
-    If the first comparison did not decide, a difference usually means that the loop is wrong. It has another cause in
-    two cases, and is then left out: a motor was at a limit too often, so that the response is not linear; or gains
-    changed in flight, so that the measured response mixes two loops.
+    If the identification did not decide, a difference is left out only if it does not show that the loop is wrong.
 
     Args:
         measured_response: response of rate or angle to its setpoint, measured in flight.
@@ -270,15 +268,24 @@ def response_comparison(
     if loop.agrees is not None and not differs_only_in_angle:
         contradicts_identification = comparison.is_good != loop.agrees
         return None if contradicts_identification else comparison
-    if comparison.is_good:
-        return comparison
-    were_motors_limited = False
-    if loop.measured is not None and loop.measured.reason is not None:
-        were_motors_limited = loop.measured.reason.code is ResponseFact.RESPONSE_LIMITED
-    gains_changed = any(caution.code is LoopFact.PARAMETERS_CHANGED for caution in loop.cautions)
-    if were_motors_limited or gains_changed:
+    if not comparison.is_good and _has_other_cause_of_difference(loop):
         return None
     return comparison
+
+
+def _has_other_cause_of_difference(loop: Loop) -> bool:
+    """Returns whether the measured response of a loop may differ from its prediction although the loop is right.
+
+    It may if a motor was at a limit too often, so that the response is not linear, or if gains changed in flight, so
+    that the measured response mixes two loops.
+
+    Args:
+        loop: the identified loops of an axis.
+    """
+    if loop.measured is not None and loop.measured.reason is not None:
+        if loop.measured.reason.code is ResponseFact.RESPONSE_LIMITED:
+            return True
+    return any(caution.code is LoopFact.PARAMETERS_CHANGED for caution in loop.cautions)
 
 
 def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact | None:

@@ -250,11 +250,8 @@ def _tracking_rating(
 
     1. The error of the angle is not small.
     2. The rate falls short of its setpoint in turns.
-    3. A step overshoots by more than ``MAX_OVERSHOOT``. If no step response can be measured, the whole confidence
-       interval of the largest response to the setpoint must exceed ``MAX_RESPONSE_PEAK``, where no position is held.
+    3. The response is too large at some frequency (:func:`_rating_of_large_response`).
     4. The axis follows well.
-
-    Estimating the step response takes long, so that is done only if the response is large at some frequency.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -272,20 +269,40 @@ def _tracking_rating(
         return _TrackingRating(TrackingLight.RATE_FALLS_SHORT, Level.WATCH)
     if peak is None or peak.ratio <= MAX_RESPONSE_PEAK:
         return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
-    response = attitude_step_response(signals, segments)
-    # A fact states why the flight shows no step response.
-    if isinstance(response, Fact):
-        # A position controller commands roll and pitch, not yaw.
-        if signals.axis in TILT_AXES:
-            peak = _response_peak_without_position_control(signals, segments)
-        # The peak alone decides, so the lower end of its interval is compared.
-        if peak is not None and peak.lowest_ratio > MAX_RESPONSE_PEAK:
-            return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
-        return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
-    overshoot = response.overshoot.value
-    if overshoot > MAX_OVERSHOOT:
-        return _TrackingRating(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot)
-    return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, overshoot)
+    return _rating_of_large_response(signals, segments, peak)
+
+
+def _rating_of_large_response(
+    signals: Signals, segments: Segments, peak: ResponsePeak
+) -> _TrackingRating:
+    """Rates an axis whose response to its setpoint exceeds ``MAX_RESPONSE_PEAK`` at some frequency.
+
+    A step that overshoots by more than ``MAX_OVERSHOOT`` is to be watched. Estimating the step response takes long, so
+    that it is done only here. If it cannot be measured, the whole confidence interval of the peak must exceed
+    ``MAX_RESPONSE_PEAK``.
+
+    Args:
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
+        segments: segments of the flight in which the angle is judged.
+        peak: the largest response to the setpoint.
+
+    Returns:
+        Code and level, with the overshoot if it was measured.
+    """
+    step_response = attitude_step_response(signals, segments)
+    # Without a step response this is the fact that says why.
+    if not isinstance(step_response, Fact):
+        overshoot = step_response.overshoot.value
+        if overshoot > MAX_OVERSHOOT:
+            return _TrackingRating(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot)
+        return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, overshoot)
+    reliable_peak: ResponsePeak | None = peak
+    if signals.axis in TILT_AXES:
+        # A position controller commands roll and pitch, and not yaw.
+        reliable_peak = _response_peak_without_position_control(signals, segments)
+    if reliable_peak is not None and reliable_peak.lowest_ratio > MAX_RESPONSE_PEAK:
+        return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
+    return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
 
 
 def _response_peak_without_position_control(

@@ -427,23 +427,52 @@ def _next_step_with_new_gains(
 
     Returns:
         The fact ``FLY_BEFORE_GAINS`` if the flight is not a basis for the new gains of any axis (``Advice.is_sound``),
-        and otherwise ``LOAD_GAINS`` with these figures: ``share``, the fraction of the models that fit the flight with
-        which the gains to load have the required margins, the lowest of all loops; ``needed``, the fraction from which
-        on the gains count as certain; ``is_biased``, whether wind biased the control effectiveness of a loop;
-        ``missing``, the status lights that should be known before; ``names``, the axes whose gains are loaded, if not
-        those of all axes with new gains are; and ``waiting``, the axes whose gains are of a later stage.
+        and otherwise ``LOAD_GAINS``.
     """
     changed_loops = _advice_on_changed_loops(advice_on_loops)
-    if not any(advice.is_sound for advice in changed_loops):
-        # The most certain advice determines which flight is needed, and the fact names all axes.
-        most_certain = max(
-            changed_loops,
-            key=lambda advice: max(advice.sure, advice.fraction_without_margins_before),
+    if any(advice.is_sound for advice in changed_loops):
+        return _step_to_load_gains(
+            judgement, changed_loops, other_axes, arguments, is_written=is_written
         )
-        axes = tuple(advice.before.axis for advice in changed_loops)
-        flight = most_certain.flight_before_gains.replace(names=axes)
-        return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
-    first_stage = stage_to_load(advice_on_loops)
+    # The most certain advice determines which flight is needed, and the fact names all axes.
+    most_certain = max(
+        changed_loops,
+        key=lambda advice: max(advice.sure, advice.fraction_without_margins_before),
+    )
+    axes = tuple(advice.before.axis for advice in changed_loops)
+    flight = most_certain.flight_before_gains.replace(names=axes)
+    return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
+
+
+def _step_to_load_gains(
+    judgement: Judgement,
+    changed_loops: Sequence[Advice],
+    other_axes: Sequence[str],
+    arguments: Sequence[str],
+    *,
+    is_written: bool,
+) -> Fact:
+    """Returns the next step to load those new gains for which the flight is a basis, and which need no earlier stage.
+
+    Args:
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
+        changed_loops: advice on the loops that change. The flight is a basis for the new gains of one at least.
+        other_axes: axes that were not requested, but whose gains should change too.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        is_written: whether the gains are written to a file.
+
+    Returns:
+        The fact ``LOAD_GAINS`` with these figures, among others:
+
+        - ``share``: the fraction of the models that fit the flight with which the gains to load have the required
+          margins, the lowest of all loops;
+        - ``needed``: the fraction from which on the gains count as certain;
+        - ``is_biased``: whether wind biased the control effectiveness of a loop;
+        - ``missing``: the status lights that should be known before;
+        - ``names``: the axes whose gains are loaded, if not those of all axes with new gains are;
+        - ``waiting``: the axes whose gains are of a later stage.
+    """
+    first_stage = stage_to_load(changed_loops)
     # Gains that another flight is to confirm, and those of a later stage, are not loaded now.
     loops_to_load = []
     waiting_axes = []
