@@ -642,10 +642,11 @@ class SessionStatus(ImmutableResult):
 
         The first rule that applies decides:
 
-        1. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
-        2. Before a model is judged, the headline sums up the lights, if any of them needs none.
-        3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
-        4. Otherwise the headline of the model stays.
+        1. An oscillation becomes the headline in the place of any lasting fault: it drives the motors to their limits.
+        2. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
+        3. Before a model is judged, the headline sums up the lights, if any of them needs none.
+        4. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
+        5. Otherwise the headline of the model stays.
 
         Args:
             judgement: headline and next step by the model, or why there is none, and the lights by all checks.
@@ -653,11 +654,15 @@ class SessionStatus(ImmutableResult):
         """
         lights = judgement.lights
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
+        # An event precedes what lasts, as for a log: a diverging height precedes the vibration that causes it.
+        bad_events = [fact for fact in bad_lights if _is_event(fact)]
+        margins = lights[Light.MARGINS]
+        is_event_stated = bool(bad_events) or _is_event(judgement.headline)
+        if margins.code is MarginsLight.OSCILLATES and margins.is_bad and not is_event_stated:
+            return _judgement_with_headline(margins, lights)
         if bad_lights and judgement.headline.is_bad:
             return judgement
         if bad_lights:
-            # An event precedes what lasts, as for a log: a diverging height precedes the vibration that causes it.
-            bad_events = [fact for fact in bad_lights if _is_event(fact)]
             most_important = bad_events[0] if bad_events else bad_lights[0]
             return _judgement_with_headline(most_important, lights)
         if self._shows_lights_before_model:

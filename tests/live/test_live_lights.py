@@ -8,9 +8,10 @@ from pytest import fixture, mark
 
 from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.assessment.lights import VEHICLE_LIGHTS
+from mavdem.assessment.next_step import choose_next_step
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.assessment import Headline, NextStep, Override
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light, Unjudged
@@ -464,6 +465,37 @@ def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound()
     [motors] = [row for row in light_rows(status) if row.name == Light.MOTORS]
     assert motors.figure == "it oscillates"
     assert live_alarm(status) == "⚠ Roll and pitch: land now"
+
+
+def test_an_oscillation_stays_first_after_the_landing_before_the_motor_limits_that_it_caused():
+    """Motors at their limits by the model are its consequence; a loss of the vehicle comes before both."""
+    oscillation = Fact(
+        MarginsLight.OSCILLATES,
+        Level.BAD,
+        subject="roll",
+        axes=(("roll", 16.0, 2.0),),
+        frequency=16.0,
+        turn_rate=2.0,
+    )
+    saturation = Fact(Override.SATURATION, Level.BAD, subject="motor 1", share=0.2)
+    by_model = replace(unjudged(saturation), headline=saturation)
+    limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.2)
+    landed = SessionStatus(
+        "1:1",
+        flight_number=1,
+        is_over=True,
+        worst_lights={Light.MARGINS: oscillation, Light.MOTORS: limited},
+    )
+    for is_recording_judged in (False, True):
+        for judgement in (None, by_model):
+            status = replace(
+                landed, model_judgement=judgement, is_recording_judged=is_recording_judged
+            )
+            shown = status.overall_judgement
+            assert shown.headline == oscillation
+            assert shown.next_step == choose_next_step(oscillation, shown.lights, None)
+    lost = replace(landed, model_judgement=by_model, loss=Fact(Ending.CONTROL_LOST, Level.BAD))
+    assert lost.overall_judgement.headline.code is Ending.CONTROL_LOST
 
 
 def test_a_small_margin_that_the_recording_shows_is_no_alarm():
