@@ -512,25 +512,18 @@ class StatusLines:
             self._print_next_step(status, is_reminder=is_bad)
 
     def _print_status_line(self, status: SessionStatus) -> None:
-        """Prints the state in one line, and below it a fault that an earlier flight of the session has shown, if any.
+        """Prints the state in one line, and below it a fault of an earlier flight, if that was not printed before.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
-        line = stamped_line(
-            escape_unprintable(status_line_text(status)), boot_clock=status.boot_clock
-        )
-        self._print(line)
-        fault_of_earlier_flight = unrepaired_fault_text(status)
-        headline = status.session_judgement.headline
-        if headline.code is SessionFact.FLIGHT_VERDICT:
-            # The headline itself is the verdict on an earlier flight.
-            fault_of_earlier_flight = headline_text(headline)
-        is_other_fault = fault_of_earlier_flight != self._printed_fault_of_earlier_flight
-        if fault_of_earlier_flight and is_other_fault:
-            self._printed_fault_of_earlier_flight = fault_of_earlier_flight
-            text = escape_unprintable(fault_of_earlier_flight)
-            self._print(stamped_line(text, boot_clock=status.boot_clock))
+        state_text = escape_unprintable(status_line_text(status))
+        self._print(stamped_line(state_text, boot_clock=status.boot_clock))
+        fault_text = _fault_of_earlier_flight(status)
+        if fault_text and fault_text != self._printed_fault_of_earlier_flight:
+            self._printed_fault_of_earlier_flight = fault_text
+            line = stamped_line(escape_unprintable(fault_text), boot_clock=status.boot_clock)
+            self._print(line)
 
     def _print_no_vehicle_event(self, status: SessionStatus) -> None:
         """Prints the event that no vehicle has been found once it is ``SEARCH_SECONDS`` old, if it still holds then.
@@ -608,6 +601,19 @@ class StatusLines:
             text = first_sentence(text)
         if text:
             self._print(stamped_line(f"{NEXT_MARKER} {text}", boot_clock=status.boot_clock))
+
+
+def _fault_of_earlier_flight(status: SessionStatus) -> str:
+    """Returns a sentence on a fault that an earlier flight of the session has shown; empty without one.
+
+    Args:
+        status: State of the live session.
+    """
+    headline = status.session_judgement.headline
+    if headline.code is SessionFact.FLIGHT_VERDICT:
+        # On the ground, how an earlier flight was judged may be the headline of the session.
+        return headline_text(headline)
+    return unrepaired_fault_text(status)
 
 
 def _watch_facts_to_print(status: SessionStatus) -> Facts:

@@ -194,11 +194,14 @@ class ControlWatch:
             error = hypot(roll_error, pitch_error)
         else:
             error = WITHOUT_SETPOINT_SHARE * hypot(roll, pitch)
-        if error > LOST_ANGLE:
-            self._large_error_time = pose.time
-            self._large_error_start = min(self._large_error_start, pose.time)
-        else:
+        is_error_large = error > LOST_ANGLE
+        if not is_error_large:
+            # No series of large errors goes on.
             self._large_error_start = inf
+            return
+        self._large_error_time = pose.time
+        # The first error of a series is its start; for those after it the start stays.
+        self._large_error_start = min(self._large_error_start, pose.time)
 
     @property
     def may_be_lost(self) -> bool:
@@ -253,22 +256,25 @@ class ControlWatch:
         Returns:
             The fall as a fact, with height, m, and speed downward, m/s; its cause is the pilot's throttle stick if that
             was closed. None if the motors carry the vehicle, or have been idle for less than ``MIN_IDLE_SECONDS``; if
-            it does not sink fast; or if it is near the ground.
+            it is near the ground, or its height is not known; or if it does not sink fast.
         """
         now = moment.time
-        idle_start = None
-        if moment.motion is not None:
-            idle_start = _idle_start(moment.motion.motors, moment.vehicle.parameters)
+        if moment.motion is None:
+            return None
+        idle_start = _idle_start(moment.motion.motors, moment.vehicle.parameters)
         if idle_start is None or now - idle_start < MIN_IDLE_SECONDS:
             return None
         signals = self.recent_signals(moment.vehicle, moment.motion)
         sensors = BootSensors(signals, self._slow_messages.boot, moment.takeoff_time)
-        climb_rate = series_of_boot(signals.climb_rate, self._slow_messages.boot)
         height = sensors.height_at(now)
-        if climb_rate is None or height is None or height <= MAX_GROUND_HEIGHT:
+        if height is None or height <= MAX_GROUND_HEIGHT:
+            return None
+        climb_rate = series_of_boot(signals.climb_rate, self._slow_messages.boot)
+        if climb_rate is None or climb_rate.time[-1] < idle_start:
+            # No climb rate has come since the motors are idle.
             return None
         sink_rate = -float(climb_rate.values[-1])
-        if climb_rate.time[-1] < idle_start or sink_rate < MIN_SINK_RATE:
+        if sink_rate < MIN_SINK_RATE:
             return None
         closed_stick = sensors.throttle_closed_fact((idle_start - MAX_SETPOINT_DELAY, now))
         cause = None
@@ -579,9 +585,10 @@ def _idle_start(motors: MotorOutputs, parameters: Parameters) -> float | None:
     # The mean output of all motors at each sample, as a fraction of the range.
     collective = motors.collective
     powered_indices = np.flatnonzero(collective.values > min_airborne_collective(parameters))
-    first_idle_index = 0
+    idle_times = collective.time
     if len(powered_indices):
-        first_idle_index = powered_indices[-1] + 1
-    if first_idle_index == len(collective.time):
+        # The outputs after the last one that carries the vehicle.
+        idle_times = collective.time[powered_indices[-1] + 1 :]
+    if len(idle_times) == 0:
         return None
-    return float(collective.time[first_idle_index])
+    return float(idle_times[0])

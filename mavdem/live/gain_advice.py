@@ -247,21 +247,34 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         The new gains of each axis that gets some to load, and then for each other axis the decision on its loops, such
         as to fly before gains are loaded, if that needs an action, or why its gains stay as they are.
     """
-    facts = []
+    facts_on_new_gains = []
     facts_without_gains = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and advice.parameters and advice.is_sound:
-            facts.append(_new_gains_fact(axis, advice))
-            continue
-        decision = tuning.judgement.loop_decisions.get(axis)
-        if decision is not None and decision.action is not None:
-            # The list of events has nothing else that names the axis.
-            facts_without_gains.append(decision.fact.replace(is_named=True))
-            continue
-        conclusion = advice.conclusion if isinstance(advice, Advice) else advice
-        reason = decisive_reason(conclusion)
-        facts_without_gains.append(Fact(GainFact.GAINS_LEFT, subject=axis, reason=reason))
-    return (*facts, *facts_without_gains)
+            facts_on_new_gains.append(_new_gains_fact(axis, advice))
+        else:
+            facts_without_gains.append(_fact_without_gains(axis, tuning))
+    return (*facts_on_new_gains, *facts_without_gains)
+
+
+def _fact_without_gains(axis: str, tuning: Tuning) -> Fact:
+    """Returns what is reported of an axis that gets no gains to load.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        tuning: the advice on all axes.
+
+    Returns:
+        The decision on the loops of the axis, if the user has to act on it; otherwise that the gains stay, and why.
+    """
+    decision = tuning.judgement.loop_decisions.get(axis)
+    if decision is not None and decision.action is not None:
+        # The list of events has nothing else that names the axis.
+        return decision.fact.replace(is_named=True)
+    # Without advice there is a fact with the reason in its place.
+    advice = tuning.axes[axis]
+    conclusion = advice.conclusion if isinstance(advice, Advice) else advice
+    return Fact(GainFact.GAINS_LEFT, subject=axis, reason=decisive_reason(conclusion))
 
 
 def decisive_reason(finding: Fact) -> Fact:

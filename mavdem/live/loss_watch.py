@@ -193,8 +193,9 @@ class LossWatch:
         if present_fall is not None:
             # The newest fact has the present height and speed.
             self.ongoing_fall = present_fall
-            has_begun = former_fall is None
-            return [alarm_if_bad(present_fall, review.now)] if has_begun else []
+            if former_fall is None:
+                return [alarm_if_bad(present_fall, review.now)]
+            return []
         motors_carry_vehicle = carries_vehicle(moment.motion, review.vehicle.parameters)
         if former_fall is not None and motors_carry_vehicle:
             self.ongoing_fall = None

@@ -224,19 +224,19 @@ class _MessageInterval:
     def note_rate(self, rate: float) -> None:
         """Notes whether the message comes, and whether it comes as fast as is needed.
 
-        The interval is set at most ``MAX_TRIES`` times in vain. ``set_count`` counts these settings, so it begins again
-        at 0 once the message comes fast enough: if it becomes slow later, all tries are available again.
-
         Args:
-            rate: measured rate, Hz.
+            rate: measured rate, Hz; 0 if the message does not come.
         """
-        self.was_received = self.was_received or rate > 0
-        self.is_absent = self.is_absent and rate == 0
-        if rate >= self.needed_rate:
-            self.set_count = 0
-            # A message that is fast enough without a setting has not reached a requested rate, so that a later fall of
-            # its rate is not reported as the loss of one.
-            self.was_reached = self.may_have_changed
+        if rate > 0:
+            self.was_received = True
+            self.is_absent = False
+        if rate < self.needed_rate:
+            return
+        # If the message becomes slow later, all ``MAX_TRIES`` settings of its interval are available again.
+        self.set_count = 0
+        # A message that is fast enough without a setting has not reached a requested rate, so that a later fall of its
+        # rate is not reported as the loss of one.
+        self.was_reached = self.may_have_changed
 
     def note_setting(self, now: float, rate: float) -> None:
         """Notes that the requested rate is set now, since the measured one is too low.

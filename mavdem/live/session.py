@@ -875,10 +875,10 @@ class LiveSession:
         if reported_advice and judgement is not None:
             self._log_margins(judgement.lights[Light.MARGINS], tuple(reported_advice))
         for fact in reported_advice:
-            # The advice to leave gains as they are is left out if its reason was reported already.
-            gains_unchanged = fact.code is GainFact.GAINS_LEFT
-            if not gains_unchanged or not self._is_reason_reported_already(fact):
-                self._presentation.log(fact)
+            is_to_leave_gains = fact.code is GainFact.GAINS_LEFT
+            if is_to_leave_gains and self._is_reason_reported_already(fact):
+                continue
+            self._presentation.log(fact)
 
     def _is_reason_reported_already(self, gains_unchanged: Fact) -> bool:
         """Returns whether another report has stated already why there are no new gains.

@@ -137,8 +137,10 @@ class StatusReport:
             return stream_reason
         is_motion_missing = silence is not None and silence.subject == MissingMessages.MOTION
         is_none_followed = status.vehicle is None
+        # Attitudes of any vehicle on the link, followed or not.
         has_attitudes = self.silence.has_attitudes(self.backlog.analysed_until)
-        if is_motion_missing and is_none_followed and has_attitudes:
+        is_motion_ignored = is_none_followed and has_attitudes
+        if is_motion_missing and is_motion_ignored:
             return stream_reason
         return silence
 

@@ -355,13 +355,6 @@ class LiveStream:
         flight_seconds = None
         if self.is_flying and is_takeoff_seen:
             flight_seconds = self._clock.now - self.takeoff_time
-        active_alarms = []
-        for alarm in (*watchdog.active_alarms, *self.motor_alarms.active):
-            # The alarm that the flight was lost also names a motor that was weak before.
-            if loss is not None and alarm == watchdog.loss:
-                active_alarms.append(loss)
-            else:
-                active_alarms.append(alarm)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
             boot_clock=self._clock.now,
@@ -379,7 +372,7 @@ class LiveStream:
             has_landed=watchdog.has_landed,
             loss=loss,
             ground_contact=watchdog.ground_contact,
-            active_alarms=tuple(active_alarms),
+            active_alarms=self._active_alarms,
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
@@ -391,6 +384,16 @@ class LiveStream:
             mean_wind=self.wind.mean,
             no_wind_reason=self.wind.no_estimate_reason,
         )
+
+    @property
+    def _active_alarms(self) -> Facts:
+        """The active alarms of the followed vehicle; that of its loss also names a motor that was weak before."""
+        loss = self._review.watchdog.loss
+        alarms = []
+        for alarm in (*self._review.watchdog.active_alarms, *self.motor_alarms.active):
+            is_loss = loss is not None and alarm == loss
+            alarms.append(self._loss_with_weak_motor(alarm) if is_loss else alarm)
+        return tuple(alarms)
 
     @property
     def _no_rows_reason(self) -> Fact | None:

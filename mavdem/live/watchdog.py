@@ -1088,10 +1088,10 @@ class Watchdog:
         return has_just_taken_off and not is_oscillating
 
     def set_motors_watched(self, reason: Fact | None, now: float) -> None:
-        """Adds to the list of watched quantities whether the motors are tested for a loss of thrust at present.
+        """Notes whether a motor that loses thrust would be detected at present, for watch list and status light.
 
-        The test itself is made by ``MotorAlarms``, with each sample of the motors. While it runs, a status light of the
-        motors that states nothing yet becomes "no loss found". After a loss of control, and while the vehicle
+        The test for such a loss is made by ``MotorAlarms``. While it runs, the status light of the motors states that
+        no loss was found, unless it states something else already. After a loss of control, and while the vehicle
         oscillates, it does not: then the motors go from limit to limit, and the test does not show that they are sound.
 
         Args:
@@ -1099,12 +1099,12 @@ class Watchdog:
             now: present time on the boot clock, s.
         """
         self.watch_list.set(WatchedQuantity.MOTORS, reason, now)
+        if reason is not None:
+            return
         is_oscillating = WatchedQuantity.OSCILLATION in self.alarms.facts
-        can_detect_loss = reason is None
-        if can_detect_loss and self.loss is None and not is_oscillating:
-            self.status_lights.add_first(
-                Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
-            )
+        if self.loss is None and not is_oscillating:
+            no_loss_found = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
+            self.status_lights.add_first(Light.MOTORS, no_loss_found)
 
 
 def _with_level_in_flight(report: Fact) -> Fact:

@@ -343,8 +343,7 @@ class LiveWind:
             values: velocity down, north and east in the unit of the message.
 
         Returns:
-            The wind with the flight's first useful estimate, once; None otherwise. An estimate whose speed is not
-            identifiable, such as 0 to 11 m/s, tells a pilot nothing.
+            The report that the wind is known, with the flight's first useful estimate; None otherwise.
         """
         is_selected = self._selects_velocity(name, time)
         unit = VELOCITY_MESSAGES[name]
@@ -361,13 +360,20 @@ class LiveWind:
             self._next_check_time = time + FIRST_FIT_SECONDS
             self._check_free_flight(time)
         self._estimate_complete_steps(time)
+        return self._report_on_first_estimate()
+
+    def _report_on_first_estimate(self) -> Fact | None:
+        """Returns the report that the wind is known, once in a flight; None before that, and later.
+
+        An estimate whose speed is not identifiable, such as 0 to 11 m/s, tells a pilot nothing, and is not reported.
+        """
         if self.latest is None or self._is_first_estimate_reported:
             return None
-        wind_facts = self.latest.facts
-        if wind_facts[0].figures["status"] is Status.NOT_IDENTIFIABLE:
+        speed_fact, *_ = self.latest.facts
+        if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
             return None
         self._is_first_estimate_reported = True
-        return Fact(SessionFact.WIND_KNOWN, reason=wind_facts)
+        return Fact(SessionFact.WIND_KNOWN, reason=self.latest.facts)
 
     def _is_credible(self, velocity: _VelocitySample) -> bool:
         """Returns whether a velocity is possible, by ``MAX_SPEED``, and valid by the flags of the estimator."""
