@@ -204,8 +204,7 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
 def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController]:
     """Yields the speed controllers in ESC_STATUS, with the errors and temperatures in ESC_INFO.
 
-    A message of either type has the values of a group of four controllers, from number ``index`` on. Controllers beyond
-    the ``count`` of ESC_INFO do not exist; if that is not known, those whose motor never turns are left out.
+    A message of either type has the values of a group of four controllers, from number ``index`` on.
 
     Args:
         telemetry: messages of the vehicle.
@@ -231,13 +230,7 @@ def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController
         for index_in_group, speed_of_motor in enumerate(speeds):
             number = first_index + index_in_group + 1
             speed = _speed_series(status_of_group, speed_of_motor)
-            if speed is None:
-                continue
-            if controller_count is None:
-                exists = bool(speed.values.any())
-            else:
-                exists = number <= controller_count
-            if not exists:
+            if speed is None or not _does_exist(number, speed, controller_count):
                 continue
             current = None
             if "current" in status_of_group:
@@ -251,6 +244,19 @@ def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController
                 current=current,
                 temperature=errors_and_temperature.temperature,
             )
+
+
+def _does_exist(number: int, speed: TimeSeries, controller_count: int | None) -> bool:
+    """Returns whether a speed controller exists: a group always has four, of which some may not be connected.
+
+    Args:
+        number: number of the controller, from 1.
+        speed: speed of its motor, 1/min.
+        controller_count: number of controllers; if it is not known (None), one whose motor ever turns exists.
+    """
+    if controller_count is None:
+        return bool(speed.values.any())
+    return number <= controller_count
 
 
 class _ErrorsAndTemperature(NamedTuple):

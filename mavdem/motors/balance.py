@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -166,32 +167,59 @@ def motor_balance(
     if len(blocks) < MIN_BLOCKS or len(signatures.axes) == 1:
         return None
     balance, lean = np.split(np.array(blocks), [len(AXES)], axis=1)
-    residuals = balance - balance.mean(axis=0)
-    lean_deviations = lean - lean.mean(axis=0)
-    lean_effect = np.full((len(AXES), len(TILT_AXES)), np.nan)
-    effect_variance_factor = np.full((len(AXES), len(TILT_AXES)), np.nan)
-    degrees_of_freedom = len(blocks) - 1
-    is_lean_known = np.isfinite(lean_deviations).all()
-    if is_lean_known and np.linalg.matrix_rank(lean_deviations) == len(TILT_AXES):
-        inverse_scatter = np.linalg.inv(lean_deviations.T @ lean_deviations)
-        lean_effect = (inverse_scatter @ lean_deviations.T @ residuals).T
-        residuals = residuals - lean_deviations @ lean_effect.T
-        degrees_of_freedom -= len(TILT_AXES)
-        effect_variance_factor = np.broadcast_to(np.diag(inverse_scatter), lean_effect.shape)
+    regression = _regression_on_lean(balance, lean)
+    residuals = regression.residuals
     # Each of roll, pitch and yaw has its own variance and correlation.
     inflation = [variance_inflation(residuals_of_axis) for residuals_of_axis in residuals.T]
     # The variance is estimated from few blocks, so that the errors follow Student's t distribution. Later they are used
     # as normal ones. So they get the variance of Student's t with f degrees of freedom, which is f / (f − 2) times the
     # estimate, squares / f.
-    block_variance = (residuals**2).sum(axis=0) / (degrees_of_freedom - 2)
+    block_variance = (residuals**2).sum(axis=0) / (regression.degrees_of_freedom - 2)
     variance = block_variance * inflation
     return MotorBalance(
         mean=balance.mean(axis=0),
         error=np.sqrt(variance / len(blocks)),
         lean=lean.mean(axis=0),
-        lean_effect=lean_effect,
-        lean_effect_error=np.sqrt(variance[:, None] * effect_variance_factor),
+        lean_effect=regression.slopes,
+        lean_effect_error=np.sqrt(variance[:, None] * regression.slope_variance_factors),
         seconds=seconds,
+    )
+
+
+class _LeanRegression(NamedTuple):
+    """Least-squares regression of the balance of N blocks on their lean."""
+
+    slopes: Array
+    """(3, 2) slopes of the balance in roll, pitch and yaw by roll and pitch; NaN without a regression."""
+    slope_variance_factors: Array
+    """(3, 2) variances of the slopes, relative to the variance of the blocks; NaN without a regression."""
+    residuals: Array
+    """(N, 3) balance without the effect of the lean and without its mean."""
+    degrees_of_freedom: int
+    """Number of blocks, less the number of fitted parameters of each axis."""
+
+
+def _regression_on_lean(balance: Array, lean: Array) -> _LeanRegression:
+    """Fits the balance of blocks by a mean and, if the lean is known and varies enough, by slopes on the lean.
+
+    Args:
+        balance: (N, 3) balance of each block in roll, pitch and yaw.
+        lean: (N, 2) its mean roll and pitch, rad; NaN where they are not known.
+    """
+    balance_deviations = balance - balance.mean(axis=0)
+    lean_deviations = lean - lean.mean(axis=0)
+    degrees_of_freedom = len(balance) - 1
+    is_lean_known = np.isfinite(lean_deviations).all()
+    if not is_lean_known or np.linalg.matrix_rank(lean_deviations) < len(TILT_AXES):
+        unknown = np.full((len(AXES), len(TILT_AXES)), np.nan)
+        return _LeanRegression(unknown, unknown, balance_deviations, degrees_of_freedom)
+    inverse_scatter = np.linalg.inv(lean_deviations.T @ lean_deviations)
+    slopes = (inverse_scatter @ lean_deviations.T @ balance_deviations).T
+    return _LeanRegression(
+        slopes,
+        slope_variance_factors=np.broadcast_to(np.diag(inverse_scatter), slopes.shape),
+        residuals=balance_deviations - lean_deviations @ slopes.T,
+        degrees_of_freedom=degrees_of_freedom - len(TILT_AXES),
     )
 
 

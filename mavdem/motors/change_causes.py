@@ -197,16 +197,11 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
     # The Bayes factor of a weak motor is the mean over the hypotheses which motor it is.
     hypothesis_count = len(evidence.motor_log_factors)
     motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(hypothesis_count)
-    # (w,) each: the logarithm of prior odds times Bayes factor, by window.
-    load_by_window = evidence.load_log_factors + log(LOADS_PER_MOTOR)
-    motor_by_window = motor_log_factors
-    all_axes_by_window = evidence.all_axes_log_factors + log(OTHERS_PER_MOTOR)
-    yaw_by_window = evidence.yaw_log_factors + log(OTHERS_PER_MOTOR)
-    # All windows are equally probable, so that their odds are added.
-    load_log_odds = log_sum(load_by_window[selection])
-    motor_log_odds = log_sum(motor_by_window[selection])
-    all_axes_log_odds = log_sum(all_axes_by_window[selection])
-    yaw_log_odds = log_sum(yaw_by_window[selection])
+    # All windows are equally probable, so that the Bayes factors of a cause are added over the windows.
+    motor_log_odds = log_sum(motor_log_factors[selection])
+    load_log_odds = log_sum(evidence.load_log_factors[selection]) + log(LOADS_PER_MOTOR)
+    yaw_log_odds = log_sum(evidence.yaw_log_factors[selection]) + log(OTHERS_PER_MOTOR)
+    all_axes_log_odds = log_sum(evidence.all_axes_log_factors[selection]) + log(OTHERS_PER_MOTOR)
     log_sum_of_causes = log_sum([load_log_odds, motor_log_odds, all_axes_log_odds, yaw_log_odds])
     return CauseProbabilities(
         load=float(np.exp(load_log_odds - log_sum_of_causes)),

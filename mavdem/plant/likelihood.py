@@ -378,9 +378,9 @@ class GrayBoxModel(NamedTuple):
             Prediction errors (b, W, N′), rad/s, without their mean in each window, since a constant acceleration
             explains that; and the variance (b,) that the model gives them.
         """
-        factor, variance = minimum_phase(self.noise_density(thetas, windows), windows.samples)
+        noise = minimum_phase(self.noise_density(thetas, windows), windows.samples)
         residual = windows.rate - self.rate_by_motors(thetas, windows)
-        return _prediction_errors(residual, factor, windows), variance
+        return _prediction_errors(residual, noise.factor, windows), noise.variance
 
     def innovations_after_steps(self, theta: Array, steps: Array, windows: FlightWindows) -> Array:
         """Returns the one-step prediction errors at a point θ, and those with each entry of θ changed by a step.
@@ -458,7 +458,7 @@ class GrayBoxModel(NamedTuple):
         # Row 0 of the points is θ itself.
         computed_rows = [0, *changed_rows]
         densities = self.noise_density(points[computed_rows], windows)
-        computed_factors, _ = minimum_phase(densities, windows.samples)
+        computed_factors = minimum_phase(densities, windows.samples).factor
         factor_at_theta = computed_factors[:1]
         factors = np.repeat(factor_at_theta, len(points), axis=0)
         factors[computed_rows] = computed_factors
@@ -500,7 +500,17 @@ def _aliases(windows: FlightWindows) -> Array:
     return windows.omega + 2 * np.pi / windows.dt * ALIAS_NUMBERS
 
 
-def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
+class SpectralFactorisation(NamedTuple):
+    """Spectral densities in the form variance · |factor|², for b densities at F frequencies."""
+
+    factor: ComplexArray
+    """(b, F) minimum-phase factors: causal, with a causal inverse."""
+
+    variance: Array
+    """(b,) variances of the one-step prediction errors."""
+
+
+def minimum_phase(density: Array, samples: int) -> SpectralFactorisation:
     """Factorises spectral densities as variance · |factor|², with a factor that is causal and has a causal inverse.
 
     The cepstrum of a minimum-phase factor is the causal half of the density's (Oppenheim and Schafer,
@@ -508,10 +518,7 @@ def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
 
     Args:
         density: b densities (b, F) at the frequencies of a real transform.
-        samples: number of samples of the transform, of which F = samples // 2 + 1.
-
-    Returns:
-        Factors (b, F); and variances (b,) of the one-step prediction errors.
+        samples: number of samples of the transform, which has F = samples // 2 + 1 frequencies.
     """
     cepstrum = scipy.fft.irfft(np.log(density), samples)
     variance = np.exp(cepstrum[:, 0])
@@ -521,4 +528,4 @@ def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
     first_anticausal = samples // 2 + 1
     cepstrum[:, first_anticausal:] = 0.0
     cepstrum[:, (samples + 1) // 2 : first_anticausal] /= 2
-    return np.exp(scipy.fft.rfft(cepstrum)), variance
+    return SpectralFactorisation(factor=np.exp(scipy.fft.rfft(cepstrum)), variance=variance)

@@ -95,13 +95,13 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     autocorrelation = lagged_correlation(centred_errors, centred_errors, max_lag)
     autocorrelation_of_command = lagged_correlation(centred_command, centred_command, max_lag)
     command_correlation = lagged_correlation(centred_command, centred_errors, max_lag)
-    # A correlation of two white series has the variance 1/T. For independent series with autocorrelations r and q it is
-    # larger by the factor 1 + 2 Σ r q.
-    correlation_bound = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(is_predicted)))
+    # A correlation of two white series of T samples has the variance 1/T.
+    white_bound = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(is_predicted)))
+    # That of independent series with autocorrelations r and q is larger by the factor 1 + 2 Σ r q over the lags.
     variance_factor = 1 + 2 * float(autocorrelation[1:] @ autocorrelation_of_command[1:])
-    command_bound = correlation_bound * float(np.sqrt(max(variance_factor, 1.0)))
+    command_bound = white_bound * float(np.sqrt(max(variance_factor, 1.0)))
     lag_times = np.arange(max_lag + 1.0) * learned.dt
-    bounds = (correlation_bound, command_bound)
+    bounds = (white_bound, command_bound)
     return Residuals(errors, lag_times, autocorrelation, command_correlation, bounds)
 
 

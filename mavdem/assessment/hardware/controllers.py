@@ -1,6 +1,7 @@
 """Speed controllers (ESCs) over a flight, as a fact (a coded finding): speeds, currents, temperatures, error counts."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +35,9 @@ def controllers_fact(evidence: Evidence) -> Fact | None:
     errors = None
     level = Level.UNKNOWN
     if all(controller.error_count is not None for controller in controllers):
-        errors, level = _errors_in_flight(evidence, controllers)
+        reported_errors = _errors_in_flight(evidence, controllers)
+        errors = reported_errors.error_count
+        level = reported_errors.level
     return Fact(
         HardwareFact.CONTROLLERS_MEASURED,
         level,
@@ -52,26 +55,31 @@ def _in_flight(evidence: Evidence, series: list[TimeSeries | None]) -> Array:
     return np.concatenate([np.zeros(0), *map(evidence.values_in_flight, series)])
 
 
+class _ReportedErrors(NamedTuple):
+    """The errors that all speed controllers of a vehicle report in flight."""
+
+    error_count: int
+    """Number of errors."""
+    level: Level
+    """Watch if one controller counted more than ``MAX_ERROR_RATE`` errors per second in a flight, otherwise good."""
+
+
 def _errors_in_flight(
     evidence: Evidence, controllers: Sequence[SpeedController]
-) -> tuple[int, Level]:
+) -> _ReportedErrors:
     """Counts the errors that speed controllers report in flight, and judges their rate.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         controllers: speed controllers; each counts its errors.
-
-    Returns:
-        Number of errors of all controllers; and "watch" if one of them counted more than ``MAX_ERROR_RATE`` errors per
-        second in a flight, otherwise "good".
     """
-    errors = 0
+    error_count = 0
     level = Level.GOOD
     for controller in controllers:
         for count in evidence.in_flight(controller.error_count):
             # The difference is negative if the counter was reset in flight: then it shows no errors.
             new_errors = max(int(count.values[-1] - count.values[0]), 0)
-            errors += new_errors
+            error_count += new_errors
             if new_errors > MAX_ERROR_RATE * np.ptp(count.time):
                 level = Level.WATCH
-    return errors, level
+    return _ReportedErrors(error_count, level)
