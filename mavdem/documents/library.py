@@ -35,7 +35,8 @@ class Stage(Document):
     problem: str
     """why it cannot be read; empty where it can"""
     headline: str
-    """the worst that was found in the log alone, or how the flight was lost, one sentence"""
+    """the worst that was found in the log or, of the motors, beside other flights of the vehicle, or how the flight was
+    lost"""
     level: str
     """level of the headline: good, watch, bad or unknown"""
     lights: dict[str, str]
@@ -112,7 +113,7 @@ class FlightReview(Document):
     flight: Flight
     """what is listed of it"""
     review: JsonValues | None
-    """the document of `mavdem review --json`; null before it is done"""
+    """the document of `mavdem review --json`, which judges the log alone; null before it is done"""
 
 
 class RefusedLog(Document):

@@ -31,6 +31,7 @@ from mavdem.export.fields import extremes_of_intervals, samples_between
 from mavdem.facts.serve import LimitedResource, Permission, RefusalReason, Sharing, Stage
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE, REPORT_FILE
+from mavdem.serve.compared_motors import entry_beside_fleet
 from mavdem.serve.field_store import FieldRequest, FieldStore
 from mavdem.serve.index import COLUMNS, LibraryEntry
 from mavdem.serve.openapi import openapi
@@ -208,7 +209,7 @@ class Api:
         # This wakes the background reading.
         self._log_added()
         refused_logs = [{"name": name, "error": error_values(fact)} for name, fact in refused_files]
-        return Added.model_validate({"flights": flights, "refused": refused_logs})
+        return Added(flights=self._visible_library.documents(flights), refused=refused_logs)
 
     # Flights
 
@@ -477,7 +478,13 @@ class Api:
         # A thousand logs may wait: their places are found together.
         if not all(entry.is_done for entry in entries):
             places_in_queue = queue_places(self._library)
-        return {entry.id: self._flight_progress(entry, places_in_queue) for entry in entries}
+        read_entries = [entry for entry in entries if entry.is_done]
+        anomalous_rows = self._visible_library.rows_with_motor_anomaly(read_entries)
+        progress_by_id = {}
+        for entry in entries:
+            judged_entry = entry_beside_fleet(entry, anomalous_rows.get(entry.id))
+            progress_by_id[entry.id] = self._flight_progress(judged_entry, places_in_queue)
+        return progress_by_id
 
     def _flight_progress(
         self, entry: LibraryEntry, places_in_queue: Mapping[str, QueuePlace]

@@ -29,7 +29,8 @@ LINK_BYTES = 16
 class LibraryEntry:
     """One row of the index: a log of the library, how far it is read, and what lists and searches need of it.
 
-    The fields have the names of the columns. A value that is not known is empty or None.
+    The fields have the names of the columns. A value that is not known is empty or None. Results are by the log alone;
+    ``serve.compared_motors`` adds what a comparison of the motors with other flights of the vehicle shows.
     """
 
     id: str

@@ -10,7 +10,9 @@ create index if not exists by_vehicle_and_date on entries (vehicle, date, receiv
 create index if not exists by_flight_time on entries (flight_time, received);
 create index if not exists by_distance on entries (distance, received);
 create index if not exists by_height on entries (height, received);
-create index if not exists by_urgency on entries (urgency, received desc);
+drop index if exists by_urgency;
+-- With the columns by which the anomaly of a flight's motors is found, which may make it more urgent.
+create index if not exists by_urgency_and_flight on entries (urgency, received desc, digest, content, vehicle);
 create index if not exists by_wind_speed on entries (wind_speed, received);
 create index if not exists by_digest on entries (digest);
 create index if not exists by_recording on entries (recording_stage);

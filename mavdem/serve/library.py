@@ -48,12 +48,12 @@ from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, local_source
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
 from mavdem.results import PAGE_FILE
+from mavdem.serve.compared_motors import order_sql
 from mavdem.serve.index import (
     COLUMNS,
     COMPLETE_ROW_SQL,
     DIGEST_GLOB,
     INCOMPLETE_SQL,
-    SQL_ORDERS,
     LibraryEntry,
     columns_of_flight,
     create_or_update_table,
@@ -434,7 +434,7 @@ class Library:
         Returns:
             The entries, and the number of all matches.
         """
-        id_query = f"select rowid from entries where {condition} order by {SQL_ORDERS[order]}"
+        id_query = f"select rowid from entries where {condition} order by {order_sql(order)}"
         matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
         unread_query = "select rowid from entries where stage = ?"
         unread_ids = {id for (id,) in self.db.execute(unread_query, [Stage.FAILED])}

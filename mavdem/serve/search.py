@@ -7,11 +7,14 @@ from typing import Any, NamedTuple
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import MotorHealth
 from mavdem.facts.serve import Sharing, Stage
 from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN
-from mavdem.fleet.workers import KEY_HASH_DIGITS
 from mavdem.report.numbers import listed
+from mavdem.serve.compared_motors import (
+    SHOWN_HEADLINE_OF_LOG_SQL,
+    has_anomaly_sql,
+    level_beside_fleet_sql,
+)
 from mavdem.serve.index import CONTENT_HASH_SQL
 
 MAX_SEARCH_WORDS = 20
@@ -52,22 +55,14 @@ CHOICES = {"stage": tuple(map(str, Stage)), "sharing": tuple(map(str, Sharing))}
 """Values that columns can have, by their own names; those of levels are not among them."""
 
 
-def _has_health_sql(health: MotorHealth) -> str:
-    """Returns the SQL condition that the motors of an entry have a health, compared with other flights."""
-    return (
-        f"{CONTENT_HASH_SQL} || entries.vehicle in (select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle from flights"
-        f" where file is not null and json_valid(brief) and json_extract(brief, '$.health') = '{health}')"
-    )
+LEVEL_SQL = level_beside_fleet_sql("level")
+"""SQL expression of the level of the headline that pages show."""
 
+MOTORS_LEVEL_SQL = level_beside_fleet_sql("motors")
+"""SQL expression of the level of the motors as pages show it, as ``motors_level`` has it."""
 
-MOTORS_LEVEL_SQL = (
-    f"iif(motors = '{Level.BAD}' or {_has_health_sql(MotorHealth.FAULT)}, '{Level.BAD}',"
-    f" iif({_has_health_sql(MotorHealth.DRIFT)}, '{Level.WATCH}', motors))"
-)
-"""SQL expression of the level of the motors as pages show it: the worse of two judgements, as ``motors_level`` has it.
-
-The column has the level by the log alone. A fault or a drift is known from the other flights of the vehicle.
-"""
+COMPARED_LEVELS_SQL = {"level": LEVEL_SQL, str(Light.MOTORS): MOTORS_LEVEL_SQL}
+"""SQL expressions of the levels that a comparison with other flights may make worse, by their names in a search."""
 
 LEVELS = tuple(map(str, Level))
 """The levels."""
@@ -109,7 +104,7 @@ SEARCHED_TEXT_SQL = " || ' ' || ".join(
         "name",
         "vehicle",
         "date",
-        "headline",
+        SHOWN_HEADLINE_OF_LOG_SQL,
         "problem",
         "note",
         "tags",
@@ -120,7 +115,10 @@ SEARCHED_TEXT_SQL = " || ' ' || ".join(
         SIMULATED_SQL,
     )
 )
-"""SQL expression of the text of an entry in which a plain word is searched for."""
+"""SQL expression of the text of an entry in which a plain word is searched for.
+
+The sentence about an anomaly of the motors, which is the headline in the place of the log's own, is in another table.
+"""
 
 UNFINISHED_SQL = f"stage not in ('{Stage.DONE}', '{Stage.FAILED}')"
 """SQL condition of logs that are still to be read, or are being read."""
@@ -151,7 +149,7 @@ def search_condition(text: str) -> SqlCondition:
         term = _term(word)
         condition = None if term is None else _comparison_condition(term)
         if condition is None:
-            condition = _contains(SEARCHED_TEXT_SQL, word)
+            condition = _word_condition(word)
         conditions.append(condition)
     # An expression may itself have an "or", and is put in brackets.
     expression = " and ".join(f"({condition.expression})" for condition in conditions)
@@ -226,6 +224,16 @@ def needs_complete_entries(text: str) -> bool:
     return False
 
 
+def _word_condition(word: str) -> SqlCondition:
+    """Returns the condition that a word is in the texts of an entry, or in the sentence about its motors' anomaly."""
+    is_in_entry = _contains(SEARCHED_TEXT_SQL, word)
+    is_in_reason = _contains("reason", word)
+    has_reason = has_anomaly_sql(is_in_reason.expression)
+    return SqlCondition(
+        f"({is_in_entry.expression})or({has_reason})", is_in_entry.values + is_in_reason.values
+    )
+
+
 class _Term(NamedTuple):
     """A word of a search that compares a property of the flights, such as ``wind>5``."""
 
@@ -298,7 +306,7 @@ def _comparison_condition(term: _Term) -> SqlCondition | None:
         has_given_name = _text_comparison(VEHICLE_NAME_SQL, operator)
         return SqlCondition(f"(({is_named})or({has_given_name}))", (value, value))
     if column in TEXT_COLUMNS:
-        expression = MOTORS_LEVEL_SQL if column == Light.MOTORS else column
+        expression = COMPARED_LEVELS_SQL.get(column, column)
         return SqlCondition(_text_comparison(expression, operator), (value,))
     return None
 
@@ -315,7 +323,12 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
     if column == "motor" and operator == "=":
         # A headline may name other motors besides the suspected one.
         named_motor = f"*motor {number:g}[^0-9]*"
-        return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named_motor))
+        is_suspected_by_log = f"(motor = ?) or (lower({SHOWN_HEADLINE_OF_LOG_SQL}) glob ?)"
+        is_suspected_by_comparison = has_anomaly_sql("suspect_motor = ? or lower(reason) glob ?")
+        return SqlCondition(
+            f"{is_suspected_by_log} or {is_suspected_by_comparison}",
+            (number, named_motor, number, named_motor),
+        )
     if column == Light.WIND:
         return _wind_comparison(operator, number)
     if column in NUMBER_COLUMNS:

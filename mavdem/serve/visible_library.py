@@ -17,8 +17,9 @@ from mavdem.fleet.flights import worst_row
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import ANOMALOUS_HEALTHS
-from mavdem.report.pages.library_page import interface_words, lights_beside_fleet
+from mavdem.report.pages.library_page import interface_words
 from mavdem.results import REPORT_FILE
+from mavdem.serve.compared_motors import entry_beside_fleet
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.recordings import RecordingRequests
@@ -229,8 +230,8 @@ class VisibleLibrary:
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
         """Returns flights of the library as JSON documents, with the names that users gave to them and their vehicles.
 
-        Motors are judged as on pages and in searches: by the log, and in comparison with the vehicle's other flights. A
-        fault or drift that the comparison shows is their anomaly.
+        Flights are judged as on pages and in searches: by the log, and in comparison with the vehicle's other flights.
+        A fault or drift that the comparison shows is the anomaly of the motors.
 
         Args:
             entries: index entries of the flights.
@@ -247,10 +248,9 @@ class VisibleLibrary:
             anomalous_row = anomalous_rows.get(entry.id)
             motor_anomaly = None if anomalous_row is None else anomalous_row.health_reason
             document = Flight.from_results(
-                entry,
+                entry_beside_fleet(entry, anomalous_row),
                 given_name=flight_name,
                 vehicle_name=vehicle_name,
-                lights=lights_beside_fleet(entry.lights, anomalous_row),
                 motor_anomaly=motor_anomaly or "",
             )
             documents.append(document)

@@ -1,0 +1,119 @@
+"""The verdict on a flight that is shown, sorted, searched and given to programs: by its log and beside other flights.
+
+The table ``entries`` has the verdict by the log alone: headline, level, next step and suspected motor. A comparison
+with the vehicle's other flights shows smaller losses of thrust (a fault or a drift, an anomaly of the motors), and is
+made anew whenever such a flight comes, so it is looked up in the fleet's table ``flights``. One rule joins both, in
+``report.pages.motor_anomaly.review_with_anomaly``: an anomaly replaces the headline unless the log's own is bad.
+"""
+
+from dataclasses import replace
+
+from mavdem.facts import Level
+from mavdem.facts.motors import MotorHealth
+from mavdem.facts.serve import ListingOrder
+from mavdem.facts.urgency import Urgency
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.workers import KEY_HASH_DIGITS
+from mavdem.report.fleet import HEALTH_LEVELS, URGENCY_OF_HEALTHS
+from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
+from mavdem.serve.index import CONTENT_HASH_SQL, SQL_ORDERS, LibraryEntry
+
+ROWS_WITH_ANOMALY_SQL = f"""
+select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle as flight,
+    json_extract(valid_brief, '$.health') as health,
+    json_extract(valid_brief, '$.health_reason') as reason,
+    json_extract(valid_brief, '$.suspect_motor') as suspect_motor
+from (
+    select log, vehicle, iif(json_valid(brief), brief, '{{}}') as valid_brief
+    from flights where file is not null
+)
+where health in ('{MotorHealth.FAULT}', '{MotorHealth.DRIFT}')
+"""
+"""SQL query of the fleet's rows, one for each axis, in which the motors have a fault or a drift."""
+
+WORST_ANOMALIES_SQL = f"""
+select flight, health, reason, suspect_motor, min(iif(health = '{MotorHealth.FAULT}', 0, 1))
+from ({ROWS_WITH_ANOMALY_SQL}) group by flight
+"""
+"""SQL query of the worst anomaly of each flight; SQLite takes the other columns from the row that has the minimum."""
+
+
+def has_anomaly_sql(condition: str) -> str:
+    """Returns the SQL condition that the motors of an entry have an anomaly beside the vehicle's other flights.
+
+    Args:
+        condition: SQL condition on the anomaly, whose columns are ``health``, ``reason`` and ``suspect_motor``.
+    """
+    return (
+        f"({CONTENT_HASH_SQL} || entries.vehicle in"
+        f" (select flight from ({WORST_ANOMALIES_SQL}) where {condition}))"
+    )
+
+
+HAS_FAULT_SQL = has_anomaly_sql(f"health = '{MotorHealth.FAULT}'")
+"""SQL condition that the motors of an entry have a fault beside the vehicle's other flights."""
+
+HAS_DRIFT_SQL = has_anomaly_sql(f"health = '{MotorHealth.DRIFT}'")
+"""SQL condition that they have a drift."""
+
+SHOWN_HEADLINE_OF_LOG_SQL = (
+    f"iif(level <> '{Level.BAD}' and ({HAS_FAULT_SQL} or {HAS_DRIFT_SQL}), '', headline)"
+)
+"""SQL expression of the headline by the log alone; empty where an anomaly of the motors has taken its place."""
+
+SHOWN_URGENCY_SQL = (
+    f"min(urgency, iif({HAS_FAULT_SQL}, {URGENCY_OF_HEALTHS[MotorHealth.FAULT]:d},"
+    f" iif({HAS_DRIFT_SQL}, {URGENCY_OF_HEALTHS[MotorHealth.DRIFT]:d}, {Urgency.UNKNOWN:d})))"
+)
+"""SQL expression of how urgently a flight needs a look: the more urgent of both judgements, as of a vehicle."""
+
+
+def level_beside_fleet_sql(column: str) -> str:
+    """Returns the SQL expression of a level that the motors may make worse, as ``report.fleet.motors_level`` has it.
+
+    Args:
+        column: column of the table ``entries`` with the level by the log alone.
+    """
+    return (
+        f"iif({column} = '{Level.BAD}' or {HAS_FAULT_SQL}, '{HEALTH_LEVELS[MotorHealth.FAULT]}',"
+        f" iif({HAS_DRIFT_SQL}, '{HEALTH_LEVELS[MotorHealth.DRIFT]}', {column}))"
+    )
+
+
+def order_sql(order: ListingOrder) -> str:
+    """Returns the SQL of an order in which flights are listed; the most urgent flights are those of shown verdicts."""
+    if order is ListingOrder.URGENCY:
+        return SQL_ORDERS[order].replace("urgency", SHOWN_URGENCY_SQL, 1)
+    return SQL_ORDERS[order]
+
+
+def entry_beside_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:
+    """Returns a flight's index entry with the verdict that is shown.
+
+    Args:
+        entry: the entry, whose verdict is by the log alone.
+        row: the row of the fleet's table with the worst anomaly of the flight's motors; None if they have none.
+
+    Returns:
+        A copy with the headline, its level, the next step, the suspected motor and the level of the motors; the entry
+        itself without an anomaly.
+    """
+    anomaly = motor_anomaly(row)
+    if row is None or anomaly is None:
+        return entry
+    review = review_with_anomaly(
+        {
+            "headline": {"level": entry.level, "sentence": entry.headline},
+            "next_step": {"sentence": entry.next_step},
+            "lights": {"motors": {"level": entry.motors}},
+        },
+        anomaly,
+    )
+    return replace(
+        entry,
+        headline=review["headline"]["sentence"],
+        level=str(review["headline"]["level"]),
+        next_step=review["next_step"]["sentence"],
+        motors=str(review["lights"]["motors"]["level"]),
+        motor=row.suspect_motor if entry.motor is None else entry.motor,
+    )
