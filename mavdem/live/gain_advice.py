@@ -201,13 +201,13 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         gains_left = Fact(GainFact.GAINS_LEFT, reason=decisive_reason(tuning.no_loop))
         return GainAdvice((gains_left,), assessment.judgement)
     facts = facts_of_tuning(tuning)
-    if not tuning.parameters:
-        return GainAdvice(facts, tuning.judgement)
-
-    texts = tuning.files(assessment.evidence.signals.telemetry)
+    texts: Mapping[str, str] = {}
+    if tuning.parameters:
+        texts = tuning.files(assessment.evidence.signals.telemetry)
     if not texts:
-        # Another flight is to confirm the gains before they are loaded.
+        # No gains change, or another flight is to confirm them before they are loaded.
         return GainAdvice(facts, tuning.judgement)
+    # The new gains of all axes by the names of their parameters.
     confirmed_gains = dict[str, float]()
     for parameter_set in parameter_sets(tuning.advice, tuning.notch_parameters):
         confirmed_gains |= parameter_set.parameters

@@ -11,7 +11,7 @@ import numpy as np
 
 from mavdem.assessment.flight_verdict import FlightVerdict, worst_first
 from mavdem.dem import Learned
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
@@ -248,23 +248,13 @@ class Milestones:
         if is_lost and physical is None:
             # The loss was an alarm, and nobody asks what else a flight has shown that was over before it was known.
             return
+        # The autopilot has restarted on the ground before the end of the flight was received.
         is_lost_in_air = (
             self._latest_verdict is not None
             and self._latest_verdict.is_lost_in_air
             and not status.is_flying
         )
         margins = status.overall_judgement.lights.get(Light.MARGINS)
-        no_parameters_reason = None
-        if physical is None:
-            no_parameters_reason = status.shortfall
-        mean_wind = status.mean_wind or self._mean_wind
-        # Facts on the speed and the direction of the wind, which the sentence of the report states.
-        wind_facts: Facts = ()
-        no_wind_reason = None
-        if mean_wind is not None:
-            wind_facts = mean_wind.facts
-        else:
-            no_wind_reason = self._no_wind_reason
         longest_delay = status.latency.longest
         self._log(
             Fact(
@@ -273,18 +263,31 @@ class Milestones:
                 axis=self._axis,
                 is_flying=status.is_flying or not status.has_landed,
                 is_lost=is_lost,
-                # Its end was not received: the autopilot has restarted on the ground meanwhile.
                 is_lost_in_air=is_lost_in_air,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),
-                reason=wind_facts,
-                shortfall=no_parameters_reason,
-                wind_obstacle=no_wind_reason,
+                **self._wind_figures(status),
+                shortfall=status.shortfall if physical is None else None,
                 delay=longest_delay if isfinite(longest_delay) else None,
                 **_parameter_figures(learning, physical),
             )
         )
+
+    def _wind_figures(self, status: SessionStatus) -> dict[str, Any]:
+        """Returns the wind of the flight as figures of a fact: its mean, or why it is not known.
+
+        Args:
+            status: status of the session, which has the wind unless the autopilot has restarted after the landing.
+
+        Returns:
+            "reason": facts on the speed and the direction of the mean wind, empty if it is not known;
+            "wind_obstacle": why it is not known, if there is a reason.
+        """
+        mean_wind = status.mean_wind or self._mean_wind
+        if mean_wind is None:
+            return {"reason": (), "wind_obstacle": self._no_wind_reason}
+        return {"reason": mean_wind.facts, "wind_obstacle": None}
 
 
 def _margin_figures(margins: Fact | None) -> dict[str, Any]:

@@ -513,13 +513,16 @@ class LinkMonitor:
         return self._library.add(path, _recording_name(first_time))
 
     def _with_verdict(self, flight: _StoredFlight) -> _StoredFlight:
-        """Returns a stored flight with the library's present verdict on it, which is reported once.
+        """Looks up how the library judges a stored flight now, its verdict, and shows the verdict if it has changed.
 
-        The library reads and judges a recording some time after it was stored. A page that still shows the flight is
-        made anew.
+        The library reads and judges a recording some time after it was stored. Then its judgement is reported, and the
+        page of the finished session is made anew, if that still shows the flight.
 
         Args:
-            flight: the flight, with its latest verdict.
+            flight: the flight, with the verdict that was looked up last.
+
+        Returns:
+            The flight with the present verdict; unchanged if its recording was deleted.
         """
         try:
             entry = self._library.entry(flight.entry_id)
