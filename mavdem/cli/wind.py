@@ -20,8 +20,7 @@ from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
-from mavdem.facts.vehicle import Basis
-from mavdem.fleet.priors import WIND_DOCUMENT, earlier_drag
+from mavdem.fleet.priors import WIND_DOCUMENT, doubt_on_prior, earlier_drag
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Blocks, Sentence, caution
@@ -91,19 +90,22 @@ def wind_command(
     signals = evidence.signals
     wind_evidence = evidence.wind
     identity = identify_vehicle(signals)
-    cautions: Blocks = []
+    remarks_on_prior: Blocks = []
+    is_prior_in_doubt = False
     if prior is not None:
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
         # relates tilt to wind speed; an earlier flight may.
         prior_drag = earlier_drag(prior, wind.speed)
+        doubt = doubt_on_prior(prior_drag, wind, identity)
+        is_prior_in_doubt = doubt.is_of_another_vehicle or doubt.is_contradicted
+        remarks_on_prior = [*render_section("wind_prior", file=prior.name)]
+        for sentence in render_section("wind_prior_doubt", doubt):
+            remarks_on_prior.append(caution(sentence.text))
         wind = wind_of_signals(signals, prior_drag.drag)
         wind_evidence = wind_evidence._replace(estimate=wind)
         assessment = with_wind(assessment, wind_evidence)
-        is_named = identity.basis is not Basis.SYSTEM_ID
-        if is_named and prior_drag.vehicle not in ("", identity.name):
-            doubts = render_section("wind_prior", earlier=prior_drag.vehicle, name=identity.name)
-            cautions = [caution(doubt.text) for doubt in doubts]
-    parameters_to_set = drag_settings(wind.drag, signals.telemetry)
+    # Parameters that rest on the drag of what may be another vehicle are none to set.
+    parameters_to_set = {} if is_prior_in_doubt else drag_settings(wind.drag, signals.telemetry)
     document = Wind.from_results(
         assessment.judgement,
         wind.without_unidentified_speeds,
@@ -119,7 +121,7 @@ def wind_command(
                 wind_evidence,
                 assessment,
                 parameters_to_set,
-                cautions,
+                remarks_on_prior,
                 drag_files,
             ),
             WIND_DOCUMENT: json_text(document),
@@ -143,7 +145,7 @@ def wind_command(
         footer=[
             *flight_warning(assessment.judgement),
             *wind_blocks(wind_evidence, tables),
-            *cautions,
+            *remarks_on_prior,
             *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
             *([Sentence(str(out / PAGE_FILE), "Page:")] if out else []),
         ],

@@ -4,19 +4,23 @@ import json
 from pathlib import Path
 from typing import NamedTuple
 
-from mavdem.assessment.identity import identify_vehicle
+import numpy as np
+
+from mavdem.assessment.identity import Identity, identify_vehicle
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
+from mavdem.facts.online import DragSource
 from mavdem.facts.vehicle import Basis
 from mavdem.fleet.row import SYSTEM_ID_BASIS
 from mavdem.fleet.rows_of_log import MODEL, REPORT, file_text
 from mavdem.ingest import read_log
 from mavdem.log_formats import LOG_ENDINGS
 from mavdem.wind_velocity.from_log import wind_of_signals
-from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag, DragAtSpeed
+from mavdem.wind_velocity.velocity import WindVelocity
 
 WIND_DOCUMENT = "wind.json"
 """Name of the file with the document of ``mavdem wind``, in its folder."""
@@ -100,6 +104,57 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
     if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
     return EarlierDrag(drag, vehicle)
+
+
+class DoubtOnPrior(NamedTuple):
+    """What speaks against the drag of an earlier flight as the prior for the wind of a log."""
+
+    earlier_vehicle: str
+    """Name of the vehicle of the earlier flight; empty if it is not known."""
+
+    vehicle: str
+    """Name of the vehicle of this log."""
+
+    is_of_another_vehicle: bool
+    """Whether both vehicles are known by names, and these differ."""
+
+    earlier: DragAtSpeed
+    """The earlier drag at the mean air speed of this log."""
+
+    alone: DragAtSpeed
+    """The drag that this log shows without the prior, at the same air speed."""
+
+    air_speed: float
+    """That air speed, m/s."""
+
+    is_contradicted: bool
+    """Whether this log shows the drag itself, and the 90 % intervals of both drags exclude each other."""
+
+
+def doubt_on_prior(
+    earlier: EarlierDrag, wind_alone: WindVelocity, identity: Identity
+) -> DoubtOnPrior:
+    """Returns what speaks against the drag of an earlier flight as the prior for the wind of a log.
+
+    Args:
+        earlier: drag of the earlier flight, and whose it is.
+        wind_alone: wind of the log, estimated without that prior.
+        identity: the vehicle of the log.
+    """
+    is_named = identity.basis is not Basis.SYSTEM_ID
+    air_speed = float(np.nanmean(np.hypot(*wind_alone.air_velocity.T)))
+    earlier_drag_at_speed = earlier.drag.at_speed(air_speed)
+    drag_alone = wind_alone.drag.at_speed(air_speed)
+    shows_drag = wind_alone.drag.source is DragSource.FLIGHT
+    return DoubtOnPrior(
+        earlier_vehicle=earlier.vehicle,
+        vehicle=identity.name,
+        is_of_another_vehicle=is_named and earlier.vehicle not in ("", identity.name),
+        earlier=earlier_drag_at_speed,
+        alone=drag_alone,
+        air_speed=air_speed,
+        is_contradicted=shows_drag and drag_alone.excludes(earlier_drag_at_speed),
+    )
 
 
 def _document_with_drag(path: Path) -> Path:

@@ -39,11 +39,8 @@ from mavdem.wind_velocity.drag_identification import (
 )
 from mavdem.wind_velocity.from_log import VELOCITY_VALID_FLAG, horizontal_velocity_valid
 from mavdem.wind_velocity.ground_motion import MAX_VELOCITY_GAP, VELOCITY_MESSAGES
-from mavdem.wind_velocity.identifiability import (
-    MAX_DIRECTION_INTERVAL,
-    lower_speed_bound,
-    speed_status,
-)
+from mavdem.wind_velocity.identifiability import MAX_DIRECTION_INTERVAL, speed_status
+from mavdem.wind_velocity.mean_wind import lower_speed_bound
 from mavdem.wind_velocity.motion_grid import GRID_STEP, motion_grid, validated_motion
 from mavdem.wind_velocity.vehicle_drag import Drag
 

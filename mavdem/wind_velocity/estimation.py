@@ -24,12 +24,12 @@ from mavdem.wind_velocity.identifiability import (
     MAX_REMAINING_DRAG_SD,
     doubts_on_wind,
     is_lean_more_uncertain,
-    lower_speed_bound,
 )
 from mavdem.wind_velocity.mean_wind import (
     MIN_SPEED,
     MeanWind,
     independent_count,
+    lower_speed_bound,
     mean_wind_by_minute,
     mean_wind_of_steps,
     running_means,

@@ -10,11 +10,8 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt
 from mavdem.wind_velocity.beaufort import LIGHT_BREEZE
-from mavdem.wind_velocity.mean_wind import MeanWind
+from mavdem.wind_velocity.mean_wind import MeanWind, lower_speed_bound
 from mavdem.wind_velocity.vehicle_drag import LEAN, LOG_COEFFICIENTS
-
-CALM_SPEED = 0.5
-"""Lower end of the speed's interval, m/s, below which still air counts as likely."""
 
 REPORTED_SPEED_ERROR = 0.7
 """Half width of the speed's interval, m/s, up to which the speed is reported."""
@@ -52,13 +49,6 @@ class DoubtedFigure(NamedTuple):
 
     reason: Fact
     """Reason why it is not reported."""
-
-
-def lower_speed_bound(low: float, high: float) -> float:
-    """Returns the lower end of a speed's interval, m/s, or 0 if still air is likely as well."""
-    if low < min(CALM_SPEED, high / 3):
-        return 0.0
-    return low
 
 
 def speed_status(speed: float, low: float, high: float) -> Status:

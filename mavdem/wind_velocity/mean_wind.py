@@ -13,6 +13,9 @@ from mavdem.wind_velocity.compass import (
     meteorological_direction,
 )
 
+CALM_SPEED = 0.5
+"""Lower end of the speed's interval, m/s, below which still air counts as likely."""
+
 INDEPENDENT_SECONDS = 10.0
 """Time after which the error of the wind by noise is independent, s: a choice."""
 
@@ -44,6 +47,13 @@ MIN_SPEED = 1e-9
 """Least speed, m/s, or square of a speed, in a denominator: it only avoids a division by 0."""
 
 
+def lower_speed_bound(low: float, high: float) -> float:
+    """Returns the lower end of a speed's interval, m/s, or 0 if still air is likely as well."""
+    if low < min(CALM_SPEED, high / 3):
+        return 0.0
+    return low
+
+
 class MeanWind(NamedTuple):
     """Mean wind over some steps, with its uncertainty."""
 
@@ -67,10 +77,13 @@ class MeanWind(NamedTuple):
 
     @property
     def reported_values(self) -> dict[str, float]:
-        """What is reported of a part of a flight: ``speed``, ``low`` and ``high``, m/s, and ``direction``, degrees."""
+        """What is reported of a part of a flight: ``speed``, ``low`` and ``high``, m/s, and ``direction``, degrees.
+
+        ``low`` is 0 where still air is likely as well, as it is in the interval of the whole flight.
+        """
         return {
             "speed": self.speed,
-            "low": self.low,
+            "low": lower_speed_bound(self.low, self.high),
             "high": self.high,
             "direction": self.direction,
         }

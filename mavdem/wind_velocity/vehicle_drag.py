@@ -181,6 +181,23 @@ class ParameterValue(NamedTuple):
     """Upper end of the interval."""
 
 
+class DragAtSpeed(NamedTuple):
+    """Drag force per mass and air speed at one air speed, 1/s, with the ends of its 90 % interval."""
+
+    value: float
+    """The drag, 1/s."""
+
+    low: float
+    """Lower end of the interval, 1/s."""
+
+    high: float
+    """Upper end of the interval, 1/s."""
+
+    def excludes(self, other: DragAtSpeed) -> bool:
+        """Whether no drag lies in both intervals: two flights of one vehicle with one load rarely differ so much."""
+        return self.high < other.low or other.high < self.low
+
+
 def axis_drag(logarithms: Array) -> AxisDrag:
     """Returns the drag along body x and y, from the logarithms of its mean over both axes and of the ratio of y to x.
 
@@ -350,6 +367,21 @@ class Drag(ImmutableResult):
         covariance = self.covariance[np.ix_(parameters, parameters)]
         sd = np.sqrt(gradient @ covariance @ gradient)
         return float(sd / gradient.sum())
+
+    def at_speed(self, speed: float) -> DragAtSpeed:
+        """Returns the drag force per mass and air speed, c + q u, at an air speed in m/s.
+
+        Linear and quadratic drag of a flight are less certain than this sum of both at the speeds that were flown. The
+        interval is that of a log-normal distribution, to first order (:meth:`relative_sd`). Differences between body x
+        and y are neglected.
+
+        Args:
+            speed: air speed u, m/s.
+        """
+        linear, quadratic = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]])
+        value = float(linear + quadratic * speed)
+        log_half_width = coverage_factor() * self.relative_sd(speed)
+        return DragAtSpeed(value, value * np.exp(-log_half_width), value * np.exp(log_half_width))
 
     def autopilot_parameters(self, autopilot: str) -> dict[str, ParameterValue]:
         """Converts the drag to the parameters of the drag model in an autopilot's state estimator.

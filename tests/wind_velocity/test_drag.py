@@ -1,6 +1,7 @@
 """The motion that drag and wind are identified from."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.random import default_rng
@@ -11,9 +12,13 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
+from mavdem.assessment.identity import Identity
 from mavdem.facts.online import DragSource
+from mavdem.facts.vehicle import Basis
+from mavdem.fleet.priors import EarlierDrag, doubt_on_prior
 from mavdem.wind_velocity import drag_identification
 from mavdem.wind_velocity.drag_identification import independent_fraction
+from mavdem.wind_velocity.mean_wind import MeanWind
 from mavdem.wind_velocity.motion_grid import motion_grid
 from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
 
@@ -129,3 +134,26 @@ def test_firmware_without_a_drag_model_has_no_setting_that_switches_it_on():
     assert drag_model_setting("ARDUPILOTMEGA", {}) == "EK3_DRAG_MCOEF above 0"
     assert drag_model_setting("ARDUPILOTMEGA", {"ATC_RAT_RLL_P": 0.1}) == ""
     assert drag_model_setting("GENERIC", {}) == ""
+
+
+def test_the_drag_of_a_prior_that_the_flight_excludes_is_in_doubt():
+    """Only a flight that shows the drag itself can contradict an earlier one; another vehicle's name always does."""
+    usual = Drag.from_parameters()
+    narrow = replace(usual, covariance=usual.covariance / 100, source=DragSource.FLIGHT)
+    # The logarithms of the drag come first: twice the linear and the quadratic drag.
+    doubled = replace(narrow, mean=usual.mean + np.log(2) * np.isin(range(len(usual.mean)), (0, 1)))
+    assert doubled.at_speed(3.0).value == approx(2 * narrow.at_speed(3.0).value)
+    flight = SimpleNamespace(air_velocity=np.full((4, 2), 2.0), drag=narrow)
+    identity = Identity("board 5", Basis.BOARD, 1, "PX4", "QUADROTOR", "", None)
+    contradicted = doubt_on_prior(EarlierDrag(doubled, ""), flight, identity)
+    assert contradicted.is_contradicted and not contradicted.is_of_another_vehicle
+    assert contradicted.air_speed == approx(np.sqrt(8))
+    assert not doubt_on_prior(EarlierDrag(narrow, "board 5"), flight, identity).is_contradicted
+    assert doubt_on_prior(EarlierDrag(narrow, "board 6"), flight, identity).is_of_another_vehicle
+    flight.drag = replace(narrow, source=DragSource.POPULATION)
+    assert not doubt_on_prior(EarlierDrag(doubled, ""), flight, identity).is_contradicted
+
+
+def test_a_part_of_a_flight_in_which_still_air_is_likely_has_no_lower_end():
+    assert MeanWind(0.6, 0.3, 1.1, 250.0, 60.0, 0.1).reported_values["low"] == 0
+    assert MeanWind(3.0, 2.5, 3.5, 250.0, 9.0, 0.1).reported_values["low"] == 2.5

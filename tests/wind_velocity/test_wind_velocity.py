@@ -40,8 +40,8 @@ from mavdem.wind_velocity.from_log import (
     wind_of_signals,
 )
 from mavdem.wind_velocity.ground_motion import recorded_ground_motion
-from mavdem.wind_velocity.identifiability import lower_speed_bound, speed_status
-from mavdem.wind_velocity.mean_wind import _layer_rows
+from mavdem.wind_velocity.identifiability import speed_status
+from mavdem.wind_velocity.mean_wind import _layer_rows, lower_speed_bound
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
 from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
 from mavdem.wind_velocity.velocity import WindVelocity

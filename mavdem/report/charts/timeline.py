@@ -500,7 +500,9 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
         autopilot_lines = _lines_of_columns(
             history.autopilot_speed, ["autopilot's own"], [BASELINE]
         )
-        yield over_time("Wind", "m/s", [speed_line, *autopilot_lines])
+        chart = over_time("Wind", "m/s", [speed_line, *autopilot_lines])
+        # A speed is compared with still air, and so with those of other flights.
+        yield chart._replace(y=chart.y._replace(limits=(0.0, None)))
     if wind.direction_identifiable:
         yield _direction_chart(history)
 

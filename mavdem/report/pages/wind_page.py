@@ -47,7 +47,7 @@ def wind_page(
     wind_evidence: WindEvidence,
     assessment: Assessment,
     parameters: dict[str, ParameterValue],
-    cautions: Sequence[Block] = (),
+    remarks_on_prior: Sequence[Block] = (),
     drag_files: Mapping[str, str] = NO_FILES,
 ) -> str:
     """Renders the page of ``mavdem wind``.
@@ -58,7 +58,8 @@ def wind_page(
             estimated. There must be an estimate; the command refuses a log without one.
         assessment: assessment of the log, which gives the history of the flight and the warnings.
         parameters: parameters of the autopilot's drag model to set, with their intervals.
-        cautions: sentences that limit what is shown, such as that the drag is of another vehicle.
+        remarks_on_prior: sentences that name the earlier flight whose drag is the prior, and say what is in doubt about
+            it; none without a prior.
         drag_files: texts of the files with these parameters, by the ending of their names, such as ``.params``.
 
     Returns:
@@ -74,7 +75,7 @@ def wind_page(
         headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
         *warnings_of_flight,
         *limitations,
-        *cautions,
+        *remarks_on_prior,
         *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
     ]
     timeline = _wind_timeline(wind_evidence, assessment)
