@@ -237,21 +237,22 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     lasting_voltage = _lasting_voltage(battery.voltage, averages)
     levels = voltage_levels(parameters, battery.number, cells or 0)
     load = _battery_load([*evidence.in_flight(battery.load)])
-    # If no limit is known, the voltage cannot be judged. The level None is the usual one of the code.
-    code = PowerLight.CELLS_UNKNOWN
+    # None is the usual level of a code.
     level = None
     voltage_limit = levels.watch
+    time = None
     if lasting_voltage < levels.watch:
         code = PowerLight.BATTERY_LOW
         if lasting_voltage < levels.bad:
             level = Level.BAD
             voltage_limit = levels.bad
+        time = _first_time_below(evidence, battery.voltage, voltage_limit)
     elif levels.watch > 0:
         code = PowerLight.BATTERY_HELD
+    else:
+        # The limit is 0: neither parameters nor the number of cells are known, and the voltage cannot be judged.
+        code = PowerLight.CELLS_UNKNOWN
     ending = evidence.ending
-    time = None
-    if code is PowerLight.BATTERY_LOW:
-        time = _first_time_below(evidence, battery.voltage, voltage_limit)
     # Only where it may be unclear which battery is meant, the fact names it.
     battery_figures: dict[str, Any] = {}
     if len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY:

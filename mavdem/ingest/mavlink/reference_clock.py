@@ -180,24 +180,25 @@ def _reboot_rows(time: Times) -> Rows:
     median_step = float(np.median(rising_steps)) if len(rising_steps) else MAX_LATE_SECONDS
     late_stamps = min(len(time), MIN_RESET_STAMPS + round(MAX_LATE_SECONDS / median_step))
     # The same of the stamps that arrive within ``MAX_LATE_SECONDS``.
-    highest_far_ahead = _highest_ahead(time, late_stamps)
+    highest_for_long = _highest_ahead(time, late_stamps)
     reboot_rows = []
     highest_of_boot = -np.inf
-    stamps = zip(time.tolist(), highest_ahead.tolist(), highest_far_ahead.tolist(), strict=True)
-    for row, (stamp, highest_near, highest_far) in enumerate(stamps):
-        fall_near = highest_of_boot - highest_near
-        fall_far = highest_of_boot - highest_far
-        has_fallen_far = fall_near > MAX_LATE_SECONDS
+    stamps = zip(time.tolist(), highest_ahead.tolist(), highest_for_long.tolist(), strict=True)
+    for row, (stamp, highest_of_next, highest_of_many) in enumerate(stamps):
+        # How far the next stamps, and all that arrive within ``MAX_LATE_SECONDS``, stay below the former clock, s.
+        fall_of_next = highest_of_boot - highest_of_next
+        fall_of_many = highest_of_boot - highest_of_many
+        is_large_fall = fall_of_next > MAX_LATE_SECONDS
         if stamp <= MAX_RESTART_TIME:
-            has_restarted = has_fallen_far or fall_far > MIN_RESET_STEP
-            if not has_restarted and fall_near > MIN_RESET_STEP:
+            has_restarted = is_large_fall or fall_of_many > MIN_RESET_STEP
+            if not has_restarted and fall_of_next > MIN_RESET_STEP:
                 # The former clock returns within ``MAX_LATE_SECONDS``, but perhaps as the clock of a new boot that
                 # rises to it step by step.
                 following_stamps = time[row : row + late_stamps]
                 has_restarted = rises_steadily(following_stamps, highest_of_boot, median_step)
         else:
             # Messages of another time may be mixed in: the clock must stay below the former one.
-            has_restarted = has_fallen_far and fall_far > MIN_RESET_STEP
+            has_restarted = is_large_fall and fall_of_many > MIN_RESET_STEP
         if has_restarted:
             reboot_rows.append(row)
             highest_of_boot = stamp
