@@ -273,6 +273,11 @@ STUBBED_FIELDS = """(() => {
       "battery_status", ["voltage_cell_v[0]", "voltage_cell_v[1]", "voltage_filtered_v", "voltage_v"]
     ),
     message("system_power", ["voltage5v_v"]),
+    message("vehicle_status", ["condition_battery_healthy"]),
+    message("sensor_combined", ["gyro_integral_dt", "gyro_rad[0]", "gyro_rad[1]"]),
+    message("actuator_outputs", ["instance", "noutputs", "output[0]", "output[1]"]),
+    message("RATE", ["TimeUS", "RDes", "R", "P"]),
+    message("GPS", ["Status", "Lat", "Lng"]),
   ];
   const answer = { ok: true, status: 200, json: async () => ({ messages }) };
   window.requested = [];
@@ -297,7 +302,8 @@ def test_the_best_match_comes_first_and_an_early_enter_is_of_the_words_before_it
         tab.run(STUBBED_FIELDS)
         tab.run("document.querySelector('#fields summary').click()")
         tab.until("window.answerFields !== undefined")
-        tab.run("document.getElementById('fieldsearch').focus()")
+        search = "document.getElementById('fieldsearch')"
+        tab.run(f"{search}.focus()")
         tab.command("Input.dispatchKeyEvent", type="keyDown", key="Enter", code="Enter")
         tab.command("Input.insertText", text="battery voltage")
         tab.run("answerFields()")
@@ -310,4 +316,13 @@ def test_the_best_match_comes_first_and_an_early_enter_is_of_the_words_before_it
             "battery_status.voltage_cell_v[0]",
             "battery_status.voltage_cell_v[1]",
         ]
+        for words, best_field in (
+            ("battery", "battery_status.voltage_v"),
+            ("gyro", "sensor_combined.gyro_rad[all 2]"),
+            ("actuator_outputs", "actuator_outputs.output[all 2]"),
+            ("rate roll", "RATE.R"),
+            ("position", "GPS.Lat"),
+        ):
+            tab.run(f"{search}.value = {words!r}; {search}.dispatchEvent(new Event('input'))")
+            assert tab.run(names)[0] == best_field
         assert len(tab.run("requested")) == 1

@@ -451,6 +451,20 @@
   });
   const MAX_SHOWN_FIELDS = 60;
   const wordsOfName = name => name.toLowerCase().split(/[^a-z0-9]+/).filter(Boolean);
+  // Plain words for the short names of ArduPilot's messages and fields, by which they are found as well.
+  const plainMessages = {
+    ATT: "attitude", BARO: "barometer", BAT: "battery", CTUN: "height throttle", CURR: "battery", GPS: "position", GYR: "gyro", IMU: "gyro accelerometer",
+    MAG: "compass", PIDP: "rate pitch", PIDR: "rate roll", PIDY: "rate yaw", POS: "position", RATE: "rate", RCIN: "radio input", RCOU: "motor output",
+    VIBE: "vibration",
+  };
+  const plainFields = {
+    BAT: { Volt: "voltage", Curr: "current" }, CURR: { Volt: "voltage", Curr: "current" },
+    RATE: { R: "roll", RDes: "roll setpoint", P: "pitch", PDes: "pitch setpoint", Y: "yaw", YDes: "yaw setpoint" },
+    GPS: { Lat: "latitude", Lng: "longitude", Alt: "height" }, POS: { Lat: "latitude", Lng: "longitude", Alt: "height" },
+  };
+  // What is plotted first of a message: voltages, rates, outputs, positions. And what describes the others, which comes last.
+  const isMainField = field => /^(volt|roll|r$|x$|gyr|output|controls?\b|c1$|lat|rms|press)/i.test(field);
+  const describingWords = new Set(["clipping", "connected", "count", "dt", "flags", "healthy", "id", "inst", "instance", "noutputs", "priority", "samples", "valid", "warning"]);
   // The elements of arrays, such as "gyro[0]", by the array's name.
   const elementsOf = fields => {
     const arrays = new Map();
@@ -481,19 +495,25 @@
       return;
     }
     const found = [], searchedWords = words.flatMap(wordsOfName);
-    // Times come last: nobody plots a clock over time. Before them come arrays, and fields whose own name has no searched
-    // word. Otherwise the name with the fewest words that are not searched for comes first.
+    // Times come last: nobody plots a clock over time. Before them come fields that only describe others, such as how many
+    // there are. Messages that are named by a searched word come first, and of each the scalars before the arrays, what is
+    // mostly looked at, and the name with the fewest words that are not searched for.
     const rankOf = (message, field) => {
       const fieldWords = wordsOfName(field.replace(/\[.*/, "")), isTime = /^time|timestamp|^t$/i.test(field);
-      const hasSearchedWord = searchedWords.some(word => field.toLowerCase().includes(word));
+      const fieldAndPlain = `${field} ${plainFields[message.shown]?.[field] ?? ""}`.toLowerCase();
+      const hasSearchedWord = searchedWords.some(word => fieldAndPlain.includes(word));
       const extraWords = [...wordsOfName(message.shown), ...fieldWords].filter(word => !searchedWords.some(one => word.includes(one)));
-      return [isTime, !hasSearchedWord, field.includes("["), extraWords.length];
+      const isDescribing = fieldWords.some(word => describingWords.has(word));
+      const messageName = `${message.shown} ${plainMessages[message.shown] ?? ""}`.toLowerCase();
+      const isNamed = searchedWords.some(word => messageName.includes(word));
+      return [isTime, isDescribing, !isNamed, !hasSearchedWord, field.includes("["), !isMainField(field), extraWords.length];
     };
     const noteOn = (message, field) => [unitOf({ message: message.shown, field }), message.rate && `${Number(message.rate.toPrecision(2))} Hz`].filter(Boolean).join(", ");
     for (const message of listedMessages) {
       for (const instance of message.instances.length > 1 ? message.instances : [null]) for (const [field, fields] of [...elementsOf(message.fields).map(([array, elements]) => [`${array}[all ${elements.length}]`, elements]), ...message.fields.map(field => [field, [field]])]) {
         const wanted = fields.map(one => ({ message: message.shown, field: one, instance }));
-        const name = fieldName({ message: message.shown, field, instance }), searched = `${name} ${message.message}.${field}`.toLowerCase();
+        const name = fieldName({ message: message.shown, field, instance }), plain = `${plainMessages[message.shown] ?? ""} ${plainFields[message.shown]?.[field] ?? ""}`;
+        const searched = `${name} ${message.message}.${field} ${plain}`.toLowerCase();
         if (!words.every(word => searched.includes(word)) && !(words.length === 1 && `${message.shown}.${field}`.toLowerCase().startsWith(words[0]))) continue;
         found.push({ name, wanted, note: noteOn(message, fields[0]), rank: rankOf(message, field) });
       }
