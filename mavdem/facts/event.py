@@ -64,6 +64,10 @@ FAULTS_SINCE_TAKE_OFF: frozenset[Code] = frozenset(
 """Judgements of the control loops: small margins are there from the take-off on, and need no haste."""
 
 
+RESULTS_OF_ENDED_FLIGHT: frozenset[Code] = frozenset({SessionFact.RECORDING_JUDGED})
+"""Judgements of a flight that is over: what was urgent in it was an alarm then."""
+
+
 class Event(NamedTuple):
     """What happened.
 
@@ -95,8 +99,10 @@ class Event(NamedTuple):
 
     @property
     def is_alarm(self) -> bool:
-        """Whether it is bad, and arose in flight."""
-        return self.fact.is_bad and self.fact.code not in FAULTS_SINCE_TAKE_OFF
+        """Whether it is bad, arose in flight, and is reported while that goes on."""
+        return self.fact.is_bad and self.fact.code not in (
+            FAULTS_SINCE_TAKE_OFF | RESULTS_OF_ENDED_FLIGHT
+        )
 
     @property
     def is_session_state(self) -> bool:

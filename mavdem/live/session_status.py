@@ -270,7 +270,7 @@ class SessionStatus(ImmutableResult):
     to be judged apart from this session. An all-clear waits for it."""
 
     earlier_recording: Fact | None = None
-    """The verdict of a library on the log of the vehicle's flight before this session; None without one."""
+    """The verdict of a library on the log of an earlier flight of the vehicle, by another session; None without one."""
 
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""

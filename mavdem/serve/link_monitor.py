@@ -8,7 +8,7 @@ from math import inf, nan
 from pathlib import Path
 from threading import Event as ThreadEvent
 from threading import Thread
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dem import Settings
@@ -95,11 +95,29 @@ class _IncomingRecording(NamedTuple):
     """Messages that it has already: those of its vehicle that came during the session before."""
 
 
+class _LinkedVehicle(NamedTuple):
+    """What tells the vehicles of a link from each other, also those that had the same ids one after the other."""
+
+    name: str
+    """Its ids on the link, such as "1:1"."""
+
+    autopilot: str
+    """Name of its MAV_AUTOPILOT."""
+
+    vehicle_type: str
+    """Name of its MAV_TYPE."""
+
+    @classmethod
+    def of_component(cls, component: Component) -> Self:
+        """Returns the vehicle that a component of the link is, by its latest HEARTBEAT."""
+        return cls(component.name, component.autopilot, component.vehicle_type)
+
+
 class _StoredFlight(NamedTuple):
     """A flight of the link whose recording, or a part of it, is in the library."""
 
-    vehicle: str
-    """Name of its vehicle on the link, such as "1:1"."""
+    vehicle: _LinkedVehicle
+    """Its vehicle."""
 
     entry_id: str
     """Id of its recording in the library."""
@@ -113,6 +131,21 @@ class _StoredFlight(NamedTuple):
 
     session: LiveSession | None = None
     """Its session, if that is over and shown until another vehicle comes; otherwise None."""
+
+    @property
+    def forbids_flight(self) -> bool:
+        """Whether the library's verdict on it is that the vehicle must not fly before something is done."""
+        verdict = self.verdict
+        return verdict is not None and verdict.is_bad and verdict.forbids_flight
+
+    @property
+    def is_verdict_awaited(self) -> bool:
+        """Whether the library has still to judge it."""
+        verdict = self.verdict
+        if verdict is None:
+            return True
+        is_unjudged = verdict.code is SessionFact.RECORDING_NOT_JUDGED
+        return is_unjudged and verdict.figures["kind"] is RecordingState.BEING_READ
 
 
 class _FlightState:
@@ -223,6 +256,8 @@ class LinkMonitor:
         self._finished_page = ""
         # The latest flight whose session is over, with the library's verdict on its recording; None for none.
         self._stored_flight: _StoredFlight | None = None
+        # Flights before it, the oldest first, that forbid to fly, or that the library has still to judge.
+        self._faulty_flights: list[_StoredFlight] = []
         # The part of the running session's recording that was stored once its vehicle was lost in the air.
         self._stored_part: _StoredFlight | None = None
         # The recording of the session before, in the library.
@@ -463,9 +498,12 @@ class LinkMonitor:
         self._report_saved_flight(address)
         vehicle = session.stream.followed_vehicle
         if vehicle is not None and not self._is_stopping.is_set():
+            if self._stored_flight is not None:
+                self._faulty_flights.append(self._stored_flight._replace(session=None))
             saved_flight = PageLink(entry.name, address)
+            linked_vehicle = _LinkedVehicle.of_component(vehicle)
             self._stored_flight = self._with_verdict(
-                _StoredFlight(vehicle.name, entry.id, saved_flight, session=session)
+                _StoredFlight(linked_vehicle, entry.id, saved_flight, session=session)
             )
 
     def _store_part(self, session: LiveSession) -> None:
@@ -490,7 +528,9 @@ class LinkMonitor:
         recording.copy_to(path)
         entry = self._add_to_library(path, recording)
         address = f"/f/{entry.id}"
-        self._stored_part = _StoredFlight(vehicle.name, entry.id, PageLink(entry.name, address))
+        self._stored_part = _StoredFlight(
+            _LinkedVehicle.of_component(vehicle), entry.id, PageLink(entry.name, address)
+        )
         self._log_added()
         self._report_saved_flight(address, is_part=True)
 
@@ -636,6 +676,9 @@ class LinkMonitor:
         self._flight.note_status(session.stream.status())
         if clock.monotonic() - self._update_time >= PAGE_SECONDS:
             self._update_page(session)
+            if self._finished_page:
+                # A link that waits for the next vehicle must not be the last word after a flight.
+                return
             with sentences_for(Medium(has_terminal=False)):
                 self._report_status(self._shown_status(session))
         elif self._page.is_outdated(session):
@@ -710,11 +753,17 @@ class LinkMonitor:
         self._page = SessionPage.made_now(html, session, status, start_time)
 
     def _update_verdicts(self) -> None:
-        """Looks up the library's verdicts on what is stored: the flight before, and the part of a flight that was lost.
+        """Looks up the library's verdicts on what is stored: earlier flights, and the part of a flight that was lost.
 
         The library judges a recording some time after it was stored. A new verdict also renews the page of the finished
-        session, if that is still shown.
+        session, if that is still shown. Flights before the latest one are forgotten once they are judged to be sound.
         """
+        faulty_flights = []
+        for flight in self._faulty_flights:
+            judged_flight = self._with_verdict(flight)
+            if judged_flight.forbids_flight or judged_flight.is_verdict_awaited:
+                faulty_flights.append(judged_flight)
+        self._faulty_flights = faulty_flights
         if self._stored_flight is not None:
             self._stored_flight = self._with_verdict(self._stored_flight)
         if self._stored_part is not None:
@@ -742,20 +791,41 @@ class LinkMonitor:
         )
 
     def _shown_status(self, session: LiveSession) -> SessionStatus:
-        """Returns the status of the running session, with the library's verdict on the vehicle's flight before it.
+        """Returns the status of the running session, with the library's verdict on a faulty flight of its vehicle.
 
         While the session goes on, its own recording is not judged, so that no all-clear is given.
 
         Args:
             session: the running session.
         """
-        status = session.status
-        earlier_recording = None
-        if self._stored_flight is not None and self._stored_flight.vehicle == status.vehicle:
-            earlier_recording = self._stored_flight.verdict
         return replace(
-            status, recording_verdict=AWAITED_IN_SESSION, earlier_recording=earlier_recording
+            session.status,
+            recording_verdict=AWAITED_IN_SESSION,
+            earlier_recording=self._verdict_on_faulty_flight(session),
         )
+
+    def _verdict_on_faulty_flight(self, session: LiveSession) -> Fact | None:
+        """Returns the library's verdict on the latest flight of a session's vehicle that forbids to fly.
+
+        A take-off repairs nothing, so that the verdict stands however many flights follow.
+
+        Args:
+            session: the running session.
+
+        Returns:
+            The verdict; None if no flight of this vehicle since the server started forbids to fly.
+        """
+        vehicle = session.stream.followed_vehicle
+        if vehicle is None:
+            return None
+        linked_vehicle = _LinkedVehicle.of_component(vehicle)
+        flights = list(self._faulty_flights)
+        if self._stored_flight is not None:
+            flights.append(self._stored_flight)
+        for flight in reversed(flights):
+            if flight.vehicle == linked_vehicle and flight.forbids_flight:
+                return flight.verdict
+        return None
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
         """Updates the line on the running session that the library shows: its title, and what the vehicle does.

@@ -324,7 +324,7 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     incoming_path.write_bytes(b"a")
     entry = library.add(incoming_path, "a.tlog")
     link = PageLink("a.tlog", "/f/abc")
-    flight = link_monitor._StoredFlight("1:1", entry.id, link, session=session)
+    flight = link_monitor._StoredFlight(Mock(), entry.id, link, session=session)
     flight = live._with_verdict(flight)
     assert live._finished_page == "Not judged yet: the log is being read."
     library.change(entry.id, headline="Too little margin.", level="watch")
@@ -333,35 +333,68 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     assert [str(event.fact) for event in told] == ["Too little margin."]
 
 
-def test_a_fault_in_the_log_of_the_flight_before_stands_in_the_next_session(idle, monkeypatch):
+def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(idle, monkeypatch):
     """So it does on the page and the terminal, but not of another vehicle, and not where flight is not forbidden."""
-    live, _ = idle
+    live, told = idle
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
-    live._library.entry = Mock()
+    entries = {
+        entry_id: LibraryEntry(entry_id, "a.tlog", level=level, headline=headline, next_step=step)
+        for entry_id, level, headline, step in (
+            ("crash", "bad", "Motor 3 lost thrust.", "Do not fly before motor 3 is inspected."),
+            ("gain", "bad", "Too little margin.", "Lower the gain."),
+            ("sound", "good", "Nothing is wrong.", ""),
+        )
+    }
+    monkeypatch.setattr(live._library, "entry", entries.__getitem__)
+    monkeypatch.setattr(
+        live, "_add_to_library", lambda path, _: replace(entries[path], name="a.tlog")
+    )
+    copter = Component(1, 1)
+    copter.autopilot, copter.vehicle_type = "ARDUPILOTMEGA", "QUADROTOR"
+    px4 = Component(1, 1)
+    px4.autopilot, px4.vehicle_type = "PX4", "QUADROTOR"
     session = Mock(status=SessionStatus("1:1", is_flying=True))
     session.history.events = []
-    session.stream.followed_vehicle.frame_count = 0
-    link = PageLink("a.tlog", "/f/abc")
-    texts = {}
-    for vehicle, step in (
-        ("1:1", "Do not fly before motor 3 is inspected."),
-        ("2:1", "Do not fly before motor 3 is inspected."),
-        ("1:1", "Lower the gain."),
-    ):
-        live._library.entry.return_value = LibraryEntry(
-            "abc", "a.tlog", level="bad", headline="Motor 3 lost thrust.", next_step=step
-        )
-        live._stored_flight = link_monitor._StoredFlight(vehicle, "abc", link)
+
+    def fault_in_flight_of(vehicle):
+        session.stream.followed_vehicle = vehicle
         live._update_time = -inf
         live._watch_session(session)
         (shown,) = live._report_status.call_args.args
         assert live_pages.live_page.call_args.args[3] == shown
-        texts[vehicle, step] = unrepaired_fault_text(shown)
-    assert list(texts.values()) == [
-        "In the flight before, motor 3 lost thrust. If that was not repaired, land.",
-        "",
-        "",
-    ]
+        return unrepaired_fault_text(shown)
+
+    session.stream.followed_vehicle = copter
+    live._store_recording(session, Mock(path="gain"))
+    assert not fault_in_flight_of(copter)
+    fault = "In an earlier flight, motor 3 lost thrust. If that was not repaired, land."
+    for name in ("crash", "sound", "gain"):
+        session.stream.followed_vehicle = copter
+        live._store_recording(session, Mock(path=name))
+        assert fault_in_flight_of(copter) == fault
+        # Another vehicle with the same ids has not had that fault.
+        assert not fault_in_flight_of(px4)
+    assert [flight.entry_id for flight in live._faulty_flights] == ["crash"]
+    # The verdict on a flight that is over is no second alarm.
+    assert told and not any(event.is_alarm for event in told)
+
+
+def test_the_status_of_a_link_that_waits_is_not_reported_after_a_flight(idle, monkeypatch):
+    """The last line on a terminal would be to check the link, in the place of not to fly."""
+    live, _ = idle
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
+    waiting = SessionStatus(no_model_reason=Fact(RowsFact.NOTHING_RECEIVED, subject="messages"))
+    session = Mock(status=waiting)
+    session.history.events = []
+    session.stream.followed_vehicle = None
+    session.intake.recording.frame_count = 0
+    live._finished_page = "flight"
+    live._watch_session(session)
+    assert live.page.html == "flight" and not live._report_status.called
+    session.status = SessionStatus("1:1", is_flying=True)
+    live._update_time = -inf
+    live._watch_session(session)
+    assert live._report_status.called
 
 
 def test_the_list_of_flights_says_which_vehicle_the_session_has_and_what_it_does(idle, monkeypatch):

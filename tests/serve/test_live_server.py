@@ -13,7 +13,8 @@ from patience import until
 from pytest import fixture, mark
 
 from mavdem.errors import Refusal
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import TimeUse, VehicleFact
@@ -290,6 +291,19 @@ def test_a_session_that_another_one_follows_goes_on_at_the_same_address():
             session.successor = successor
             server.report(session, replace(STATUS, is_over=True))
             assert ("<main data-level" in server.page.html) is goes_on
+            assert ("This session ended in flight" in server.page.html) is not goes_on
+
+
+def test_the_last_page_says_that_nothing_is_watched_where_the_session_ended_in_flight():
+    """It does so without files too; a lost vehicle that has met the ground no longer flies."""
+    flying = replace(STATUS, is_flying=True, flight_number=1, is_over=True)
+    crashed = replace(flying, ground_contact=Fact(MotionEvent.HIT, Level.BAD))
+    with live_server() as server:
+        for status, ended_in_flight in ((flying, True), (crashed, False)):
+            server.report(flying_session(), status)
+            page = server.page.html
+            assert ("ended in flight: nothing is watched now" in page) is ended_in_flight
+            assert ("This session is over." in page) is not ended_in_flight
 
 
 @mark.slow

@@ -956,6 +956,8 @@ def live_page(
     )
 
     judgement = status.session_judgement
+    # A page that a server will replace, or whose flight its library has, is not that of the end of a session.
+    is_last = status.is_over and refresh_seconds is None and saved_flight is None
     timeline = live_timeline(history, axis)
     if timeline is not None:
         first_time, last_time = timeline.span
@@ -991,6 +993,7 @@ def live_page(
         reasons=headline_reason(judgement),
         unrepaired_fault=unrepaired_fault_text(status),
         vehicle_state=() if status.is_over else vehicle_state_cells(status),
+        session_end=_session_end(status) if is_last else "",
         files_of_session=files,
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
@@ -1016,6 +1019,17 @@ def live_page(
         # A page of a session that goes on is sent every few seconds.
         MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE,
     )
+
+
+def _session_end(status: SessionStatus) -> str:
+    """Returns the first sentence of the last page of a session: that it is over, and that no alarm comes any more.
+
+    Args:
+        status: state of the session at its end. A lost vehicle that has met the ground no longer flies.
+    """
+    if status.is_flying and status.ground_contact is None:
+        return "This session ended in flight: nothing is watched now, and no alarm comes."
+    return "This session is over."
 
 
 def _live_timeline_title(status: SessionStatus) -> str:

@@ -45,8 +45,8 @@ from mavdem.report.why import evidence_text, new_evidence_text
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
-MAX_FAULT_LENGTH = 80
-"""Longest summary of an earlier flight's fault, characters: two lines of a telephone."""
+MAX_FAULT_LENGTH = 125
+"""Longest summary of an earlier flight's fault, characters: three lines of a telephone, with what failed first."""
 
 MAX_NEWEST_EVENTS = 4
 """Events that the page of a session that goes on shows at first: a choice, so that a telephone shows the plots soon."""
@@ -331,6 +331,10 @@ class Head(NamedTuple):
     """Mode, height, battery, satellites and link of that vehicle, each a value and a remark, which a telephone always
     shows."""
 
+    session_end: str = ""
+    """That the session is over, and whether it ended in flight; empty while it or its successor goes on, and for a
+    flight in a library."""
+
     files_of_session: Sequence[str] = ()
     """Sentences on the files that a session has written and how they are opened, once it is over."""
 
@@ -342,7 +346,7 @@ class Head(NamedTuple):
 
     @property
     def unrepaired_fault_in_short(self) -> str:
-        """That fault of an earlier flight in one or two lines of a telephone, without what to do about it."""
+        """That fault of an earlier flight in up to three lines of a telephone, without what to do about it."""
         return shortened(first_sentence(self.unrepaired_fault), MAX_FAULT_LENGTH)
 
     @property
