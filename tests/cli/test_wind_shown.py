@@ -10,6 +10,7 @@ from pytest import approx, mark
 from recorded_flights import SLOW
 
 from mavdem import wind
+from mavdem.facts.identifiability import Status
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest.parameter_file import read_parameters
@@ -76,6 +77,9 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
         assert text in fleet_page(vehicle_summaries([one]))
     assert run("wind", log, "--out", tmp_path / "wind") == 0
     page = (tmp_path / "wind" / "wind.html").read_text()
+    # The edge of the result is green only of a speed that no bias may have shifted.
+    is_reported = estimate.status["speed"] is Status.REPORTED
+    assert ('class="blocks assessment"' in page) is is_reported
     for title in (
         "Wind over time",
         "Speed through the air",

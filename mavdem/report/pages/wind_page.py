@@ -9,6 +9,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.time_history import wind_history
 from mavdem.facts import Fact, Level
+from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
@@ -91,8 +92,13 @@ def wind_page(
         downloads=[*parameter_downloads(drag_files, f"{PurePath(name).stem}.drag", "Drag:")],
     )
     head = Head(
-        # The edge is about the wind, but a green one would call a flight sound that ended in a crash.
-        level=Level.UNKNOWN if warnings_of_flight else _wind_level(wind_evidence, assessment),
+        # The edge is about the wind, but a green one would call a flight sound that ended in a crash, or a speed known
+        # that may be biased.
+        level=(
+            _wind_level(wind_evidence, assessment)
+            if not warnings_of_flight and wind.status["speed"] is Status.REPORTED
+            else Level.UNKNOWN
+        ),
         # The page is about the wind alone: the levels of motors, power and the like are not shown.
         lights={},
         timeline=timeline,
