@@ -20,7 +20,10 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flight_verdict import worst_first
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, no_purposes, unjudged
-from mavdem.assessment.lights.power import mark_battery_reports_on_ground
+from mavdem.assessment.lights.power import (
+    mark_battery_reports_on_ground,
+    with_supply_before_open_end,
+)
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_failure import (
     raise_level_of_assumed_landings,
@@ -422,6 +425,7 @@ def _evidence_without_loops(
     )
     # 5. What is changed because of the flights, which follow from the ending.
     evidence = replace(evidence, events=mark_battery_reports_on_ground(evidence))
+    evidence = replace(evidence, events=with_supply_before_open_end(evidence))
     if evidence.reasons_not_to_fly:
         evidence = replace(evidence, wind=without_flight_advice(wind))
     return evidence

@@ -5,11 +5,13 @@ from math import inf
 
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import CONTACTS
-from mavdem.dataset.grounded import MAX_GROUND_HEIGHT
-from mavdem.dataset.intervals import TimeInterval
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, grounded_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
+from mavdem.ingest.vocabulary import OFF_GROUND
 from mavdem.witnesses.boot_sensors import BootSensors
 
 
@@ -23,8 +25,8 @@ def end_in_air(
     """Returns the event that a log ends while the vehicle is in the air, and does not show why.
 
     Then either the recorder failed, or the vehicle crashed and the crash was not recorded. There is no such event after
-    a landing, or if another event explains the end (:func:`_explains_end`). There is none either if the last height is
-    unknown or at most ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on the ground.
+    a landing, or if another event explains the end (:func:`_explains_end`). There is none either if the vehicle may
+    stand on the ground (:func:`_may_stand_on_ground`), or if its last height is unknown.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -47,7 +49,9 @@ def end_in_air(
         return None
     sensors = BootSensors(signals, boot, flight_start)
     last_height = sensors.height_at(end_time)
-    if last_height is None or last_height <= MAX_GROUND_HEIGHT:
+    if last_height is None:
+        return None
+    if last_height <= MAX_GROUND_HEIGHT and _may_stand_on_ground(signals, boot, end_time):
         return None
     event = Fact(
         MotionEvent.LOG_ENDED_IN_AIR,
@@ -61,6 +65,24 @@ def end_in_air(
     )
     has_lost_attitude = any(event.code is MotionEvent.ATTITUDE_LOST for event in events)
     return event.replace(is_after_loss=True) if has_lost_attitude else event
+
+
+def _may_stand_on_ground(signals: Signals, boot: int, end_time: float) -> bool:
+    """Returns whether a vehicle that is as low as the ground at the end of a log may stand on it.
+
+    It flies if its land detector reports so until the end, and the ground neither carries nor holds it by its motors
+    (:func:`mavdem.dataset.grounded.grounded_intervals`).
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot, whose last flight has no recorded landing.
+        end_time: time of the last attitude sample of the boot, s since boot.
+    """
+    reports = series_of_boot(signals.landed_state, boot)
+    has_motor_outputs = series_of_boot(signals.collective, boot) is not None
+    if reports is None or not has_motor_outputs or reports.values[-1] not in OFF_GROUND:
+        return True
+    return bool(in_intervals(end_time, grounded_intervals(signals, boot)))
 
 
 def _explains_end(event: Fact, end_time: float) -> bool:

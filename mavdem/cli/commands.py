@@ -206,9 +206,9 @@ def mavdem() -> None:
     or the reason why it is not known.
 
     \b
-    1. What happened, and may I fly again? Read the screen, then the page.
+    1. What happened, and may I fly again? Read the screen, then
+       flight/report.html in a browser.
          mavdem flight.tlog
-         xdg-open flight/report.html
     2. Do the control loops have enough margin, and which gains suit them?
          mavdem tune flight.tlog --out tuned
     3. What does the log hold, and what does a model still need?
@@ -227,9 +227,9 @@ def mavdem() -> None:
     Any log shows what happened. Models and margins need attitude, and motor outputs or the controller's demand, at
     40 Hz or more, better 100 Hz.
 
-    With --json every command but serve prints one JSON document on standard output. Exit codes: 0 done; 1 the data
-    cannot support the request; 2 bad usage or unreadable input. A command ended by Ctrl-C (130), SIGTERM (143) or a
-    closed pipe (141) may print no document.
+    With --json every command but serve and mcp prints one JSON document on standard output. Exit codes: 0 done; 1 the
+    data cannot support the request; 2 bad usage or unreadable input. A command ended by Ctrl-C (130), SIGTERM (143) or
+    a closed pipe (141) may print no document.
     """
 
 

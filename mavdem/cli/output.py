@@ -15,7 +15,7 @@ from mavdem.cli.streams import (
     text_columns,
 )
 from mavdem.facts import Fact
-from mavdem.report.blocks import SCREEN_LINES, Block, Sentence
+from mavdem.report.blocks import SCREEN_LINES, Block, Sentence, wrapped_lines
 
 TERMINAL_LINES = 24
 """Lines of a terminal that nobody has enlarged, up to which texts in tables may take more than one line."""
@@ -151,6 +151,9 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
         lines_per_row: Approximate number of lines of a row, to which the texts of a table of words are shortened; None
             for whole texts.
     """
+    if isinstance(block, Sentence):
+        sentence = f"{block.lead} {block.text}".strip()
+        return list(wrapped_lines(escape_unprintable(sentence), text_columns()))
     # Imported here, since Rich takes long to import, and the screen of a review has no tables.
     from rich.console import Console
 
@@ -158,16 +161,12 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
 
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
     with console.capture() as printed:
-        if isinstance(block, Sentence):
-            sentence = f"{block.lead} {block.text}".strip()
-            console.print(escape_unprintable(sentence))
-        else:
-            has_texts = block.words
-            # The cells of other tables are numbers, which cannot be shortened.
-            max_row_lines = lines_per_row if has_texts else None
-            # A table that is too wide becomes several tables below each other.
-            for table in terminal_tables(block, console.width, max_row_lines):
-                console.print(table)
+        has_texts = block.words
+        # The cells of other tables are numbers, which cannot be shortened.
+        max_row_lines = lines_per_row if has_texts else None
+        # A table that is too wide becomes several tables below each other.
+        for table in terminal_tables(block, console.width, max_row_lines):
+            console.print(table)
     return [line.rstrip() for line in printed.get().splitlines()]
 
 

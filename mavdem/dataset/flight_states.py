@@ -169,7 +169,9 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
     )
     if collective is None:
         return last_reported_intervals
-    intervals_with_reports = _intervals_with_reports(reports, recording_start=collective.time[0])
+    intervals_with_reports = _intervals_with_reports(
+        reports, recording_start=collective.time[0], recording_end=collective.time[-1]
+    )
     flights_by_reports = intersection(
         true_intervals(reports.time, np.isin(reports.values, states)), intervals_with_reports
     )
@@ -202,7 +204,9 @@ def _intervals_of_high_collective(signals: Signals, collective: TimeSeries | Non
     return true_intervals(collective.time, collective.values > min_collective)
 
 
-def _intervals_with_reports(reports: TimeSeries, recording_start: float) -> Intervals:
+def _intervals_with_reports(
+    reports: TimeSeries, recording_start: float, recording_end: float
+) -> Intervals:
     """Returns the intervals in which the reports of the landed state hold: between two that are defined and near.
 
     Two reports are near if they are at most ``MAX_REPORT_INTERVAL`` apart.
@@ -211,6 +215,8 @@ def _intervals_with_reports(reports: TimeSeries, recording_start: float) -> Inte
         reports: (N,) MAV_LANDED_STATE as reported.
         recording_start: time of the first motor output, s. If the first report is not later, it holds before it too,
             since nothing was recorded there.
+        recording_end: time of the last motor output, s. If the record ends before the next report was due, by the
+            median interval between reports, the last report holds to the end.
 
     Returns:
         Start and end of each interval, s.
@@ -223,6 +229,12 @@ def _intervals_with_reports(reports: TimeSeries, recording_start: float) -> Inte
         first_start, first_end = intervals[0]
         if first_start == first_report_time:
             intervals[0] = (-inf, first_end)
+    last_report_time = reports.time[-1]
+    if intervals and intervals[-1][1] == last_report_time:
+        report_interval = float(np.median(np.diff(reports.time)))
+        if recording_end - last_report_time <= report_interval:
+            last_start, _ = intervals[-1]
+            intervals[-1] = (last_start, inf)
     return intervals
 
 

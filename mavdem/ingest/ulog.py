@@ -37,7 +37,7 @@ from mavdem.ingest.ulog_other_records import (
     OtherRecords,
     is_of_later_format,
 )
-from mavdem.ingest.ulog_records import RecordLoss, SoundRecords, sound_records
+from mavdem.ingest.ulog_records import SoundRecords, sound_records
 from mavdem.ingest.ulog_topics import LoggedTopic, parse_records
 from mavdem.ingest.vocabulary import version_text
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
@@ -104,7 +104,7 @@ def read_ulog(path: PathName) -> Log:
         messages=messages,
         parameters=parameters,
         source=source,
-        repairs=(*_file_repairs(other_records, loss, outlier_count), *attitude_notes),
+        repairs=(*_file_repairs(other_records, records, outlier_count), *attitude_notes),
         translated_from="ULog",
         initial_parameters=initial_parameters,
         default_parameters=_default_parameters(other_records),
@@ -359,23 +359,26 @@ def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
     return int(largest_part[0]), int(largest_part[-1])
 
 
-def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:
+def _file_repairs(other_records: OtherRecords, records: SoundRecords, outlier_count: int) -> Facts:
     """Reports what is damaged or missing in a file, as facts for the user.
 
     Args:
         other_records: The records that are not data, with the interruptions of the logger (dropouts).
-        loss: What was left out: number of damaged places, bytes and seconds.
+        records: The sound records, with what was left out, and whether the file is cut at its end.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
 
     Returns:
-        A fact on damaged bytes, one on messages with wrong stamps, and one on interruptions; those that apply.
+        A fact on damaged bytes, one on a cut end, one on messages with wrong stamps, and one on interruptions; those
+        that apply.
     """
+    loss = records.loss
     damage = repair_facts(
         Repair.ULOG_DAMAGED,
         count=loss.lost_bytes,
         places=loss.damaged_places,
         duration=loss.lost_seconds,
     )
+    cut_end = repair_facts(Repair.RECORDING_CUT) if records.is_cut else ()
     wrong_stamps = repair_facts(
         Repair.LOGGED_MESSAGES_LEFT_OUT, count=outlier_count, flaw=Flaw.FAR_STAMP
     )
@@ -387,7 +390,7 @@ def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: 
         duration=durations.sum(),
         longest_gap=durations.max(initial=0),
     )
-    return damage + wrong_stamps + interruptions
+    return damage + cut_end + wrong_stamps + interruptions
 
 
 def _board_number(information: Mapping[str, object]) -> str:

@@ -100,6 +100,8 @@ class SoundRecords:
     """Where the records begin in ``content``, ascending, without the record of flags."""
     definitions: RecordDefinitions
     """The definitions of the file, with its subscriptions."""
+    is_cut: bool = False
+    """Whether the file ends in the middle of a record."""
 
 
 def sound_records(content: FileContent) -> SoundRecords:
@@ -126,6 +128,7 @@ def sound_records(content: FileContent) -> SoundRecords:
         scan.loss,
         np.array(scan.offsets, dtype=np.int64),
         scan.definitions,
+        scan.is_cut,
     )
 
 
@@ -141,6 +144,7 @@ class _RecordScan:
         loss: What was lost by damage so far.
         offsets: Offsets of the records that are kept: 64-bit numbers, of which a long log has millions.
         definitions: The definitions that were read so far.
+        is_cut: Whether the latest section ended in the middle of a record.
     """
 
     def __init__(self, content: FileContent) -> None:
@@ -151,6 +155,7 @@ class _RecordScan:
         """
         self.content = content
         self.loss = RecordLoss()
+        self.is_cut = False
         self.offsets = array("q")
         self.definitions = RecordDefinitions(content)
         self._data_runs = RecordRuns(content, self.definitions.possible_data_records)
@@ -220,6 +225,7 @@ class _RecordScan:
         """
         offsets = self.offsets
         offset = start
+        self.is_cut = False
         # The number of records that were found before the latest omitted bytes. Those after it are the present run.
         records_before_run = len(offsets)
         while offset < section_end:
@@ -253,6 +259,7 @@ class _RecordScan:
         if offset > section_end and len(offsets) > records_before_run:
             # The length of the last record exceeds the section: its end was never written.
             offsets.pop()
+            self.is_cut = True
 
     def _add_sound_record(self, offset: int, record_type: int) -> None:
         """Adds a sound record to ``offsets``, and the definition or subscription in it to ``definitions``.
@@ -405,6 +412,7 @@ class _RecordScan:
         next_sound = self._next_sound_record(offset, start + 1, section_end)
         has_sound_record_after = next_sound < section_end
         if not has_sound_record_after and self._may_be_cut_off(offset, section_end):
+            self.is_cut = True
             return slice(offset, section_end)
         if not has_sound_record_after and self._is_unwritten(offset, section_end):
             return slice(start, section_end)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from textwrap import shorten
+from collections.abc import Iterable, Iterator
+from textwrap import shorten, wrap
 from typing import NamedTuple
 
 from mavdem.facts import Fact, Level
 
 SCREEN_LINES = 15
 """Lines of a report on the terminal without ``--verbose``: a choice, so that it is read without scrolling."""
+
+HARD_SPACE = "\N{NO-BREAK SPACE}"
+"""A space at which no line is broken."""
 
 _COMMAND_SENTENCE = re.compile(r" `(mavdem [^`]*)`\. ?")
 """A command of mavdem at the end of a sentence, such as "Run `mavdem info LOG`."."""
@@ -181,6 +184,25 @@ def _block_as_markdown(block: Block) -> str:
     for cells in (block.header, alignments, *block.rows):
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def wrapped_lines(text: str, columns: int) -> Iterator[str]:
+    """Yields the lines of a text that is wrapped for the terminal.
+
+    A command between backquotes stays on one line, so that it can be copied. For this its spaces are replaced by ones
+    at which no line is broken, and restored after that.
+
+    Args:
+        text: the text, without line breaks.
+        columns: largest number of characters in a line; a longer command or word makes a longer line.
+    """
+    text_with_hard_spaces = re.sub(
+        "`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text
+    )
+    for line in wrap(
+        text_with_hard_spaces, columns, break_long_words=False, break_on_hyphens=False
+    ):
+        yield line.replace(HARD_SPACE, " ")
 
 
 def truncated(text: str, max_length: int) -> str:

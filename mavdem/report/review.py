@@ -1,6 +1,5 @@
 """The review of a log on one screen: status lights, alarms and next step, as sentences of facts (coded findings)."""
 
-import re
 from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
@@ -20,7 +19,7 @@ from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
-from mavdem.report.blocks import Sentence, shortened
+from mavdem.report.blocks import HARD_SPACE, Sentence, shortened, wrapped_lines
 from mavdem.report.brief_events import (
     CountedEvent,
     count_text,
@@ -57,9 +56,6 @@ LABEL_COLUMNS = 11
 
 LEVEL_COLUMNS = 9
 """Columns after that, for its level."""
-
-HARD_SPACE = "\N{NO-BREAK SPACE}"
-"""A space at which no line is broken."""
 
 
 def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
@@ -187,9 +183,9 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
     lines = list(_event_lines(assessment, columns))
     lines += headline_lines(assessment, columns)
     lines += _evidence_lines(assessment, columns)
-    lines += _wrapped_lines(f"Next: {assessment.next_step}", columns)
+    lines += wrapped_lines(f"Next: {assessment.next_step}", columns)
     for sentence in flight_sentences(assessment, has_headline_above=True):
-        lines += wrap(sentence.text, columns)
+        lines += wrapped_lines(sentence.text, columns)
     return lines
 
 
@@ -273,25 +269,6 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
 def _log_name(log: Log) -> str:
     """Returns the name of a log's file, as the beginning of a title."""
     return f"{Path(log.source).name}:"
-
-
-def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
-    """Yields the lines of a text that is wrapped for the terminal.
-
-    A command between backquotes stays on one line, so that it can be copied. For this its spaces are replaced by ones
-    at which no line is broken, and restored after that.
-
-    Args:
-        text: the text, without line breaks.
-        columns: largest number of characters in a line; a longer command or word makes a longer line.
-    """
-    text_with_hard_spaces = re.sub(
-        "`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text
-    )
-    for line in wrap(
-        text_with_hard_spaces, columns, break_long_words=False, break_on_hyphens=False
-    ):
-        yield line.replace(HARD_SPACE, " ")
 
 
 def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
@@ -442,7 +419,7 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
         # A gain and its values stay on one line.
         texts.append(f"{name} {present_value} → {advised_value}".replace(" ", HARD_SPACE))
     text = f"They are {', '.join(texts)}; with `--out FOLDER` the command writes them as files."
-    return [*_wrapped_lines(text, columns)]
+    return [*wrapped_lines(text, columns)]
 
 
 def page_line(assessment: Assessment) -> str:

@@ -568,6 +568,32 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     assert MotionEvent.LOG_ENDED_IN_AIR not in events_and_ending(restarted)[0]
 
 
+def with_reported_flight(telemetry):
+    """Returns telemetry that ends in the air, 0.4 s after the last of its reports that the vehicle flies."""
+    time = np.arange(0.0, FAILS)
+    state = np.where(time < 6.0, ON_GROUND, IN_AIR)
+    reports = columns(time, landed_state=state)
+    return with_end_of_log(changed(telemetry, "EXTENDED_SYS_STATE", **reports), -0.6)
+
+
+def test_a_log_ends_in_the_air_though_its_motors_need_little_thrust_or_its_flight_is_low():
+    """By the motors alone the one vehicle would be on the ground, and by the height alone the other one."""
+    telemetry = flight()
+    outputs = pulses(telemetry)
+    light_vehicle = with_pulses(telemetry, 1000 + 0.2 * (outputs - 1000))
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    descent = np.interp(position["time"], [18.0, 26.0], [1.0, 0.05])
+    low_flight = changed(telemetry, "LOCAL_POSITION_NED", z=descent * position["z"])
+    for vehicle in (light_vehicle, low_flight):
+        events, _ = events_and_ending(with_reported_flight(vehicle))
+        assert MotionEvent.LOG_ENDED_IN_AIR in events
+    # Without a report of flight, or with motors that hardly turn, a low vehicle may stand on the ground.
+    unreported = with_end_of_log(low_flight, -0.6)
+    touched_down = with_motor_output(low_flight, ALL, 1150, FAILS - 3.0)
+    for vehicle in (unreported, with_reported_flight(touched_down)):
+        assert MotionEvent.LOG_ENDED_IN_AIR not in events_and_ending(vehicle)[0]
+
+
 @mark.parametrize("landed_at, words", [(39.0, "came back"), (FAILS + 1.0, "at the landing")])
 def test_what_lies_askew_after_its_landing_did_not_come_back(landed_at, words):
     telemetry = with_lean(flight(), RIGHT, 35.0, 2.0)

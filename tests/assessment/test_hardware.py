@@ -64,6 +64,16 @@ def test_a_receiver_is_doubted_by_what_the_filters_ask_for(fields, doubts):
     assert "for 95 % of the flight at least" in fact.sentence
 
 
+@mark.parametrize("is_valid, level", [(True, "unknown"), (False, "watch")])
+def test_a_receiver_without_fix_is_doubted_only_where_the_flight_needed_it(is_valid, level):
+    """The estimator has a position from another source, such as external vision, or from none."""
+    fields = {"fix_type": 0, "satellites_visible": 0, "eph": 9999, "noise_per_ms": 90}
+    telemetry = changed(TELEMETRY, "GPS_RAW_INT", **columns(TIME, **fields))
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", valid=is_valid)
+    fact = receiver_fact(evidence_of(Signals(telemetry)))
+    assert (fact.level, bool(fact.remedy)) == (level, level == "watch")
+
+
 @mark.parametrize("change, level", [(0.0, "good"), (0.4, "watch"), (-0.7, "bad")])
 def test_a_field_is_judged_by_its_change_from_the_ground_to_the_flight(change, level):
     """The magnetic field changes with the throttle by a fraction of its size."""

@@ -26,6 +26,7 @@ from mavdem.assessment.lights.power import (
     LOW_VOLTAGE_SECONDS,
     MAX_BOARD_VOLTAGE_DROP,
     power_light,
+    with_supply_before_open_end,
 )
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.mean_interval import MeanFigure
@@ -632,6 +633,16 @@ def test_the_light_of_a_log_that_ends_in_the_air_says_so_unless_it_was_lost():
     assert log_light(replace(judged, events=(ended,))) is ended
     after_loss = ended.replace(is_after_loss=True)
     assert log_light(replace(judged, events=(after_loss,))).code is LogLight.RECORDED_FAST
+
+
+@mark.parametrize("least, is_suspect", [(BOARD_VOLTAGE_LIMITS.watch - 0.05, True), (5.0, False)])
+def test_a_low_supply_is_the_suspected_reason_for_a_log_that_ends_in_the_air(least, is_suspect):
+    volts = np.where(TIME > 30, least, 5.1)
+    ended = Fact(MotionEvent.LOG_ENDED_IN_AIR, time=36.5, boot=0, height=12.0, height_source="")
+    judged = evidence(telemetry_with("POWER_STATUS", Vcc=1000 * volts))
+    (event,) = with_supply_before_open_end(replace(judged, events=(ended,)))
+    assert ("board supply down to" in event.sentence) is is_suspect
+    assert ("power module" in event.remedy) is is_suspect
 
 
 def repair_of_skipped_bytes(count):

@@ -58,6 +58,13 @@ def test_all_records_of_a_sound_file_are_kept():
     assert kept_bytes(records) == records_of(*PIECES) and records.loss == RecordLoss()
 
 
+@mark.parametrize("missing_bytes, is_cut", [(0, False), (1, True), (len(UNMARKED[-1]) - 1, True)])
+def test_a_file_that_ends_within_a_record_is_reported_as_cut(missing_bytes, is_cut, tmp_path):
+    content = log(*UNMARKED)
+    vehicle = vehicle_of(content[: len(content) - missing_bytes], tmp_path)
+    assert (Repair.RECORDING_CUT in [fact.code for fact in vehicle.repairs]) is is_cut
+
+
 @mark.parametrize("bit", range(16))
 def test_a_flipped_bit_in_a_length_loses_that_record_alone(bit):
     """One bit of the size or type of a record is wrong."""

@@ -3,6 +3,7 @@
 import numpy as np
 from made_up_analysis import HOVER, model, physical
 
+from mavdem.cli.output import print_blocks
 from mavdem.experiments.held_out import (
     CONSTANT_MEAN,
     FORECAST,
@@ -12,7 +13,7 @@ from mavdem.experiments.held_out import (
 )
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ModelName
-from mavdem.report.blocks import Table
+from mavdem.report.blocks import Sentence, Table
 from mavdem.report.labels import Labels
 from mavdem.report.screen import motor_blocks, prediction_blocks
 
@@ -45,3 +46,9 @@ def test_what_no_motor_has_is_no_column_and_what_is_not_identifiable_is_named_on
     known_table, known_sentence = motor_blocks(model(physical()), HOVER)
     assert known_table.header[1].startswith("effectiveness")
     assert "not identifiable" not in known_sentence.text
+
+
+def test_a_command_in_a_sentence_is_never_broken(capsys):
+    command = "`mavdem tune flight.ulg --axis all`"
+    print_blocks([Sentence(f"{'word ' * 12}and then {command} advises the gains.", "Next:")])
+    assert command in capsys.readouterr().out

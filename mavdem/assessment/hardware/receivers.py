@@ -4,7 +4,11 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights.estimator import MAX_DILUTION, MIN_SATELLITES
+from mavdem.assessment.lights.estimator import (
+    MAX_DILUTION,
+    MIN_SATELLITES,
+    flew_without_fix,
+)
 from mavdem.dataset.hardware_quantities import (
     DILUTION,
     HORIZONTAL_ACCURACY,
@@ -41,6 +45,9 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
       filter.
     - The jamming indicator must stay below the limit of PX4's guide for 95 % of the flight.
 
+    A receiver without a fix is not judged if the estimator did not use it, since the flight had another source of the
+    position or needed none: its level is "unknown".
+
     Args:
         evidence: signals, events and measurements of the vehicle.
 
@@ -71,9 +78,13 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     jamming = figures["jamming"]
     if jamming is not None and jamming >= MAX_JAMMING:
         failed_checks.append(ReceiverDoubt.JAMMING)
+    level = Level.WATCH if failed_checks else Level.GOOD
+    if flew_without_fix(evidence):
+        failed_checks = []
+        level = Level.UNKNOWN
     return Fact(
         HardwareFact.RECEIVER_MEASURED,
-        Level.WATCH if failed_checks else Level.GOOD,
+        level,
         # Of satellites few are bad, of the other quantities large values: so this is the low quantile.
         satellites=np.quantile(satellites, 1 - TYPICAL_FRACTION),
         satellites_usual=np.median(satellites),

@@ -112,7 +112,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     innovation_facts = _innovation_facts_worst_first(evidence)
     unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
     missing_fixes = _missing_fixes(evidence)
-    if missing_fixes and _could_fly_without_fix(evidence):
+    if flew_without_fix(evidence):
         # The missing fix is no finding of its own, so that the light may be good. But the other findings state the
         # number of satellites: the pilot should know that GPS gave no position.
         figures_without_fix = _figures_without_fix(evidence, missing_fixes[0])
@@ -134,6 +134,11 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_assumed_standstills(evidence),
     ]
     return worst_fact(facts or [unmeasured_fact])
+
+
+def flew_without_fix(evidence: Evidence) -> bool:
+    """Returns whether no satellite receiver had a fix in flight, and the flight did not need one."""
+    return bool(_missing_fixes(evidence)) and _could_fly_without_fix(evidence)
 
 
 def _could_fly_without_fix(evidence: Evidence) -> bool:

@@ -21,6 +21,7 @@ from mavdem.dataset import time_series
 from mavdem.dataset.batteries import FIRST_BATTERY, Battery, battery_name
 from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.power import PowerLight
 from mavdem.ingest.telemetry import Parameters
@@ -163,6 +164,26 @@ def mark_battery_reports_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
                 event = event.replace(is_on_ground=True)
         marked_events.append(event)
     return tuple(marked_events)
+
+
+def with_supply_before_open_end(evidence: Evidence) -> tuple[Fact, ...]:
+    """Adds a low supply of the board to the event that the log ends in the air, as the suspected reason.
+
+    Args:
+        evidence: events of the vehicle, and its voltages in flight.
+
+    Returns:
+        All events of the evidence in the same order. The event that the log ends in the air has the fact about the
+        supply as its figure ``suspect``, if the supply was low or fell.
+    """
+    events = []
+    for event in evidence.events:
+        if event.code is MotionEvent.LOG_ENDED_IN_AIR:
+            for supply in _supply_facts(evidence):
+                if supply.is_watch_or_bad:
+                    event = event.replace(suspect=supply)
+        events.append(event)
+    return tuple(events)
 
 
 def _unmeasured_batteries(
