@@ -419,7 +419,7 @@ def _follow_vehicle(
         if link.dropped_datagrams:
             print_to_stderr(Fact(LinkFact.DATAGRAMS_LOST, count=link.dropped_datagrams))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
-        learned = _final_model(session, session_end)
+        learned, no_model_reason = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.
         code = _write_model(learned, paths.model)
         if successor is None:
@@ -429,6 +429,9 @@ def _follow_vehicle(
         status = _report_results(
             session, status, judged_model, status_lines, advises_gains=successor is None
         )
+        if no_model_reason:
+            # A pilot reads the verdicts first.
+            print_to_stderr(no_model_reason)
         frame_count = 0 if recording is None else recording.frame_count
         expected_paths = replace(
             paths,
@@ -666,7 +669,7 @@ def _run_and_show_status(
         status_lines.stop_in_place()
 
 
-def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None:
+def _final_model(session: LiveSession, session_end: ExitStack) -> tuple[Learned | None, str]:
     """Learns the model of the whole session while the vehicle's message rates are restored.
 
     Both take seconds, and are done at the same time: the rates are restored over the link by this thread, and the model
@@ -677,16 +680,16 @@ def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None
         session_end: Restores the rates, and ends the recording of the stream, when it is closed.
 
     Returns:
-        The model; None if there is none, which is reported on standard error.
+        The model, None if there is none; and then a sentence that says why, otherwise an empty one.
     """
     with ThreadPoolExecutor(max_workers=1) as learning_thread:
         learning = learning_thread.submit(session.final_model)
         session_end.close()
     try:
-        return learning.result()
+        return learning.result(), ""
     except ValueError as error:
-        print_to_stderr(f"There is no model: {as_clause(error)}.")
-        return None
+        no_model_reason = f"There is no model: {as_clause(error)}."
+        return None, no_model_reason
 
 
 def _write_model(learned: Learned | None, path: Path | None) -> int:

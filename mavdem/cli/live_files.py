@@ -199,32 +199,34 @@ def lines_without_gains(advice: Facts | None, seconds_by_use: Mapping[TimeUse, f
             # This sentence itself says that there are no gains.
             lines.append(fact.sentence)
         elif not is_about_gains_to_set:
-            axis, reason = _axis_and_reason_without_gains(fact)
-            axes_by_reason.setdefault(reason, []).append(axis)
+            fact_axes, reason = _axes_and_reason_without_gains(fact)
+            axes_by_reason.setdefault(reason, []).extend(fact_axes)
     for reason, axes_with_reason in axes_by_reason.items():
-        axes = listed(axis for axis in axes_with_reason if axis)
+        axes = listed(axes_with_reason)
         lines.append(f"No gains{f' for {axes}' if axes else ''}: {reason}.")
     return lines
 
 
-def _axis_and_reason_without_gains(finding: Fact) -> tuple[str, str]:
-    """Returns the axis that gets no gains, and the reason as a clause, such as "roll" and "too little settled flight".
+def _axes_and_reason_without_gains(finding: Fact) -> tuple[Sequence[str], str]:
+    """Returns the axes that get no gains, and the reason as a clause, such as "too little settled flight".
 
     Args:
-        finding: a fact of the advice that says why, about one axis or all.
+        finding: a fact of the advice that says why, about some axes or all.
 
     Returns:
-        The axis, empty where the reason holds for all; and the reason.
+        The axes, empty where the reason holds for all; and the reason.
     """
     reason = decisive_reason(finding)
-    axis = ""
+    axes: Sequence[str] = ()
     # A reason with a subject of its own, such as a motor, holds for all axes, which then are not named.
     if not reason.subject:
-        # The axis is the subject of the fact or, if it has none, one of its figures.
-        axis = finding.subject or finding.figures.get("axis") or ""
+        if "axes" in finding.figures:
+            axes = finding.figures["axes"]
+        elif "axis" in finding.figures:
+            axes = (finding.figures["axis"],)
     # The first sentence is the reason; those that follow explain it, and the page has them.
     sentence = first_sentence(reason.sentence)
-    return str(axis), as_clause(sentence.removeprefix("No margins: "))
+    return axes, as_clause(sentence.removeprefix("No margins: "))
 
 
 def written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:

@@ -87,7 +87,7 @@ UNREPORTED_REASONS = frozenset(
 """Reasons for not watching that pass by themselves, or have a line of their own: no line repeats them."""
 
 SETTLING_SECONDS = 4.0
-"""Time for which the list of watched quantities must stay the same before its changes are printed on a terminal, s.
+"""Time for which the list of watched quantities must stay the same before its changes are printed, s.
 
 It is longer than the silence after which a message counts as missing. The status that is updated in place shows the
 changes at once.
@@ -123,10 +123,10 @@ class PrintedState(NamedTuple):
     """Whether an alarm lasts."""
 
     is_late: bool
-    """Whether this computer does not keep up."""
+    """Whether alarms come so late that a pilot must not rely on them."""
 
-    has_motion: bool
-    """Whether attitude or motor outputs come."""
+    is_motion_missing: bool
+    """Whether attitude or motor outputs have not come for so long that the session has reported it."""
 
 
 class ChangeDebouncer:
@@ -431,8 +431,8 @@ class StatusLines:
         """Prints which quantities the session watches now, and which no longer, with the reason, if that has changed.
 
         A session compares quantities such as the battery and the vibration with their values earlier in the flight,
-        also without a model. On a terminal a change is printed once it is stable. Elsewhere it is printed at once:
-        such a status is read rarely, and nothing else shows these quantities.
+        also without a model. A change is printed once it is stable, so that quantities which become known one after the
+        other share a line.
 
         Args:
             watch_facts: A fact (coded finding) for each of these quantities: since when it is watched, or why it is
@@ -452,7 +452,7 @@ class StatusLines:
                 changes[quantity] = content
                 changed_facts.append(fact)
         is_stable = self._watch_change_debouncer.update(changes, monotonic())
-        if changed_facts and (is_stable or not is_updated_in_place):
+        if changed_facts and is_stable:
             self._printed_watch_facts.update(changes)
             text = escape_unprintable(watched_quantities_text(changed_facts))
             self._print(stamped_line(text, boot_clock=boot_clock))
@@ -488,12 +488,13 @@ class StatusLines:
         if status.vehicle is None and self._no_vehicle_event is not None:
             # Messages come, and their sender is mostly known a moment later.
             return
+        reason = status.no_model_reason
         state = PrintedState(
             status.vehicle,
-            is_waiting=status.no_model_reason is not None,
+            is_waiting=reason is not None,
             is_alarmed=any(fact.is_bad for fact in status.alarms),
             is_late=status.delay_fact is not None,
-            has_motion=status.row_rate > 0.0,
+            is_motion_missing=reason is not None and reason.code is RowsFact.NOTHING_RECEIVED,
         )
         now = monotonic()
         is_new = state != self._printed_state

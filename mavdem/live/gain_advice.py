@@ -4,7 +4,7 @@ They are computed in a process of its own, which begins when the vehicle has lan
 ends with its advice. Nothing is sent to the vehicle.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
 from pathlib import Path
@@ -245,36 +245,48 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
 
     Returns:
         The new gains of each axis that gets some to load, and then for each other axis the decision on its loops, such
-        as to fly before gains are loaded, if that needs an action, or why its gains stay as they are.
+        as to fly before gains are loaded, if that needs an action; or why its gains stay as they are, once for all axes
+        with the same reason.
     """
     facts_on_new_gains = []
     facts_without_gains = []
+    axes_by_reason: dict[Fact, list[str]] = {}
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and advice.parameters and advice.is_sound:
             facts_on_new_gains.append(_new_gains_fact(axis, advice))
-        else:
-            facts_without_gains.append(_fact_without_gains(axis, tuning))
+            continue
+        decision = tuning.judgement.loop_decisions.get(axis)
+        if decision is not None and decision.action is not None:
+            # The list of events has nothing else that names the axis.
+            facts_without_gains.append(decision.fact.replace(is_named=True))
+            continue
+        # Without advice there is a fact with the reason in its place.
+        conclusion = advice.conclusion if isinstance(advice, Advice) else advice
+        axes_by_reason.setdefault(decisive_reason(conclusion), []).append(axis)
+    for reason, axes in _with_common_reason_to_keep_gains(axes_by_reason).items():
+        facts_without_gains.append(Fact(GainFact.GAINS_LEFT, axes=tuple(axes), reason=reason))
     return (*facts_on_new_gains, *facts_without_gains)
 
 
-def _fact_without_gains(axis: str, tuning: Tuning) -> Fact:
-    """Returns what is reported of an axis that gets no gains to load.
+def _with_common_reason_to_keep_gains(
+    axes_by_reason: Mapping[Fact, Sequence[str]],
+) -> dict[Fact, Sequence[str]]:
+    """Returns axes by the reason why their gains stay, with one reason for all axes whose gains are good as they are.
+
+    These reasons differ in the share of vehicle models that have the margins. The least share holds for every axis.
 
     Args:
-        axis: "roll", "pitch" or "yaw".
-        tuning: the advice on all axes.
-
-    Returns:
-        The decision on the loops of the axis, if the user has to act on it; otherwise that the gains stay, and why.
+        axes_by_reason: the axes by the reason why their gains stay as they are.
     """
-    decision = tuning.judgement.loop_decisions.get(axis)
-    if decision is not None and decision.action is not None:
-        # The list of events has nothing else that names the axis.
-        return decision.fact.replace(is_named=True)
-    # Without advice there is a fact with the reason in its place.
-    advice = tuning.axes[axis]
-    conclusion = advice.conclusion if isinstance(advice, Advice) else advice
-    return Fact(GainFact.GAINS_LEFT, subject=axis, reason=decisive_reason(conclusion))
+    reasons_to_keep = [reason for reason in axes_by_reason if reason.code is GainFact.KEEP_GAINS]
+    if not reasons_to_keep:
+        return dict(axes_by_reason)
+    common_reason = min(reasons_to_keep, key=lambda reason: reason.figures["share"])
+    merged_axes: dict[Fact, list[str]] = {}
+    for reason, axes in axes_by_reason.items():
+        merged_reason = common_reason if reason in reasons_to_keep else reason
+        merged_axes.setdefault(merged_reason, []).extend(axes)
+    return dict(merged_axes)
 
 
 def decisive_reason(finding: Fact) -> Fact:

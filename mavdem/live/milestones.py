@@ -229,7 +229,7 @@ class Milestones:
         now: float,
         physical: Physical | None,
     ) -> None:
-        """Reports what the flight has shown: physical parameters, margins, wind, and how late estimates came.
+        """Reports what the flight has shown: after a landing its verdict; then wind, physical parameters and margins.
 
         What is not known is None, with the reason if there is one. Nothing is reported if the vehicle has not flown,
         and no row has been learned from, since the last report; nor of a lost vehicle without parameters.
@@ -254,6 +254,12 @@ class Milestones:
             and self._latest_verdict.is_lost_in_air
             and not status.is_flying
         )
+        verdict = None
+        is_reported_at_landing = status.has_landed and not status.is_over
+        is_end_reported = is_lost or is_lost_in_air
+        if is_reported_at_landing and not is_end_reported and self._latest_verdict is not None:
+            # The end of a session reports the verdicts in lines of their own, and a loss was an alarm.
+            verdict = self._latest_verdict.judgement.headline
         margins = status.overall_judgement.lights.get(Light.MARGINS)
         longest_delay = status.latency.longest
         self._log(
@@ -264,6 +270,7 @@ class Milestones:
                 is_flying=status.is_flying or not status.has_landed,
                 is_lost=is_lost,
                 is_lost_in_air=is_lost_in_air,
+                verdict=verdict,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),

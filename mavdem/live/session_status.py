@@ -1141,8 +1141,8 @@ class SessionStatus(ImmutableResult):
 
     @property
     def delay_fact(self) -> Fact | None:
-        """By how much rows and alarms come late; None while this computer keeps up."""
-        if not self.analysis_delay:
+        """By how much rows and alarms come late; None below ``MAX_ALARM_DELAY``, where a pilot may rely on them."""
+        if not self.is_late:
             return None
         return Fact(SessionFact.ESTIMATES_LATE, delay=self.analysis_delay)
 

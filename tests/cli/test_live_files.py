@@ -62,7 +62,7 @@ def test_without_advised_gains_the_reason_is_printed():
     # A reason with a subject of its own holds for all axes.
     of_motor = Fact(
         GainFact.GAINS_LEFT,
-        subject="roll",
+        axes=("roll",),
         reason=Fact(GainFact.LAG_UNRESOLVED, subject="motor 3", time_step=0.01),
     )
     [of_all_axes] = lines_without_gains((of_motor,), flown)
@@ -73,11 +73,11 @@ def test_without_advised_gains_the_reason_is_printed():
 def test_the_end_of_a_session_says_of_every_axis_what_becomes_of_its_gains():
     """Axes with the same reason share a line."""
     reason = Fact(GainFact.LAG_UNRESOLVED, time_step=0.01)
-    left = [Fact(GainFact.GAINS_LEFT, subject=axis, reason=reason) for axis in ("roll", "pitch")]
+    left = Fact(GainFact.GAINS_LEFT, axes=("roll", "pitch"), reason=reason)
     advised = Fact(GainFact.GAINS_ADVISED, subject="yaw")
-    [tried, together] = lines_without_gains((advised, *left), NOTHING)
+    [tried, together] = lines_without_gains((advised, left), NOTHING)
     assert tried.startswith("No gains for yaw yet: another flight")
     assert together.startswith("No gains for roll and pitch: ")
     written = Fact(GainFact.GAINS_WRITTEN, path="f.params", reason=reason)
-    assert gain_file_line((advised, *left, written)).startswith("Gains for yaw: f.params.")
-    assert lines_without_gains((advised, *left, written), NOTHING) == [together]
+    assert gain_file_line((advised, left, written)).startswith("Gains for yaw: f.params.")
+    assert lines_without_gains((advised, left, written), NOTHING) == [together]

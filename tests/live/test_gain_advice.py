@@ -128,6 +128,31 @@ def test_gains_that_another_flight_is_to_confirm_are_not_listed(share_of_models)
     assert (fact == decision.fact.replace(is_named=True)) is (share_of_models < SURE_SHARE)
 
 
+def test_axes_whose_gains_stay_for_the_same_reason_share_a_line():
+    """Of good gains the least share of vehicle models is stated, which holds for all axes."""
+    goals = {
+        "phase_margin": 45.0,
+        "gain_margin": 6.0,
+        "ms": 2.0,
+        "can_go_on": False,
+        "share_as_flown": 1.0,
+    }
+    shares = {"roll": 0.93, "pitch": 0.91, "yaw": 0.99}
+    conclusions = {
+        axis: Fact(GainFact.KEEP_GAINS, share=share, has_room=False, **goals)
+        for axis, share in shares.items()
+    }
+    judgement = Mock(loop_decisions={})
+    (kept,) = facts_of_tuning(partial_record(Tuning, axes=conclusions, judgement=judgement))
+    assert kept.sentence.startswith("No new gains for roll, pitch and yaw. Keep the gains:")
+    assert "91 %" in kept.sentence
+    # A weak motor is the reason for all axes, and its remedy is the verdict's.
+    weak_motor = Fact(GainFact.MOTOR_AT_LIMIT, subject="motor 3", share=0.3)
+    axes = dict.fromkeys(shares, weak_motor)
+    (left,) = facts_of_tuning(partial_record(Tuning, axes=axes, judgement=judgement))
+    assert left.sentence == f"No gains are advised: a{weak_motor.sentence[1:]}"
+
+
 def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     adviser = adviser_of(tmp_path)
     assert adviser.update("1:1", is_busy=False, is_at_end=True) == (), "nothing has landed"

@@ -600,7 +600,8 @@ def test_a_battery_that_nothing_measures_is_not_called_watched(volts, code):
     assert status.worst_lights[Light.POWER].is_good == (code is WatchFact.WATCHED)
 
 
-def test_rates_that_vary_are_no_news(capsys):
+def test_rates_that_vary_are_no_news(capsys, monkeypatch):
+    monkeypatch.setattr("mavdem.cli.live_status.SETTLING_SECONDS", 0.0)
     lines = StatusLines(None)
     counts = []
     for rate in (5.5, 5.5, 5.6, 4.9):
@@ -762,7 +763,7 @@ def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
     terminal_output = shown_status(landed, monkeypatch)
     text = " ".join(terminal_output.split())
     assert text.count("Not learning; 0 samples") == 1 and "Take off" not in text
-    assert "motors watch motor 4: 7 % left" in text
+    assert "motors watch motor 4: headroom 7 %" in text
 
 
 def test_changes_of_what_is_watched_are_printed_once_they_settled():
@@ -875,8 +876,9 @@ def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_its_line_alone():
     assert shown_text == f"1:1, Guided, in flight 6 s after take-off, last {terminal_text}."
 
 
-def test_a_line_of_a_log_says_what_is_new(capsys):
+def test_a_line_of_a_log_says_what_is_new(capsys, monkeypatch):
     """Without a terminal a line is printed for each change, and none for a status that was printed before."""
+    monkeypatch.setattr("mavdem.cli.live_status.SETTLING_SECONDS", 0.0)
     waiting = Fact(SessionFact.NOT_FLYING)
     ground = Fact(WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.MOTORS, reason=waiting)
     watched = Fact(WatchFact.WATCHED, time=9.0, subject=WatchedQuantity.MOTORS, reason=None)
@@ -1191,7 +1193,9 @@ def test_what_forbids_to_fly_since_an_earlier_flight_stands_on_terminal_lines_an
             assert advice in text, surface
 
 
-def test_plain_lines_say_that_a_loss_of_thrust_is_not_watched_until_it_is(capsys):
+def test_plain_lines_say_that_a_loss_of_thrust_is_not_watched_until_it_is(capsys, monkeypatch):
+    monkeypatch.setattr("mavdem.cli.live_status.SETTLING_SECONDS", 0.0)
+
     def watch_fact(code, reason):
         return Fact(code, time=4.0, subject=WatchedQuantity.MOTORS, reason=reason)
 
