@@ -324,6 +324,10 @@ def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle(factor):
     decision = decision_on_roll(made_up(factor), MISSES)
     assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY and decision.reasons_against_gains
     assert decision.action.sentence == "Check motors, propellers and load before the next flight."
+    reached = decision_on_roll(made_up(factor), MISSES.replace(at_limit_share=0.0))
+    assert "check the P gains of the roll angle and rate, then motors" in reached.action.sentence
+    limited = decision_on_roll(made_up(factor), MISSES.replace(at_limit_share=0.4))
+    assert limited.action.sentence == decision.action.sentence
 
 
 def test_a_peak_of_the_spectrum_alone_decides_nothing():

@@ -463,6 +463,9 @@ def _action_by_tracking(observations: LoopObservations) -> Fact:
         LoopAction.CHECK_VEHICLE,
         angle_error=tracking.figures["angle_error"],
         offset_angle=tracking.figures["offset_angle"],
+        axis=observations.margins.axis,
+        # None if the axis did not turn fast enough to show whether motors limit it.
+        at_limit_share=tracking.figures.get("at_limit_share"),
     )
 
 
