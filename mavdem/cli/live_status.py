@@ -78,8 +78,10 @@ UNREPORTED_REASONS = frozenset(
         WatchFact.ON_GROUND_NOW,
         WatchFact.OSCILLATION_AWAITED,
         WatchFact.SETTLED_FLIGHT_AWAITED,
+        WatchFact.TRACKING_AWAITED,
         SessionFact.NOT_SETTLED,
         RowsFact.MOTORS_NOT_KNOWN,
+        RowsFact.RATES_BEING_MEASURED,
         RowsFact.NOTHING_RECEIVED,
         LinkFact.CONNECTION_LOST,
     }

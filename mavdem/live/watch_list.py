@@ -19,6 +19,9 @@ UNWATCHED_BATTERIES = frozenset(
 )
 """Judgements of the power that say nothing of a battery: it was not measured, or has no limit."""
 
+BATTERY_NOT_KNOWN_YET = Fact(RowsFact.RATES_BEING_MEASURED)
+"""Why the battery is not watched before it is judged first: too few voltages have come to say what they measure."""
+
 LISTENING_SECONDS = 3.0
 """Time after the first review of a boot, and after a take-off, in which no message counts as missing, s: some come once
 a second."""

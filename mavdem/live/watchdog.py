@@ -29,6 +29,7 @@ from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorWatchFact
@@ -60,8 +61,9 @@ from mavdem.live.report_alarms import (
 )
 from mavdem.live.report_search import ReportSearch
 from mavdem.live.review import Review
-from mavdem.live.tracking_watch import TrackingWatch
+from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS, TrackingWatch
 from mavdem.live.watch_list import (
+    BATTERY_NOT_KNOWN_YET,
     LISTENING_SECONDS,
     WatchList,
     quantities_without_message,
@@ -206,8 +208,14 @@ class Watchdog:
         self._tracking_time = -inf
         # Number of changes of urgent messages until the latest review.
         self._change_count = 0
-        # Why the latest judgement of the power says nothing of the battery; None if it does, or before any.
+        # Why the latest judgement of the power, also that of the former boot, says nothing of the battery; None if it
+        # does, or before any.
         self._battery_not_judged: Fact | None = None
+        # Whether the power was judged in this boot or the former one, a few seconds after a take-off or later.
+        self._is_battery_judged = False
+        if former is not None:
+            self._battery_not_judged = former._battery_not_judged
+            self._is_battery_judged = former._is_battery_judged
         # The review that has begun; None between reviews.
         self._review: Review | None = None
 
@@ -567,9 +575,11 @@ class Watchdog:
         )
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
-        # Just after the take-off too few voltages have come to say that none is measured.
-        has_just_begun = condition.duration < LISTENING_SECONDS
-        self._battery_not_judged = None if has_just_begun else reason_battery_not_judged(power)
+        # Just after the take-off too few voltages have come to say whether they measure the battery: what was known
+        # before stays.
+        if condition.duration >= LISTENING_SECONDS:
+            self._battery_not_judged = reason_battery_not_judged(power)
+            self._is_battery_judged = True
 
     def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
         """Returns whether the body rate of an axis has a setpoint, as :meth:`TrackingWatch.has_rate_setpoint` does."""
@@ -1074,7 +1084,25 @@ class Watchdog:
             )
         if self._battery_not_judged is not None:
             reasons.setdefault(WatchedQuantity.BATTERY, self._battery_not_judged)
+        if self._landed_states.is_in_air:
+            self._add_quantities_not_judged_yet(reasons)
         return reasons
+
+    def _add_quantities_not_judged_yet(self, reasons: dict[WatchedQuantity, Fact]) -> None:
+        """Adds the quantities whose messages come in flight, but of which no status light says anything so far.
+
+        What the light of the power or of the tracking calls unknown must not be called watched beside it.
+
+        Args:
+            reasons: why a quantity cannot be watched, to which these are added; reasons that it has already stay.
+        """
+        if not self._is_battery_judged:
+            reasons.setdefault(WatchedQuantity.BATTERY, BATTERY_NOT_KNOWN_YET)
+        if Light.TRACKING not in self.status_lights.latest:
+            reasons.setdefault(
+                WatchedQuantity.TRACKING,
+                Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS),
+            )
 
     def _is_too_early_for_oscillation(self, now: float) -> bool:
         """Returns whether the flight is still too short to say that nothing oscillates, and no oscillation was found.
@@ -1129,7 +1157,10 @@ def _was_reported_by_autopilot(quantity: WatchedQuantity, fault: Fact) -> bool:
 
 
 def _fault_for_user(quantity: WatchedQuantity, fault: Fact) -> Fact:
-    """Returns a fault as it is reported to a pilot in flight: one of the battery says what to do now.
+    """Returns a fault as it is reported to a pilot in flight.
+
+    One of the battery says what to do now, and one of the innovations that its duration is the one so far: in the list
+    of what happened it stands beside the whole duration.
 
     Args:
         quantity: what the fault is about, such as the battery.
@@ -1137,6 +1168,8 @@ def _fault_for_user(quantity: WatchedQuantity, fault: Fact) -> Fact:
     """
     if quantity is WatchedQuantity.BATTERY:
         return _battery_report_in_flight(fault)
+    if fault.code is EstimatorLight.FILTER_DOUBTED:
+        return fault.replace(is_so_far=True)
     return fault
 
 

@@ -179,7 +179,11 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
         figure = sentence.text
         if light.code is Unjudged.KNOWN_BEFORE:
             # The link was lost, and the light was good before. This section has a single paragraph, "good 12 s ago".
-            [age] = render_section("live_light_before", duration=light.figures["duration"])
+            [age] = render_section(
+                "live_light_before",
+                duration=light.figures["duration"],
+                is_wind=light_name == Light.WIND,
+            )
             figure = age.text
         if not figure and light.is_watch_or_bad:
             figure = as_clause(first_clause(light.sentence))
@@ -399,7 +403,9 @@ def live_report(
     )
     blocks: Blocks = [first_paragraph]
     for alarm in status.motor_alarms:
-        blocks.append(Sentence(f"{as_clause(alarm.fact)}.", lead="Motors:"))
+        is_of_flight = alarm in status.motor_alarms_of_flight
+        lead = "Motors:" if is_of_flight else "Motors, in an earlier flight:"
+        blocks.append(Sentence(f"{as_clause(alarm.fact)}.", lead=lead))
     blocks += other_paragraphs
     if errors:
         blocks.append(_error_table(errors, axis))

@@ -361,7 +361,7 @@ def test_a_link_lost_in_flight_says_for_how_long_where_the_vehicle_was_and_what_
     assert judgement.headline.level is Level.WATCH
     assert str(judgement.headline) == (
         "Link lost 4 s ago, in flight: last 12 m above the take-off, 34 m from it, battery 15.8 V; "
-        "no position received in this flight."
+        "no latitude and longitude received in this flight."
     )
     assert str(judgement.next_step).startswith(
         "Watch the vehicle itself: no alarm comes now. Check"
@@ -388,6 +388,10 @@ def test_no_light_is_good_while_a_flying_vehicle_is_silent(silent):
     assert str(lights[Light.MOTORS]).startswith("Not known for 4 s; before that good: no motor ")
     [motors, *_] = light_rows(silent)
     assert motors.level is Level.UNKNOWN and motors.figure == "good 4 s ago"
+    mean_wind = WindEstimate(time=3.0, velocity=np.array([3.0, 4.0]), band=np.ones(2))
+    windy = replace(silent, mean_wind=mean_wind)
+    [wind] = [row for row in light_rows(windy) if row.name == Light.WIND]
+    assert wind.level is Level.UNKNOWN and wind.figure == "known 4 s ago"
     # Messages of the battery still come where only those of the motion do not.
     motion = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     still = replace(silent, no_model_reason=motion, message_age=0.1).overall_judgement

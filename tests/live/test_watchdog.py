@@ -16,6 +16,7 @@ from pytest import approx, fixture, mark
 from rich.console import Console
 from rich.live import Live
 
+from mavdem.assessment.condition import Condition
 from mavdem.assessment.headline import headline_by_lights
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.next_step import choose_next_step
@@ -46,11 +47,13 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import EstimatorRatio
 from mavdem.live import LiveStream
+from mavdem.live import watchdog as watchdog_module
 from mavdem.live.active_alarms import CALM_SECONDS
 from mavdem.live.flight_lights import FlightLights
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
+from mavdem.live.review import Review
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.takeoff_place import Displacement
@@ -221,7 +224,9 @@ def test_the_estimator_is_judged_in_flight_as_in_a_log():
     )
     light = replayed.stream.status().worst_lights[Light.ESTIMATOR]
     assert light.code is EstimatorLight.FILTER_DOUBTED and light.level is Level.WATCH
-    assert len(facts_about(replayed, EstimatorLight.FILTER_DOUBTED)) == 1
+    [report] = facts_about(replayed, EstimatorLight.FILTER_DOUBTED)
+    # It is reported before it is over, beside a light with its whole duration.
+    assert " s so far: innovation" in str(report) and "so far" not in str(light)
 
 
 @mark.parametrize("later, shown", [(0.1, 0.2), (0.3, 0.3)], ids=["a smaller one", "a larger one"])
@@ -1055,6 +1060,34 @@ def test_the_message_that_is_missing_is_that_of_the_autopilot(autopilot, name):
     watchdog = Watchdog(RecentMessages())
     reasons = watchdog._reasons_not_watched(5.0, vehicle, None)
     assert reasons[WatchedQuantity.ESTIMATOR].figures["name"] == name
+
+
+def test_what_a_light_calls_unknown_is_not_called_watched_beside_it(monkeypatch):
+    """A battery is watched once it is judged, which outlasts a reboot; the tracking too, after settled flight."""
+    vehicle = Telemetry(1, 1, "QUADROTOR", "PX4", {}, {})
+    unmeasured = Fact(PowerLight.POWER_UNMEASURED)
+    monkeypatch.setattr(watchdog_module, "power_light", Mock(return_value=unmeasured))
+    review = Review(
+        6.0, vehicle, is_flying=True, has_settled=False, phase_start=5.0, recent_signals=None
+    )
+
+    def reasons_in_flight(watchdog):
+        watchdog._slow_messages.names_since = Mock(return_value={"SYS_STATUS"})
+        watchdog._tracking.has_setpoints = Mock(return_value=True)
+        watchdog.update_phase(5.0, is_flying=True)
+        reasons = watchdog._reasons_not_watched(6.0, vehicle, None)
+        quantities = (WatchedQuantity.BATTERY, WatchedQuantity.TRACKING)
+        return [reasons[quantity].code for quantity in quantities if quantity in reasons]
+
+    first_boot = Watchdog(RecentMessages())
+    awaited = [RowsFact.RATES_BEING_MEASURED, WatchFact.TRACKING_AWAITED]
+    assert reasons_in_flight(first_boot) == awaited
+    first_boot._judge_battery(review, Condition(duration=1.0))
+    assert reasons_in_flight(first_boot) == awaited
+    first_boot._judge_battery(review, Condition(duration=10.0))
+    first_boot.status_lights.add(Light.TRACKING, Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD))
+    for watchdog in (first_boot, Watchdog(RecentMessages(), first_boot, was_flying=True)):
+        assert reasons_in_flight(watchdog) == [WatchFact.BATTERY_NOT_JUDGED]
 
 
 @mark.slow

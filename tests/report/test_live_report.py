@@ -17,7 +17,8 @@ from mavdem.live.link_loss import link_loss_fact
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
-from mavdem.report.blocks import Table
+from mavdem.motors.motor_changes import MotorChange
+from mavdem.report.blocks import Sentence, Table
 from mavdem.report.live import (
     headline_reason,
     live_alarm,
@@ -157,6 +158,19 @@ def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_
     assert "This session is over." in page and "<code>mavdem f.tlog</code>" in page
 
 
+def test_a_weak_motor_of_an_earlier_flight_is_named_as_such():
+    loss = MotorChange(58.0, 56.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    of_flight = SessionStatus("1:1", motor_alarms=(loss,), motor_alarms_of_flight=(loss,))
+    seconds = dict.fromkeys(TimeUse, 0.0)
+    for status, lead in (
+        (of_flight, "Motors:"),
+        (replace(of_flight, motor_alarms_of_flight=()), "Motors, in an earlier flight:"),
+    ):
+        report = live_report(LiveHistory(), status, seconds, "roll")
+        leads = [block.lead for block in report if isinstance(block, Sentence)]
+        assert lead in leads
+
+
 def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
     loss = link_loss_fact(
         Fact(RowsFact.NOTHING_RECEIVED, duration=12.0),
@@ -173,7 +187,7 @@ def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
     [last_seen] = headline_reason(judgement)
     assert last_seen.lead == "Last seen:"
     assert last_seen.text.startswith(
-        "12 m above the take-off, 5 m from it, battery 11.1 V; no position"
+        "12 m above the take-off, 5 m from it, battery 11.1 V; no latitude and longitude"
     )
     # The verdict on the flight keeps the place, by which the vehicle is searched.
     assert "12 m above the take-off" in headline(loss.replace(is_over=True))
