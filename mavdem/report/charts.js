@@ -3,7 +3,7 @@
 // events "drawn", and "cursor" with the time under the cursor of the flight's charts.
 (() => {
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const tints = ["#1f7ad633", "#12997a33", "#b5852a33", "#9461d133"], groups = {}, edge = 12;
+  const groups = {}, edge = 12;
   // The number as text, with as many digits as are needed to distinguish ticks that are a step apart.
   const digits = (value, step = 0) => {
     if (value == null) return "";
@@ -95,9 +95,16 @@
     if (modes.length) plot.after(key); else key.remove();
   };
 
+  // The colours of the modes, in use by turns, which the map of the flown path has too: paler, since their names lie over
+  // them, and less so on dark ground.
+  const tintsOfModes = () => {
+    const opacity = Math.round(255 * Number(colour("--mode-opacity"))).toString(16);
+    return colour("--modes").split(" ").map(mode => mode + opacity);
+  };
+
   const drawBackground = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio, at = x => chart.valToPos(x, "x", true), strip = !data.lines.length;
-    const names = [...new Set(data.spans.map(span => span[2]))], named = new Set();
+    const names = [...new Set(data.spans.map(span => span[2]))], named = new Set(), tints = tintsOfModes();
     ctx.save();
     ctx.textAlign = "left";
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
@@ -242,10 +249,11 @@
   };
 
   // Noise of many lines, such as those of all motors, would hide each of them. Where several samples of a line share some
-  // pixels, their mean is drawn, over the range from the least to the greatest of them.
-  const PIXELS_OF_MEAN = 4, LEAST_SAMPLES_OF_MEAN = 3, linearPaths = uPlot.paths.linear();
+  // pixels, their mean is drawn, over the range from the least to the greatest of them. Paper, which may have no colours, has
+  // smoother means over paler ranges: the dashes that tell lines apart there are seen on them.
+  const PIXELS_OF_MEAN = 4, PIXELS_OF_MEAN_ON_PAPER = 16, LEAST_SAMPLES_OF_MEAN = 3, linearPaths = uPlot.paths.linear();
   const meanAndRange = (chart, seriesNumber, first, last) => {
-    const pixels = PIXELS_OF_MEAN * devicePixelRatio, size = Math.floor((last - first + 1) * pixels / chart.bbox.width);
+    const isForPaper = root.classList.contains("printing"), pixels = (isForPaper ? PIXELS_OF_MEAN_ON_PAPER : PIXELS_OF_MEAN) * devicePixelRatio, size = Math.floor((last - first + 1) * pixels / chart.bbox.width);
     if (size < LEAST_SAMPLES_OF_MEAN) return { ...linearPaths(chart, seriesNumber, first, last), fill: null };
     const times = chart.data[0], values = chart.data[seriesNumber], { scale } = chart.series[seriesNumber], mean = new Path2D(), range = new Path2D();
     const place = (time, value) => [chart.valToPos(time, "x", true), chart.valToPos(value, scale, true)];
@@ -294,7 +302,7 @@
     // Where lines lie over each other, each shines through.
     const isOneOfMany = lines.length > 3 && line.kind === "line";
     const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
-    if (isOneOfMany) Object.assign(drawn, { paths: meanAndRange, fill: line.colour + "30" });
+    if (isOneOfMany) Object.assign(drawn, { paths: meanAndRange, fill: () => line.colour + (root.classList.contains("printing") ? "14" : "30") });
     if (line.kind === "dashes") drawn.dash = DASHES;
     if (isDots(line) || line.kind === "stems") drawn.paths = () => null;
     return drawn;
@@ -422,7 +430,7 @@
 
   const withCut = (data, options) => ({ ...options, range: (...limits) => data.cut ?? options.range(...limits) });
   const draw = figure => {
-    const { data, columns, drawn, bands } = contentOf(figure), group = data.group && (groups[data.group] ??= { charts: [] });
+    const { data, columns, drawn, bands } = contentOf(figure), group = data.group && (groups[data.group] ??= { charts: [], formerSpans: [] });
     const strip = !data.lines.length, bare = figure.dataset.bare != null || strip;
     const grid = { stroke: () => colour("--line"), width: 1 }, noLabels = (_, splits) => splits.map(() => "");
     // Room of a label below a plot: a narrow plot has six all the same, where they are short enough, so that three or more
@@ -453,6 +461,7 @@
       hooks: {
         drawClear: [chart => drawBackground(data, chart)], draw: [chart => drawForeground(data, chart)],
         setCursor: [chart => showValues(figure, data, chart)],
+        setSelect: [chart => group && chart.select.width && rememberSpan(group)],
         setScale: [(chart, key) => key === "x" && group && group.charts.includes(chart) && zoom(group, chart.scales.x.min, chart.scales.x.max)],
       },
     };
@@ -481,6 +490,11 @@
       chart.setScale("x", { min, max });
       figure.addEventListener("keydown", event => {
         const [first, last] = group.whole, { min, max } = chart.scales.x, size = max - min;
+        if (event.key === "Backspace" && group.formerSpans.length) {
+          event.preventDefault();
+          zoom(group, ...group.formerSpans.pop());
+          return;
+        }
         if (event.shiftKey && event.key.startsWith("Arrow")) {
           const now = chart.cursor.idx == null ? (min + max) / 2 : chart.posToVal(chart.cursor.left, "x");
           event.preventDefault();
@@ -493,7 +507,9 @@
         event.preventDefault();
         zoom(group, Math.max(first, Math.min(to[0], last - 0.1)), Math.min(last, Math.max(to[1], first + 0.1)));
       });
+      chart.root.addEventListener("dblclick", () => rememberSpan(group), true); // before uPlot shows all of this chart
       chart.over.addEventListener("dblclick", () => zoom(group, ...group.whole));
+      followDragWithShift(figure, chart, group);
     }
     return chart;
   };
@@ -589,6 +605,28 @@
   const setCursor = (group, x) => {
     for (const chart of group.charts) chart.setCursor({ left: chart.valToPos(x, "x"), top: 1 }, true, false);
   };
+
+  // Keeps the span that a group shows, before a mouse changes it. Charts of a group report one drag each.
+  const rememberSpan = group => {
+    const [min, max] = group.span ?? group.whole, former = group.formerSpans.at(-1);
+    if (former?.[0] !== min || former?.[1] !== max) group.formerSpans.push([min, max]);
+  };
+
+  // Dragging with Shift moves the charts of a group through the flight, with the span that they show.
+  const followDragWithShift = (figure, chart, group) => chart.root.addEventListener("mousedown", event => {
+    if (!event.shiftKey || event.button !== 0) return;
+    event.stopPropagation(); // uPlot would zoom
+    event.preventDefault(); // a browser would select text
+    figure.focus({ preventScroll: true });
+    const { min, max } = chart.scales.x, size = max - min, secondsPerPixel = size / chart.over.clientWidth;
+    const [first, last] = group.whole;
+    const move = ({ clientX }) => {
+      const start = Math.max(first, Math.min(min + (event.clientX - clientX) * secondsPerPixel, last - size));
+      zoom(group, start, start + size);
+    };
+    document.addEventListener("mousemove", move);
+    document.addEventListener("mouseup", () => document.removeEventListener("mousemove", move), { once: true });
+  }, true);
 
   // Fingers on a chart. One moves the cursor of its group; two zoom and shift the group, so that the place under each
   // stays under it; a double tap shows the whole again. Up and down the page scrolls, which ends what a finger does.
@@ -717,6 +755,7 @@
   const follow = group => {
     if (!group.charts.length) {
       group.whole = group.span = undefined;
+      group.formerSpans = [];
       return;
     }
     const [first, last] = group.whole, [min, max] = group.span ?? group.whole, wholes = group.charts.map(({ data_ }) => wholeOf(data_));

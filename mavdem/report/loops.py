@@ -1,6 +1,6 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
-from collections.abc import Collection, Container, Iterable, Iterator
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping
 from math import nan
 from operator import attrgetter
 from typing import NamedTuple
@@ -978,8 +978,8 @@ def _with_interval(value: float, interval: tuple[float, float], scale: float) ->
     return f"{text} ({low} to {high})"
 
 
-def gain_blocks(advice: Advice) -> Blocks:
-    """Returns a table of the controller gains to change on one axis, and sentences on the expected effects.
+def gain_table(advice: Advice) -> list[Table]:
+    """Returns a table of the controller gains to change on one axis.
 
     The table has a row for each changed gain: its value now, the value to set, and the factor between them.
 
@@ -987,7 +987,7 @@ def gain_blocks(advice: Advice) -> Blocks:
         advice: gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
 
     Returns:
-        The table, unless no gain changes, and then the sentences.
+        A list with the table; empty if no gain changes.
     """
     rows = []
     for name, gain in advice.gains.items():
@@ -995,10 +995,22 @@ def gain_blocks(advice: Advice) -> Blocks:
         # Two values that look equal in the table, which shows four digits, are no change to a reader.
         if text_now != text_to_set:
             rows.append([name, text_now, text_to_set, f"{gain.set / gain.now:.2f}"])
-    blocks = Blocks()
-    if rows:
-        blocks.append(Table(["gain", "now", "set", "times"], rows))
-    return [*blocks, *_gain_sentences(advice)]
+    if not rows:
+        return []
+    return [Table(["gain", "now", "set", "times"], rows)]
+
+
+def axes_by_gain_sentence(advice_by_axis: Mapping[str, Advice]) -> dict[Sentence, list[str]]:
+    """Returns sentences on what the advised gains are expected to do, each with the axes of which it is said.
+
+    Args:
+        advice_by_axis: gains by name of the parameter, and the control loop before and after, by axis.
+    """
+    axes_by_sentence = dict[Sentence, list[str]]()
+    for axis, advice in advice_by_axis.items():
+        for sentence in _gain_sentences(advice):
+            axes_by_sentence.setdefault(sentence, []).append(axis)
+    return axes_by_sentence
 
 
 def _gain_sentences(advice: Advice) -> list[Sentence]:

@@ -117,7 +117,6 @@
   const switchOn = one => one.box.querySelector("[name=on]").checked = one.isOn = true;
   form.addEventListener("input", ({ target }) => {
     const one = filters.find(({ box }) => box.contains(target)), { harmonics } = one.names;
-    form.parentElement.classList.add("tried"); // which is printed
     if (target.type === "range") {
       settings[target.name] = target.valueAsNumber;
       // Who moves a slider wants to see what it does.

@@ -117,9 +117,11 @@
   });
   onClick("#whole", () => flight() && zoom(flight(), ...flight().whole));
 
+  // Every part of the page that opens, but the contents and tools that serve a screen.
+  const allParts = () => [...document.querySelectorAll("main details:not(.contents > details, .on-screen details)")];
   onClick("#all", all => {
-    const chapters = [...document.querySelectorAll("main .chapter > details, main details:is(.part, .more)")], open = chapters.some(part => !part.open);
-    for (const part of chapters) part.open = open;
+    const open = allParts().some(part => !part.open);
+    for (const part of allParts()) part.open = open;
     all.textContent = open ? "Close all" : "Open all";
   });
 
@@ -148,6 +150,16 @@
   document.addEventListener("click", event => {
     if (phone.matches && !event.target.closest?.(".contents")) for (const part of document.querySelectorAll(".contents > details[open]")) part.open = false;
   });
+  // Whoever scrolls on has read the contents. Their opening itself moves the page by less.
+  const SCROLL_PAST_CONTENTS = 60;
+  let scrollAtOpening = 0;
+  document.addEventListener("toggle", ({ target }) => {
+    if (target.matches(".contents > details")) scrollAtOpening = scrollY;
+  }, true);
+  document.addEventListener("scroll", ({ target }) => {
+    if (!phone.matches || target !== document || Math.abs(scrollY - scrollAtOpening) < SCROLL_PAST_CONTENTS) return;
+    for (const part of document.querySelectorAll(".contents > details[open]")) part.open = false;
+  }, true);
   fold();
 
   // What a session shows anew has a map of its own, parts that were not folded yet, and events that are not marked.
@@ -158,12 +170,11 @@
     showMoment(shownTime);
   });
 
-  // On paper all chapters are open but what only serves a screen: a list that is fetched as it opens is not fetched. A part
-  // of a chapter that a reader has not opened is its first line, as on the screen, and a chapter of extras is left out.
-  let closedParts = [];
+  // Paper has what is open on the screen, and one line of what is closed. Only what a phone folds by itself is opened.
+  let foldedParts = [];
   addEventListener("beforeprint", () => {
-    closedParts = [...document.querySelectorAll("main details:not([open], .on-screen, .part, .extra)")];
-    for (const part of closedParts) part.open = true;
+    foldedParts = [...document.querySelectorAll("main .fold:not([open])")];
+    for (const part of foldedParts) part.open = true;
   }, true); // before the charts are drawn for paper
-  addEventListener("afterprint", () => { for (const part of closedParts) part.open = false; });
+  addEventListener("afterprint", () => { for (const part of foldedParts) part.open = false; });
 })();

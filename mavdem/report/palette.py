@@ -50,6 +50,9 @@ DISTINCT = (
 )
 """Colours of motors and other series without a meaning of their own, used in turn; their names stand beside them."""
 
+MODE_COLOURS = tuple(colour for colour in DISTINCT if colour != MEASURED)
+"""Colours of flight modes, used in turn; neutral is a mode that is not known. Their names stand beside them."""
+
 ASCENDING = ("#3f62e0", "#8457dc", "#c04fb4", "#dc5a68", "#cf8320")
 """Colours of quantities in classes, from low to high: each is lighter than the one before, which shows their order."""
 

@@ -19,14 +19,7 @@ from mavdem.report.charts.plans import (
     figure_as_svg,
 )
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.palette import (
-    ASCENDING,
-    BASELINE,
-    COMMAND,
-    DISTURBANCE,
-    MEASURED,
-    PREDICTED,
-)
+from mavdem.report.palette import ASCENDING, MEASURED, MODE_COLOURS
 from mavdem.wind_velocity.compass import compass_text
 from mavdem.wind_velocity.velocity import WindVelocity
 
@@ -35,9 +28,6 @@ Coordinates = TypeVar("Coordinates", float, Array)
 
 HEIGHT_COLOURS = ASCENDING
 """Colours of the path by height, from the lowest fifth of the range to the highest."""
-
-MODE_COLOURS = (PREDICTED, COMMAND, BASELINE, DISTURBANCE)
-"""Colours of the path by flight mode, used in turn: those of the strip of modes above the charts."""
 
 MIN_HEIGHT_RANGE = 1.0
 """Smallest range of heights, m, that the colours are spread over: a hover does not show the noise of its height."""

@@ -148,12 +148,15 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
 
     Args:
         title: names the axis and the flight. The error of the angle with both sets of gains, °, is added to it: one
-            error if they hardly differ.
+            error if they hardly differ, and the standard deviation between both motions, whose lines lie on each other.
         motion: motion of the twin, the simulated vehicle, with both sets of gains.
         is_drawn: (T,) whether a sample is drawn; the errors are of all samples.
     """
     if abs(motion.expected_error - motion.present_error) <= EQUAL_ERRORS * motion.present_error:
-        errors = f"about {motion.expected_error:.2g}° with both gains"
+        difference = np.degrees(np.std(motion.advised - motion.present))
+        errors = (
+            f"about {motion.expected_error:.2g}° with both gains, which differ by {difference:.1g}°"
+        )
     else:
         errors = f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° advised"
     time = motion.time[is_drawn]

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from mavdem.report.blocks import Table
 from mavdem.report.charts.chart import Chart
-from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
+from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, MODE_COLOURS, PREDICTED
 from mavdem.report.template_cache import CompiledTemplates
 from mavdem.report.why import evidence_text
 
@@ -25,6 +25,9 @@ _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 
 _SPACE_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:k?m|m?s|min|h|k?Hz|V|A|dB|kg|MB)\b)")
 """The space between a number and its unit, such as that in "22.1 s" and "5 m/s"."""
+
+_SPACE_BEFORE_NUMBER = re.compile(r"(?<=\bmotor) (?=\d)", re.IGNORECASE)
+"""The space between what is counted and its number, such as that in "motor 2"."""
 
 _INTERVAL = re.compile(r"\(\S+ to \S+\)")
 """An interval after a figure, such as "(23 to 35)"."""
@@ -60,6 +63,7 @@ def environment() -> Environment:
     jinja.globals |= {
         "made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         "ink": INK_ON_LIGHT,
+        "mode_colours": MODE_COLOURS,
         "disturbance": DISTURBANCE,
         "predicted": PREDICTED,
     }
@@ -106,8 +110,15 @@ def _css_string(text: str) -> Markup:
 
 
 def _with_unbroken_units(html: Markup) -> Markup:
-    """Returns text whose numbers stay on a line with their units: for large print, in which a line has few words."""
-    return Markup(_SPACE_BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", html))
+    """Returns text whose numbers stay on a line with their unit, or with the "motor" that they are the number of.
+
+    It is for large print and narrow places, in which a line has few words.
+
+    Args:
+        html: text of a page.
+    """
+    with_units = _SPACE_BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", html)
+    return Markup(_SPACE_BEFORE_NUMBER.sub("\N{NO-BREAK SPACE}", with_units))
 
 
 def _with_unbroken_intervals(html: Markup) -> Markup:

@@ -910,8 +910,7 @@ def _learning_chapter(axis: str, learned: Learned) -> Chapter:
     caption = "Errors one step ahead; correlations between the lines may be chance (99 %)."
     groups = [Group.side_by_side(model_charts.residual_charts(learned), caption)]
     title = f"How the model of {axis} was learned"
-    # What it shows is for developers of the learner. Owners who print the page for their records do not need it.
-    return Chapter(title, detail_blocks(learned), groups, folded=True, is_printed=False)
+    return Chapter(title, detail_blocks(learned), groups, folded=True)
 
 
 def live_page(

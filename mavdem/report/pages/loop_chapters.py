@@ -21,15 +21,16 @@ from mavdem.report.charts.flight_charts import loop_charts, spectrum_chart, step
 from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.step_overview import step_overview_charts
 from mavdem.report.loops import (
+    axes_by_gain_sentence,
     compared_loops,
     decision_sentences,
-    gain_blocks,
+    gain_table,
     loop_cautions,
     margin_tables,
 )
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.pages.page import Chapter
-from mavdem.report.templates import sentences_by_axes
+from mavdem.report.templates import as_clause, sentences_by_axes
 
 TUNING_TITLE = "Tuning at a glance"
 """Title of the chapter with a row of pictures of the tuning."""
@@ -85,9 +86,8 @@ def tuning_chapter(responses: Responses, noise: MeasuredNoise) -> Chapter:
         names.append("gyro")
         charts.append(spectrum_chart(noise))
     columns = tuple((chart,) for chart in charts)
-    # Paper has the same in the chapters of step responses and spectra.
     groups = [Group(columns, names=tuple(names), is_flat=True)]
-    return Chapter(TUNING_TITLE, groups=groups, is_printed=False)
+    return Chapter(TUNING_TITLE, groups=groups)
 
 
 def responses_chapter(
@@ -241,14 +241,27 @@ def loops_chapters(
         axis: {"now": loop} for axis, loop in loops.items()
     }
     advised_blocks = Blocks()
-    for axis, axis_advice in advice.items():
-        # The decision on an axis says why it has no gains.
-        if isinstance(axis_advice, Advice) and not axis_advice.refusals:
-            advised_blocks.append(
-                Sentence(axis_advice.conclusion.sentence_and_remedy, f"Gains of {axis}:")
-            )
-            advised_blocks += gain_blocks(axis_advice)
-            loops_by_axis[axis] = compared_loops(axis_advice)
+    # The decision on an axis says why it has no gains.
+    advice_with_gains = {
+        axis: axis_advice
+        for axis, axis_advice in advice.items()
+        if isinstance(axis_advice, Advice) and not axis_advice.refusals
+    }
+    axes_by_sentence = axes_by_gain_sentence(advice_with_gains)
+    for axis, axis_advice in advice_with_gains.items():
+        advised_blocks.append(
+            Sentence(axis_advice.conclusion.sentence_and_remedy, f"Gains of {axis}:")
+        )
+        advised_blocks += gain_table(axis_advice)
+        advised_blocks += [
+            sentence for sentence, axes in axes_by_sentence.items() if axes == [axis]
+        ]
+        loops_by_axis[axis] = compared_loops(axis_advice)
+    # A sentence that holds for several axes is said once, below the gains of all.
+    for sentence, axes in axes_by_sentence.items():
+        if len(axes) > 1:
+            lead = f"{listed(axes).capitalize()}, {as_clause(sentence.lead)}"
+            advised_blocks.append(sentence._replace(lead=lead))
     # In the tables, an axis whose gains change has a second column beside that of its present gains.
     loops_by_header: dict[str, Loop] = {}
     for axis, loop in loops.items():

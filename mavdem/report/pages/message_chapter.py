@@ -40,7 +40,7 @@ class RepeatedMessage(NamedTuple):
 def messages_chapter(telemetry: Telemetry, charts_boot: int | None) -> Chapter:
     """Returns the chapter with the texts that the autopilot itself wrote into the log, in a table that can be searched.
 
-    The chapter is printed on paper only if there is a warning among them.
+    Paper has the warnings among them.
 
     Args:
         telemetry: messages of the vehicle.
@@ -64,7 +64,6 @@ def messages_chapter(telemetry: Telemetry, charts_boot: int | None) -> Chapter:
         MESSAGES_TITLE,
         blocks,
         folded=True,
-        is_printed=any(message.is_warning for message in messages),
         searchable=_message_table(messages, charts_boot),
     )
 

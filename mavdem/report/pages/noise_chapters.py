@@ -135,7 +135,7 @@ def controller_spectra_chapter(
         if has_spectrograms:
             groups += _spectrograms(noise, signal, timeline)
     title = "Controller spectra"
-    return Chapter(title, (), groups, folded=True, is_printed_closed=False)
+    return Chapter(title, (), groups, folded=True)
 
 
 def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> list[Group]:

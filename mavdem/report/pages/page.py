@@ -87,12 +87,6 @@ class Chapter(NamedTuple):
     folded: bool = False
     """Whether only the title is shown until it is opened."""
 
-    is_printed: bool = True
-    """Whether paper has it."""
-
-    is_printed_closed: bool = True
-    """Whether paper has it although the reader has not opened it."""
-
     is_side_by_side: bool = False
     """Whether charts and blocks stand beside each other where there is room."""
 

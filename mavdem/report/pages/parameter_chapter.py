@@ -35,9 +35,28 @@ MEANINGS = {
 """What parameters set, by a pattern of their whole name; the first that fits counts."""
 
 
-@cache
+UNIT_OF_MEANING = re.compile(r" \(([^()\d][^()]*)\)$")
+"""The unit of a parameter, in brackets at the end of what it sets, and the space before it.
+
+A unit that begins with a digit, such as "1/s", would look like a second number beside the value.
+"""
+
+
 def meaning_of(name: str) -> str:
     """Returns what a parameter sets, in a few words; empty if ``parameter_meanings.toml`` lacks it."""
+    return UNIT_OF_MEANING.sub("", _meaning_with_unit(name))
+
+
+def value_with_unit(name: str, value: float) -> str:
+    """Returns the value of a parameter as text, with its unit if ``parameter_meanings.toml`` has one: "10 s"."""
+    text = parameter_value_text(value)
+    unit = UNIT_OF_MEANING.search(_meaning_with_unit(name))
+    return text if unit is None else f"{text} {unit[1]}"
+
+
+@cache
+def _meaning_with_unit(name: str) -> str:
+    """Returns what a parameter sets as ``parameter_meanings.toml`` has it, with the unit in brackets at its end."""
     for pattern, meaning in MEANINGS.items():
         if pattern.fullmatch(name):
             return meaning
@@ -85,7 +104,7 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
     for name, initial_value in sorted(telemetry.initial_parameters.items()):
         if not AUTOPILOT_SET_PARAMETERS.search(name):
             last_value = telemetry.parameters[name]
-            row = [name, parameter_value_text(initial_value), parameter_value_text(last_value)]
+            row = [name, value_with_unit(name, initial_value), value_with_unit(name, last_value)]
             changes.append(row)
     if changes:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
@@ -140,8 +159,8 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
     for name, default in sorted(telemetry.changed_defaults.items()):
         if not AUTOPILOT_SET_PARAMETERS.search(name):
             linked_name = _linked_name(telemetry, name)
-            value = parameter_value_text(telemetry.parameters[name])
-            rows.append([linked_name, value, parameter_value_text(default), meaning_of(name)])
+            value = value_with_unit(name, telemetry.parameters[name])
+            rows.append([linked_name, value, value_with_unit(name, default), meaning_of(name)])
     return rows
 
 
@@ -170,7 +189,7 @@ def _all_parameters(telemetry: Telemetry) -> Table:
         remark = "; ".join(remarks)
         if has_changed_in_flight:
             remark = Rated(remark, Level.WATCH)
-        rows.append([name, parameter_value_text(value), remark, meaning_of(name)])
+        rows.append([name, value_with_unit(name, value), remark, meaning_of(name)])
     header = ["parameter", "value", "remark", "about"]
     return Table(header, rows, words=True, is_printed=False)
 
@@ -191,7 +210,7 @@ def _control_parameter_tables(telemetry: Telemetry) -> Blocks:
             continue
         axis_in_name = AXIS_IN_PARAMETER.search(name)
         if axis_in_name is None:
-            rows_of_no_axis.append([_linked_name(telemetry, name), parameter_value_text(value)])
+            rows_of_no_axis.append([_linked_name(telemetry, name), value_with_unit(name, value)])
         else:
             # Of ATC_RAT_RLL_P: the name for all axes is "ATC_RAT_…_P", and "R" is the column of roll.
             name_for_all_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
@@ -222,8 +241,8 @@ def _row_of_axes(telemetry: Telemetry, name_by_column: Mapping[str, str]) -> lis
     row: list[str] = [_linked_name(telemetry, first_name)]
     for column in AXIS_COLUMNS:
         if column in name_by_column:
-            value = telemetry.parameters[name_by_column[column]]
-            row.append(parameter_value_text(value))
+            name = name_by_column[column]
+            row.append(value_with_unit(name, telemetry.parameters[name]))
         else:
             row.append("")
     return row

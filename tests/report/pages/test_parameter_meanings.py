@@ -48,14 +48,31 @@ def test_what_differs_from_the_default_is_listed_with_its_meaning():
         vehicle="QUADROTOR",
         autopilot="ARDUPILOTMEGA",
         messages={},
-        parameters={"ATC_RAT_RLL_P": 0.2, "FRAME_TYPE": 1.0, "XYZZY": 3.0},
-        default_parameters={"ATC_RAT_RLL_P": 0.135, "FRAME_TYPE": 1.0, "XYZZY": 1.0},
+        parameters={
+            "ATC_RAT_RLL_P": 0.2,
+            "BATT_LOW_TIMER": 5.0,
+            "FRAME_TYPE": 1.0,
+            "XYZZY": 3.0,
+        },
+        default_parameters={
+            "ATC_RAT_RLL_P": 0.135,
+            "BATT_LOW_TIMER": 10.0,
+            "FRAME_TYPE": 1.0,
+            "XYZZY": 1.0,
+        },
     )
     chapter = parameters_chapter(telemetry, is_full=True)
     table = chapter.blocks[-1]
     assert table.header[0] == "not the default"
     assert table.rows == [
         ["ATC_RAT_RLL_P", "0.2", "0.135", "rate controller: proportional gain"],
+        # Values have their unit.
+        [
+            "BATT_LOW_TIMER",
+            "5 s",
+            "10 s",
+            "how long the voltage must be low before the battery is low",
+        ],
         ["XYZZY", "3", "1", ""],
     ]
     # The table of control parameters, which logs without defaults have too, links as well.
@@ -63,11 +80,13 @@ def test_what_differs_from_the_default_is_listed_with_its_meaning():
     assert chapter.blocks[0].rows[0][0].address.endswith("#atc-rat-rll-p")
     addresses = [row[0].address for row in table.rows]
     reference = "https://ardupilot.org/copter/docs/parameters.html"
-    assert addresses == [f"{reference}#atc-rat-rll-p", f"{reference}#xyzzy"]
+    assert addresses == [
+        f"{reference}#{name}" for name in ("atc-rat-rll-p", "batt-low-timer", "xyzzy")
+    ]
     # A long name may break after each underscore.
     page = render_document("a.bin", "", [], [chapter]).replace("<wbr>", "")
     assert f'<a href="{addresses[0]}" rel="noreferrer">ATC_RAT_RLL_P</a>' in page
-    assert [row[0] for row in chapter.searchable.rows] == ["ATC_RAT_RLL_P", "FRAME_TYPE", "XYZZY"]
+    assert [row[0] for row in chapter.searchable.rows] == [*telemetry.parameters]
     small = parameters_chapter(telemetry, is_full=False)
     assert small.searchable is None
     assert len(small.blocks) == len(chapter.blocks) - 2
