@@ -10,7 +10,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.vehicle import GENERIC_FRAME
 from mavdem.fleet.flights import Flights
 from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, SHARE, Quantity
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import FlightRow, FlightRows
 
 STATE_NAMES = ("A", "B")
 """How the two states are called in messages."""
@@ -76,6 +76,18 @@ def has_other_frame(states: Sequence[Flights]) -> bool:
         if _are_different(values_before, values_after):
             return True
     return False
+
+
+def have_different_autopilots(rows_before: FlightRows, rows_after: FlightRows) -> bool:
+    """Returns whether two states are known to have different autopilots, such as ArduPilot and PX4.
+
+    Args:
+        rows_before: rows of the first state's flights in the fleet's table.
+        rows_after: rows of the second state's flights.
+    """
+    autopilots_before = _known_properties([rows_before], _autopilot)
+    autopilots_after = _known_properties([rows_after], _autopilot)
+    return _are_different(autopilots_before, autopilots_after)
 
 
 def _are_different(values_before: set[str], values_after: set[str]) -> bool:

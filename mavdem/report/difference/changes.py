@@ -255,7 +255,7 @@ def change_sentences(
 
     Args:
         reviewed: comparison of two states, quantity by quantity.
-        headline: sentences shown above; changes by gains that they name are left out.
+        headline: sentences that head the comparison; changes that they name are left out.
     """
     difference = reviewed.difference
     if not difference.changes:
@@ -264,9 +264,10 @@ def change_sentences(
     unexplained_changes, by_gains = changes_by_cause(
         difference, changes_by_relevance(difference, without=motors.evidence)
     )
-    # The headline names the first change. So a list would only repeat it if there is no other.
-    listed_changes = unexplained_changes if len(unexplained_changes) > 1 else []
     texts_above = " ".join(sentence.text for sentence in headline)
+    # The headline names the first change, and how many others there are.
+    texts_of_changes = [change_text(change, difference) for change in unexplained_changes]
+    further_texts = [text for text in texts_of_changes if text not in texts_above]
     texts_by_gains = [change_text(change, difference) for change in by_gains]
     axes_with_other_gains = {
         *difference.axes_with_other_gains,
@@ -293,7 +294,8 @@ def change_sentences(
         fault_probability = motors.fault_probability
     return render_section(
         "difference_changes",
-        changed=[change_text(change, difference) for change in listed_changes],
+        changed=further_texts,
+        are_all_listed=len(further_texts) == len(texts_of_changes),
         by_gains=[text for text in texts_by_gains if text not in texts_above],
         is_more=any(text in texts_above for text in texts_by_gains),
         axes=[axis for axis in AXES if axis in axes_with_other_gains],

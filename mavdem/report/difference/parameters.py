@@ -33,6 +33,7 @@ def parameter_sentences(
         sides_without_parameters=reviewed.sides_without_parameters,
         changed_count=len(reviewed.parameters),
         compared_count=reviewed.compared_parameter_count,
+        has_two_autopilots=reviewed.has_two_autopilots,
         are_of_control=reviewed.has_only_control_parameters,
         tracked_sides=reviewed.tracked_sides,
         outdated_sides=reviewed.outdated_sides,

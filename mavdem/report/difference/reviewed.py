@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from mavdem.containers import Names
-from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.comparability import STATE_NAMES, have_different_autopilots
 from mavdem.fleet.difference import VehicleDifference, vehicle_difference
 from mavdem.fleet.parameter_changes import (
     ParameterChange,
@@ -64,6 +64,9 @@ class ReviewedDifference(NamedTuple):
     outdated_sides: Names = ()
     """Sides of a library of which only parameters of control are stored, since an earlier version read the log."""
 
+    has_two_autopilots: bool = False
+    """Whether A and B have different autopilots, whose parameters are not compared even where they share a name."""
+
     is_since_baseline: bool = False
     """Whether A is the baseline of a vehicle and B its latest flight, which a report then calls so."""
 
@@ -103,8 +106,13 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
         The comparison: the quantities that changed from A to B, the review of each log, in which the motors are also
         judged by the vehicle's other flights, and the parameters that changed.
     """
-    changes_of_parameters = changed_parameters(before.parameters, after.parameters)
-    common_parameters = compared_parameters(before.parameters, after.parameters)
+    # Names that ArduPilot and PX4 have in common by chance, such as RC1_DZ, need not mean the same.
+    has_two_autopilots = have_different_autopilots(before.rows, after.rows)
+    changes_of_parameters: list[ParameterChange] = []
+    common_parameters: list[str] = []
+    if not has_two_autopilots:
+        changes_of_parameters = changed_parameters(before.parameters, after.parameters)
+        common_parameters = compared_parameters(before.parameters, after.parameters)
     first_side, second_side = STATE_NAMES
     reviews = {
         first_side: review_with_compared_motors(before.review, before.rows),
@@ -117,7 +125,7 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
         sides_without_parameters=states_without_gains(before.parameters, after.parameters),
         compared_parameter_count=len(common_parameters),
         renamed_gain=renamed_gain(before.parameters, after.parameters),
-    )
+    )._replace(has_two_autopilots=has_two_autopilots)
 
 
 def reviewed_difference(

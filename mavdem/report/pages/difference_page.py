@@ -53,6 +53,7 @@ from mavdem.report.numbers import (
     UNKNOWN_FIGURE,
     counted,
     estimate_with_interval,
+    listed,
     parameter_value_text,
 )
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
@@ -90,6 +91,9 @@ CHARTS_IN_ROW = 2
 
 MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 """Figures in the table of margins, by the loop."""
+
+AXIS_PLACEHOLDER = "{axis}"
+"""Stands for the name of the axis in a sentence while equal ones of several axes are put together."""
 
 MAX_OPEN_PARAMETERS = 20
 """Changed parameters that the page lists without being asked: a choice, since those of two vehicles may be hundreds."""
@@ -297,13 +301,13 @@ def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapte
 def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
     """Returns why step responses are missing that only the other flight has; none where both have the same ones.
 
-    The sentence of a side has each reason once, since a log that is too slow is so on all axes.
+    The sentence of a side has each reason once, with all axes that it is about: a log that is too slow is so on all.
 
     Args:
         reviews_by_side: review documents of both logs, by side, "A" and "B".
     """
-    # A dictionary for each side, whose keys are the reasons: it has each of them once, in order.
-    reasons_by_side = dict[str, dict[str, None]]()
+    # The axes of each reason by side. The reason has a placeholder where its sentence names the axis.
+    axes_of_reasons = dict[str, dict[str, list[str]]]()
     for axis, loop_name in product(AXES, LOOP_NAMES):
         responses_by_side = {}
         for side, review in reviews_by_side.items():
@@ -315,11 +319,17 @@ def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
             continue
         for side, response in responses_by_side.items():
             if not response.get("measured"):
-                reasons = reasons_by_side.setdefault(side, {})
+                axes_by_reason = axes_of_reasons.setdefault(side, {})
                 for fact in response.get("facts") or ():
-                    reasons[fact["sentence"]] = None
+                    reason = fact["sentence"].replace(axis, AXIS_PLACEHOLDER)
+                    axes_by_reason.setdefault(reason, []).append(axis)
     sentences = []
-    for side, reasons in reasons_by_side.items():
+    for side, axes_by_reason in axes_of_reasons.items():
+        reasons = []
+        for reason, axes in axes_by_reason.items():
+            # One reason may be that of both loops of an axis.
+            distinct_axes = dict.fromkeys(axes)
+            reasons.append(reason.replace(AXIS_PLACEHOLDER, listed(distinct_axes)))
         if reasons:
             sentences.append(Sentence(" ".join(reasons), f"Not measured in {side}:"))
     return sentences

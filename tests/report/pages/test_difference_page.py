@@ -18,7 +18,11 @@ from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
 from mavdem.report.charts.comparison_charts import MEAN_MOTOR_OUTPUT, VIBRATIONS
-from mavdem.report.difference.changes import difference_blocks, undetected_change_table
+from mavdem.report.difference.changes import (
+    change_sentences,
+    difference_blocks,
+    undetected_change_table,
+)
 from mavdem.report.difference.conditions import (
     condition_sentence,
     condition_table,
@@ -423,6 +427,40 @@ def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(differe
     assert "Not measured in B" not in page
 
 
+def test_a_list_of_changes_does_not_repeat_the_one_that_the_headline_names():
+    intervals = {"trim_share_interval": (0.01,) * 4}
+    states = [
+        [flight_row("quad", number, trim_share=shares, **intervals)]
+        for number, shares in enumerate([(1.0, 1.0, 1.0, 1.0), (1.2, 1.0, 0.85, 1.0)])
+    ]
+    reviewed = reviewed_difference(vehicle_difference(*states))
+    headline = headline_of_comparison(reviewed)
+    named = [motor for motor in ("motor 1", "motor 3") if motor in plain_text(headline)]
+    (further,) = [
+        sentence
+        for sentence in change_sentences(reviewed, headline)
+        if sentence.lead == "The others that changed:"
+    ]
+    assert len(named) == 1
+    assert ("motor 1" in further.text, "motor 3" in further.text) == (
+        named != ["motor 1"],
+        named != ["motor 3"],
+    )
+    assert change_sentences(reviewed)[0].lead == "All that changed:"
+
+
+def test_one_reason_of_several_axes_is_stated_once_with_all_of_them(difference):
+    step = {"measured": {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}}
+    axes = ("roll", "pitch", "yaw")
+    missing = {
+        axis: {"rate": {"facts": [{"sentence": f"The {axis} rate has no setpoint."}]}}
+        for axis in axes
+    }
+    reviews = {"A": {"axes": missing}, "B": {"axes": {axis: {"rate": step} for axis in axes}}}
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
+    assert "Not measured in A:</strong> The roll, pitch and yaw rate has no setpoint.</p>" in page
+
+
 def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(difference):
     (share, *_) = [change for change in difference.changes if change.quantity.kind == SHARE]
     doubtful = share._replace(
@@ -454,6 +492,20 @@ def test_gains_that_both_sides_name_differently_are_not_compared_and_not_called_
     assert "RATE_RLL_P 0.129 in A, ATC_RAT_RLL_P 0.0856 in B" in text
     assert renamed_gain(before.parameters, {"RATE_RLL_P": 0.1}) is None
     assert renamed_gain(before.parameters, {"X": 2.0}) is None
+
+
+def test_parameters_of_two_autopilots_are_not_compared_where_they_share_a_name():
+    before = ComparedState(
+        [flight_row("quad", 0, autopilot="ARDUPILOTMEGA")], {}, {"RC1_DZ": 20.0, "RATE_RLL_P": 0.1}
+    )
+    for autopilot, is_compared in (("ARDUPILOTMEGA", True), ("PX4", False)):
+        parameters = {"RC1_DZ": 10.0, "MC_ROLLRATE_P": 0.15}
+        after = ComparedState([flight_row("quad", 1, autopilot=autopilot)], {}, parameters)
+        reviewed = compared_states(before, after)
+        assert bool(reviewed.parameters) == is_compared
+        text = plain_text(parameter_sentences(reviewed))
+        assert ("RC1_DZ" in text) == is_compared
+        assert ("A and B have different autopilots" in text) != is_compared
 
 
 def test_a_difference_below_its_uncertainty_has_its_sign_and_unit():
