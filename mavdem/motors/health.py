@@ -452,7 +452,8 @@ def _balance_change(
 
     Returns:
         The fact, with the likeliest cause as ``explanation``, and the mean and the ends of the 90 % interval of the
-        rise of the likeliest motor's command. The motor is its subject if that is probable enough.
+        rise of the likeliest motor's command, and of its loss of thrust. The motor is its subject if that is probable
+        enough.
     """
     motor = int(change.motor_probabilities.argmax())
     cause_probabilities = {
@@ -460,13 +461,21 @@ def _balance_change(
         Explanation.MOTOR: float(change.motor_probabilities[motor]),
     }
     likeliest = max(Explanation, key=lambda cause: cause_probabilities[cause])
-    is_named = change.motor_probabilities[motor] >= MIN_NAMED_PROBABILITY
+    # As of a motor that is probably weak: it is named if, given that it is some motor, it is probably this one.
+    any_motor_probability = change.motor_probabilities.sum()
+    is_this_motor = (
+        change.motor_probabilities[motor] >= MIN_NAMED_PROBABILITY * any_motor_probability
+    )
+    is_named = likeliest is Explanation.MOTOR and is_this_motor
+    assert flight.signatures is not None
+    rise = change.rises[:, motor]
     return Fact(
         MotorsBetween.BALANCE_CHANGED,
         subject=flight.motors[motor] if is_named else "",
         probability=change_probability,
         explanation=likeliest,
         explanation_probability=cause_probabilities[likeliest],
-        rise=change.rises[:, motor],
+        rise=rise,
+        loss=lost_thrust(rise, flight.signatures.own_rise_ratios[motor]),
         **further_values,
     )

@@ -188,6 +188,19 @@ def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     assert assessments.fact.figures["loss"] == approx(1 - 1.2**-2)
 
 
+def test_a_drift_that_a_motor_most_likely_explains_names_it_with_its_loss():
+    """A motor that needs 10 % more command is less than a probable fault in many vehicles; none names a sound one."""
+    drifts = []
+    for assessment in judged_vehicles(weak(2, 0.1)):
+        if assessment.fact.code is MotorsBetween.BALANCE_CHANGED:
+            drifts.append(assessment.fact)
+    assert len(drifts) >= 5
+    assert {fact.subject for fact in drifts} <= {MOTORS[1], ""}
+    named = [fact for fact in drifts if fact.subject]
+    assert len(named) > len(drifts) / 2
+    assert all(f"{MOTORS[1]}, which would have lost about" in str(fact) for fact in named)
+
+
 @mark.parametrize(
     "change, explanation",
     [((0.08, -0.06, 0.0), Explanation.LOAD), ((0.0, 0.0, -0.07), Explanation.YAW)],
