@@ -15,10 +15,10 @@ from rich.text import Text
 from mavdem.cli.streams import escape_unprintable
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
-from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
+from mavdem.report.live import without_basis_of_phase
 from mavdem.report.templates import time_of_day
 
 ALARM_MARKER = "ALARM"
@@ -76,10 +76,7 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
         has_remedy: whether the line says what to do about it, too.
         ends_alarm: whether it is the end of an alarm, although its fact does not say so.
     """
-    fact = event.fact
-    if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
-        # The page names the message that shows it; a pilot sees where the vehicle is.
-        fact = fact.replace(basis=())
+    fact = without_basis_of_phase(event.fact)
     sentence = fact.sentence
     marker = ALARM_OVER_MARKER if ends_alarm else ""
     # A fault that is only to be watched was no alarm, so that its end ends none; its sentence begins with "Over".

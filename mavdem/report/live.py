@@ -9,6 +9,7 @@ from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.event import Event
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.session import LinkFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
@@ -368,6 +369,19 @@ def moment_text(event: Event) -> str:
         return moment
     boot_text = f"boot {event.boot + 1}, " if event.boot else ""
     return f"{moment} · {boot_text}{event.clock:.1f} s"
+
+
+def without_basis_of_phase(fact: Fact) -> Fact:
+    """Returns a fact that the vehicle left the ground or is on it, without the names of the messages that show it.
+
+    Whoever watches a flight sees where the vehicle is, and need not know these names. Other facts stay as they are.
+
+    Args:
+        fact: what an event of a live session reports.
+    """
+    if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
+        return fact.replace(basis=())
+    return fact
 
 
 def live_report(

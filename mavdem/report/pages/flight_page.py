@@ -1215,7 +1215,7 @@ def _numbered_live_events(
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.live.session_status import cause_of_alarm
-    from mavdem.report.live import moment_text
+    from mavdem.report.live import moment_text, without_basis_of_phase
 
     cause_of_headline = cause_of_alarm(judgement.headline)
     next_step = str(judgement.next_step)
@@ -1242,7 +1242,7 @@ def _numbered_live_events(
         if is_in_charts and not event.is_session_state:
             numbered_count += 1
             number = numbered_count
-        fact = event.fact
+        fact = without_basis_of_phase(event.fact)
         if is_landing_advised:
             # What was reported before the alarm must not advise to fly on below it.
             fact = fact.without_flight_advice
