@@ -70,17 +70,21 @@ def end_in_air(
 def _may_stand_on_ground(signals: Signals, boot: int, end_time: float) -> bool:
     """Returns whether a vehicle that is as low as the ground at the end of a log may stand on it.
 
-    It flies if its land detector reports so until the end, and the ground neither carries nor holds it by its motors
-    (:func:`mavdem.dataset.grounded.grounded_intervals`).
+    It flies if its land detector reports so until the end of a log, and the ground neither carries nor holds it by its
+    motors (:func:`mavdem.dataset.grounded.grounded_intervals`). A received stream does not show that: a live session
+    judges a flight at its landing, when the latest report is still one of flight.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot, whose last flight has no recorded landing.
         end_time: time of the last attitude sample of the boot, s since boot.
     """
+    is_received = not signals.telemetry.translated_from
     reports = series_of_boot(signals.landed_state, boot)
     has_motor_outputs = series_of_boot(signals.collective, boot) is not None
-    if reports is None or not has_motor_outputs or reports.values[-1] not in OFF_GROUND:
+    if is_received or reports is None or not has_motor_outputs:
+        return True
+    if reports.values[-1] not in OFF_GROUND:
         return True
     return bool(in_intervals(end_time, grounded_intervals(signals, boot)))
 

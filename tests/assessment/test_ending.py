@@ -583,14 +583,17 @@ def test_a_log_ends_in_the_air_though_its_motors_need_little_thrust_or_its_fligh
     light_vehicle = with_pulses(telemetry, 1000 + 0.2 * (outputs - 1000))
     position = telemetry.messages["LOCAL_POSITION_NED"]
     descent = np.interp(position["time"], [18.0, 26.0], [1.0, 0.05])
-    low_flight = changed(telemetry, "LOCAL_POSITION_NED", z=descent * position["z"])
+    low_stream = changed(telemetry, "LOCAL_POSITION_NED", z=descent * position["z"])
+    low_flight = replace(low_stream, translated_from="ULog")
     for vehicle in (light_vehicle, low_flight):
         events, _ = events_and_ending(with_reported_flight(vehicle))
         assert MotionEvent.LOG_ENDED_IN_AIR in events
     # Without a report of flight, or with motors that hardly turn, a low vehicle may stand on the ground.
     unreported = with_end_of_log(low_flight, -0.6)
     touched_down = with_motor_output(low_flight, ALL, 1150, FAILS - 3.0)
-    for vehicle in (unreported, with_reported_flight(touched_down)):
+    # A live session judges a flight at its landing, when the latest report is still one of flight.
+    received = with_reported_flight(low_stream)
+    for vehicle in (unreported, with_reported_flight(touched_down), received):
         assert MotionEvent.LOG_ENDED_IN_AIR not in events_and_ending(vehicle)[0]
 
 
