@@ -431,7 +431,8 @@ def speed_facts(signals: Signals, loss: Fact) -> Facts:
         }
         if not change.has_slowed:
             return (contradicting_fact(SensorFact.MOTOR_TURNED, **figures),)
-        if _command_fell(motors, boot, motor, interval):
+        if _has_lower_command(motors, boot, motor, interval):
+            # A motor that was told to turn slower did not lose thrust by itself.
             return ()
         return (supporting_fact(SensorFact.MOTOR_SLOWED, **figures),)
     return ()
@@ -487,8 +488,11 @@ def samples_around(time: Array, values: Array, interval: TimeInterval) -> Sample
     )
 
 
-def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInterval) -> bool:
-    """Returns whether the median command of a motor fell by more than ``MIN_SPEED_CHANGE`` at a loss of thrust.
+def _has_lower_command(motors: MotorOutputs, boot: int, motor: int, interval: TimeInterval) -> bool:
+    """Returns whether a motor was commanded to turn slower during a loss of thrust than just before it.
+
+    The medians of both times are compared. The command counts as lower if it fell by more than the fraction
+    ``MIN_SPEED_CHANGE``.
 
     Args:
         motors: outputs and geometry of all motors.
@@ -498,4 +502,6 @@ def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInt
     """
     commands = motors.motor_fractions(boot, motor)
     change = command_change(commands.time, commands.values, interval, quantile_during=0.5)
-    return change is not None and change.later < (1 - MIN_SPEED_CHANGE) * change.before
+    if change is None:
+        return False
+    return change.later < (1 - MIN_SPEED_CHANGE) * change.before

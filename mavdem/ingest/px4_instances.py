@@ -183,6 +183,9 @@ def estimator_status(topics: Topics) -> Fields:
 def estimator_instances(topics: Topics) -> Fields:
     """Makes a table of the test ratios of all estimator instances, where the log has more than the primary one.
 
+    PX4 may run several instances of its EKF, each with other sensors, and flies by the primary one. A test ratio is an
+    innovation (measurement less prediction) relative to the largest one that the estimator accepts.
+
     Args:
         topics: The logged topics: by the name of the topic and the number of its instance, columns (N,) by field.
 
@@ -192,14 +195,16 @@ def estimator_instances(topics: Topics) -> Fields:
         if only primary instances were logged.
     """
     tables_of_instances = []
+    has_other_instance = False
     for instance, columns in _estimator_status_by_instance(topics).items():
+        # Another instance may become the primary one during the flight.
         is_primary = primary_estimators(topics, columns["time"]) == instance
+        has_other_instance |= not is_primary.all()
         fields: Fields = {ratio: columns[field] for ratio, field in RATIO_FIELDS.items()}
         fields["time"] = columns["time"]
         fields["instance"] = np.full(len(columns["time"]), instance)
         fields["is_primary"] = is_primary.astype(np.uint8)
         tables_of_instances.append(fields)
-    has_other_instance = any(not fields["is_primary"].all() for fields in tables_of_instances)
     if not has_other_instance:
         return {}
     return in_time_order(tables_of_instances)

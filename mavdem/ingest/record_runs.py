@@ -101,22 +101,35 @@ class RecordRuns:
     def _search_range(self, offsets: slice) -> None:
         """Finds what looks like a record in a range of the file and, for each, the last record of its run.
 
-        The results of the range that was searched before are replaced.
+        The results replace those of the range that was searched before.
 
         Args:
             offsets: Range of offsets at which records may begin.
         """
         self._searched = offsets
         self._starts, self._ends = self._find_records(offsets.start, offsets.stop)
-        # A record is the last of its run unless the next one begins where it ends.
-        is_last_of_run = np.ones(len(self._starts), dtype=np.bool_)
-        is_last_of_run[:-1] = self._starts[1:] != self._ends[:-1]
-        last_rows = np.flatnonzero(is_last_of_run)
-        # A run has the rows after the last one of the run before. The first run begins at row 0, that is after row −1.
-        record_counts = np.diff(last_rows, prepend=-1)
-        self._last_row_of_run = np.repeat(last_rows, record_counts)
-        # The pages of a mapped file remain in memory until they are released.
+        self._last_row_of_run = _last_rows_of_runs(self._starts, self._ends)
         self._resident_bytes += offsets.stop - offsets.start
+        # The searched pages of a mapped file remain in memory until they are released.
         if self._resident_bytes >= RESIDENT_BYTES:
             release_pages(self._data)
             self._resident_bytes = 0
+
+
+def _last_rows_of_runs(starts: Offsets, ends: Offsets) -> Offsets:
+    """Returns for each record the row of the last record of its run: if rows 0 to 2 are a run, 2 for each of them.
+
+    Args:
+        starts: Offset at which each record begins (N,), ascending.
+        ends: Offset after the last byte of each (N,).
+
+    Returns:
+        The rows (N,).
+    """
+    # A record is the last of its run unless the next one begins where it ends.
+    is_last_of_run = np.ones(len(starts), dtype=np.bool_)
+    is_last_of_run[:-1] = starts[1:] != ends[:-1]
+    last_rows = np.flatnonzero(is_last_of_run)
+    # A run has the rows after the last one of the run before. The first run begins at row 0, that is after row −1.
+    record_counts = np.diff(last_rows, prepend=-1)
+    return np.repeat(last_rows, record_counts)

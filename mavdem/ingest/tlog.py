@@ -76,7 +76,7 @@ def tlog_from_bytes(source: str, content: bytes) -> Log:
     Raises:
         Unreadable: The bytes contain no MAVLink.
     """
-    return assemble(_stream_of_bytes(source, np.frombuffer(content, dtype=np.uint8)))
+    return assemble(_frame_stream(source, np.frombuffer(content, dtype=np.uint8)))
 
 
 def tlog_stream(path: PathName) -> FrameStream:
@@ -94,20 +94,31 @@ def tlog_stream(path: PathName) -> FrameStream:
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.
     """
-    return _stream_of_bytes(os.fspath(path), mapped_bytes(path))
+    return _frame_stream(os.fspath(path), mapped_bytes(path))
 
 
-def _stream_of_bytes(source: str, data: Bytes) -> FrameStream:
-    """Finds the frames of a telemetry log in its bytes, as :func:`tlog_stream` does in a file.
+def _frame_stream(source: str, data: Bytes) -> FrameStream:
+    """Finds the frames of a telemetry log in its bytes.
+
+    A log that was copied as text, with a carriage return added before each line feed, is repaired first.
 
     Args:
         source: Name of the log.
-        data: Its bytes.
+        data: All bytes of the log.
+
+    Returns:
+        The frames, a function that reads their receive stamps when they are needed, the number of bytes that are part
+        of neither, and what was repaired.
+
+    Raises:
+        Unreadable: The bytes contain no MAVLink.
     """
-    data, repairs = _without_carriage_returns(data)
-    frames, skipped_bytes = _frames_of_log(source, data)
-    receive_stamps = partial(_receive_stamps, data, frames)
-    return FrameStream(source, ".tlog", data, frames, receive_stamps, skipped_bytes, repairs)
+    repaired_data, repairs = _without_carriage_returns(data)
+    frames, skipped_bytes = _frames_of_log(source, repaired_data)
+    receive_stamps = partial(_receive_stamps, repaired_data, frames)
+    return FrameStream(
+        source, ".tlog", repaired_data, frames, receive_stamps, skipped_bytes, repairs
+    )
 
 
 def check_beginning(path: PathName) -> None:

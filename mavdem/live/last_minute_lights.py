@@ -21,18 +21,22 @@ from mavdem.vibration.vibration_message import reported_vibration
 def judge_estimator(review: Review, evidence: Evidence) -> None:
     """Judges the state estimator by the last minute, as the estimator of a whole log is judged.
 
+    The judgement is a fact: a coded finding with a level from good to bad. A fault may have been over for some seconds,
+    so the time when it was last there is stored beside it; the alarm about the fault ends some time after that.
+
     Args:
-        review: the review, to whose ``facts`` the judgement is added. ``last_found_times`` gets the time when a fault
-            was there last, unless the fault is a state that lasts until now.
+        review: the review, whose ``facts`` get the judgement, and whose ``last_found_times`` get that time. If nothing
+            was measured, neither is changed.
         evidence: signals of the last minute, and the autopilot's warnings in it, in the form by which a log is judged.
     """
-    estimator = estimator_light(evidence)
-    if estimator.code is EstimatorLight.ESTIMATOR_UNMEASURED:
+    judgement = estimator_light(evidence)
+    if judgement.code is EstimatorLight.ESTIMATOR_UNMEASURED:
         return
-    review.facts[WatchedQuantity.ESTIMATOR] = estimator
-    is_fault_with_time = estimator.is_watch_or_bad and estimator.time is not None
-    if is_fault_with_time and not is_lasting_state(estimator):
-        fault_time = _latest_estimator_time(evidence.signals, estimator)
+    review.facts[WatchedQuantity.ESTIMATOR] = judgement
+    is_fault_with_time = judgement.is_watch_or_bad and judgement.time is not None
+    # A fault without such a time is taken to be there now. So is a state that the autopilot reports until it ends.
+    if is_fault_with_time and not is_lasting_state(judgement):
+        fault_time = _latest_estimator_time(evidence.signals, judgement)
         review.last_found_times[WatchedQuantity.ESTIMATOR] = fault_time
 
 
@@ -40,18 +44,18 @@ def judge_vibration(review: Review, evidence: Evidence) -> None:
     """Judges the vibration in the settled flight of the last minute, that is without take-off and landing.
 
     Args:
-        review: the review, to whose ``facts`` the judgement is added. ``last_found_times`` gets the time when too
-            strong a vibration was there last.
+        review: the review, whose ``facts`` get the judgement, a coded finding with a level. Its ``last_found_times``
+            get the time when too strong a vibration was there last.
         evidence: signals of the last minute, with the intervals of settled flight, in the form by which a log is
             judged.
     """
-    vibration = vibration_light(evidence)
-    if vibration.code is VibrationLight.VIBRATION_MEASURED:
-        # A recording is judged by its whole flight, whose mean may be another.
-        vibration = vibration.replace(is_in_flight=True)
-    review.facts[WatchedQuantity.VIBRATION] = vibration
-    if vibration.is_watch_or_bad:
-        limit = vibration.figures["acceptable_vibration"]
+    judgement = vibration_light(evidence)
+    if judgement.code is VibrationLight.VIBRATION_MEASURED:
+        # Its sentence then says that the flight goes on: the recording is judged by the mean of the whole flight.
+        judgement = judgement.replace(is_in_flight=True)
+    review.facts[WatchedQuantity.VIBRATION] = judgement
+    if judgement.is_watch_or_bad:
+        limit = judgement.figures["acceptable_vibration"]
         fault_time = _latest_vibration_time(evidence.signals, limit)
         review.last_found_times[WatchedQuantity.VIBRATION] = fault_time
 

@@ -324,8 +324,9 @@ class FlightLearning:
     def final_model(self, parameters: Parameters) -> Learned:
         """Returns the model to keep at the end of the session.
 
-        After a landing it is the model that was learned from the samples before the landing. In flight it is learned
-        now from the latest samples. If that fails, it is the last model so far, and it is reported why.
+        After a landing it is the model that was learned from the samples before the landing. In flight, or if there is
+        no such model, one is learned now from the samples that the learner has. If that fails, the latest model of the
+        flight is kept, and a fact says why.
 
         Args:
             parameters: parameters of the autopilot, whose gains are kept in the model.
@@ -336,8 +337,9 @@ class FlightLearning:
         Raises:
             NotLearnable: there is no model; the error states why.
         """
-        if self.learner is None or (self.learned_rows and not self.has_settled):
-            # A model of the climb alone may have been reported as the first one, but is not kept.
+        has_only_climbed = self.learned_rows > 0 and not self.has_settled
+        if self.learner is None or has_only_climbed:
+            # A model of the climb after take-off may have been shown as the first one, but is not kept.
             climb_only = self._climb_model is not None
             raise NotLearnable(SessionFact.NO_LIVE_FLIGHT, climb_only=climb_only)
         self.adopt_model_before_landing(FIT_SECONDS)
@@ -346,7 +348,7 @@ class FlightLearning:
             return latest_model
         max_seconds = FIT_SECONDS
         if latest_model is None:
-            # Then a fit is worth a longer wait.
+            # Without a model to fall back on, the fit may take longer.
             max_seconds = 2 * FIT_SECONDS
         try:
             return self.named_model(_model_learned_now(self.learner, max_seconds), parameters)

@@ -132,6 +132,7 @@ class LossWatch:
         if present_loss is not None:
             if self._awaits_impact(present_loss, flight_end, moment):
                 return []
+            # If the loss is an alarm already, its fact stays as it was found first.
             first_loss = self._alarms.facts.get(WatchedQuantity.CONTROL, present_loss)
             self._record_loss(first_loss, flight_end, review)
         elif flight_end is not None and flight_end.loss is not None:
@@ -272,24 +273,23 @@ class LossWatch:
     def _record_loss(self, loss: Fact, flight_end: FlightEnd | None, review: Review) -> None:
         """Records the loss of the vehicle and its contact with the ground, and judges the motors by it.
 
+        A vehicle may be lost in the air, such as by a loss of control, and meets the ground later. Or its contact with
+        the ground is itself the loss, such as a crash.
+
         Args:
-            loss: the event that the vehicle was lost, as it was found first.
-            flight_end: how the flight ended; None before the vehicle has met the ground. A loss that it states, such as
-                a crash, replaces ``loss``.
+            loss: the fact (coded finding) that the vehicle was lost, as it was found first.
+            flight_end: how the flight ended; None before the vehicle has met the ground. A loss that it states replaces
+                ``loss``, since the end of the flight shows better what happened.
             review: the review, whose ``facts`` get the loss, so that it becomes an alarm.
         """
-        contact = None
-        if flight_end is not None:
-            loss = flight_end.loss or loss
-            contact = flight_end.contact
+        if flight_end is not None and flight_end.loss is not None:
+            loss = flight_end.loss
         loss = self._with_motor_as_cause(loss)
-        is_lost_in_air = loss.code in LOSSES_IN_AIR
-        if not is_lost_in_air:
-            # Such a loss, for example a crash, is itself the contact with the ground.
+        if loss.code not in LOSSES_IN_AIR:
             self.ground_contact = loss
-        elif contact is not None:
-            self._record_contact_after_loss(contact)
-            # The fact then does not advise to release the parachute, which does not help a vehicle on the ground.
+        elif flight_end is not None and flight_end.contact is not None:
+            self._record_contact_after_loss(flight_end.contact)
+            # With this figure the fact does not advise to release the parachute, which would not help on the ground.
             loss = loss.replace(is_low=True)
         self.loss = loss
         review.facts[WatchedQuantity.CONTROL] = loss

@@ -376,16 +376,17 @@ class LiveSession:
         self._begin_flight_if_new()
 
     def _begin_flight_if_new(self) -> None:
-        """Begins to learn and to judge anew if the vehicle has taken off for another flight than before.
+        """Begins to learn and to judge anew if the vehicle has taken off again since the last call.
 
         The vehicle may have been repaired, or damaged, since the flight before, so that nothing of that one counts. Its
-        model is only kept for the case that the new flight gives none.
+        model is kept only in case the new flight gives none.
         """
-        number = self.stream.flight_number
-        if number == self._flight_number:
+        # Flights of the vehicle are counted from 1; before the first take-off the number is 0.
+        flight_number = self.stream.flight_number
+        if flight_number == self._flight_number:
             return
-        self._flight_number = number
-        if number == 1:
+        self._flight_number = flight_number
+        if flight_number == 1:
             # What was found before the first take-off, such as why nothing can be learned, belongs to this flight.
             return
         latest_model = self.flight.learning.latest_model(self.stream.parameters)

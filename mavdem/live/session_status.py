@@ -507,22 +507,24 @@ class SessionStatus(ImmutableResult):
         if verdict is not None and verdict.judgement.headline.forbids_flight:
             if self.session_judgement.headline == verdict.fact:
                 return None
-            return self._unrepaired_fault(verdict.fact, verdict.judgement.next_step)
+            return self._possibly_unrepaired_fault(verdict.fact, verdict.judgement.next_step)
         recording = self.earlier_recording
         if recording is not None and recording.is_bad and recording.forbids_flight:
-            return self._unrepaired_fault(recording, Fact(NextStep.DO_AS_ADVISED, reason=recording))
+            return self._possibly_unrepaired_fault(
+                recording, Fact(NextStep.DO_AS_ADVISED, reason=recording)
+            )
         return None
 
-    def _unrepaired_fault(self, verdict: Fact, next_step: Fact) -> Fact:
-        """Returns the fact that a fault of an earlier flight may not have been repaired.
+    def _possibly_unrepaired_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
+        """Returns the fact (a coded finding) that a fault of an earlier flight may not have been repaired.
 
         Args:
-            verdict: the verdict on that flight.
-            next_step: what to do about it.
+            earlier_fault: the fault, as the judgement of that flight states it.
+            next_step: what the judgement of that flight advises to do.
         """
         return Fact(
             SessionFact.UNREPAIRED_FAULT,
-            reason=verdict,
+            reason=earlier_fault,
             next_step=next_step,
             is_in_flight=self._is_in_flight,
         )
@@ -550,7 +552,7 @@ class SessionStatus(ImmutableResult):
             displacement=self.displacement_from_takeoff,
             voltage=voltage,
             last_position=self.last_position,
-            cause=self._warning_before_silence,
+            cause=self._likely_cause_of_silence,
             is_over=self.is_over,
         )
 
@@ -563,19 +565,20 @@ class SessionStatus(ImmutableResult):
         return self.active_alarms
 
     @property
-    def _warning_before_silence(self) -> Fact | None:
-        """What may be why messages have stopped: a fault for which to land at once, or a low battery; None for neither.
+    def _likely_cause_of_silence(self) -> Fact | None:
+        """A fault known at the last message that may be why no more came; None without one.
 
-        These facts are as of the last message. A fault such as a loss of control, or an empty battery, explains a
-        silence better than a radio link out of range.
+        A loss of control, or an empty battery, explains a silence better than a radio link out of range. The fault is
+        the most urgent one if it was a reason to land at once, otherwise what the power supply lacked.
         """
         judgement = self._judgement_with_all_lights
+        # The headline of a judgement is the fact that matters most.
         most_urgent_fact = self._most_urgent_headline(judgement.headline)
         if self._is_urgent(most_urgent_fact):
             return most_urgent_fact
-        power_fact = judgement.lights[Light.POWER]
-        if power_fact.is_watch_or_bad:
-            return power_fact
+        judgement_of_power = judgement.lights[Light.POWER]
+        if judgement_of_power.is_watch_or_bad:
+            return judgement_of_power
         return None
 
     @property
@@ -1036,24 +1039,25 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _lights_without_model(self) -> dict[str, Fact]:
-        """The lights that need no learned model, by the part of the vehicle that each judges.
+        """The status lights that need no learned model, by the part of the vehicle that each judges.
 
-        A light is the worst finding about its part, and of equally bad findings the first. All parts have findings of
-        the watchdog, which looks for faults twice a second. Three have others besides:
+        A light is the judgement of one part: the worst fact (coded finding) about it, of equally bad ones the first. A
+        part about which nothing is known has no light. The watchdog, which looks for faults twice a second, finds facts
+        about all parts. There are other facts about three of them:
 
         - motors: losses of thrust, which come first;
         - margins: those identified in flight, until the recording is judged, which has better ones;
         - wind: the mean wind of the flight.
         """
-        findings: dict[str, list[Fact]] = defaultdict(list)
-        findings[Light.MOTORS] += self._weak_motors
-        for part, watchdog_light in self.worst_lights.items():
-            findings[part].append(watchdog_light)
+        facts_by_part: dict[str, list[Fact]] = defaultdict(list)
+        facts_by_part[Light.MOTORS] += self._weak_motors
+        for part, worst_fact_of_watchdog in self.worst_lights.items():
+            facts_by_part[part].append(worst_fact_of_watchdog)
         if self.margins is not None and not self.is_recording_judged:
-            findings[Light.MARGINS].append(self.margins)
+            facts_by_part[Light.MARGINS].append(self.margins)
         if self.mean_wind is not None:
-            findings[Light.WIND].append(self._light_of_mean_wind(self.mean_wind))
-        return {part: worst_fact(facts) for part, facts in findings.items() if facts}
+            facts_by_part[Light.WIND].append(self._light_of_mean_wind(self.mean_wind))
+        return {part: worst_fact(facts) for part, facts in facts_by_part.items() if facts}
 
     def _light_of_mean_wind(self, mean_wind: WindEstimate) -> Fact:
         """Returns the light of the wind: the fact (a coded finding) that states the mean wind and judges it.

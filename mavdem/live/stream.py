@@ -778,14 +778,12 @@ class LiveStream:
     def _report(self, fact: Fact) -> None:
         """Adds a fact to the events of the session, with the time at which the latest frames were received.
 
-        The reason of an alarm may be the loss of the vehicle. If a motor lost thrust earlier in the flight, this reason
-        then names the motor.
-
         Args:
-            fact: what happened, such as an alarm or a take-off, as a coded finding.
+            fact: what happened, such as an alarm or a take-off, as a coded finding. The figure "reason" of an alarm is
+                the fault. If that is the loss of the vehicle, a motor that lost thrust before is added to it.
         """
         if fact.code is SessionFact.ALARM:
-            alarm_reason = self._loss_with_weak_motor(fact.figures["reason"])
-            fact = fact.replace(reason=alarm_reason)
+            fault = self._loss_with_weak_motor(fact.figures["reason"])
+            fact = fact.replace(reason=fault)
         reception_time = self._stamp
         self._events.append(Event(reception_time, fact))

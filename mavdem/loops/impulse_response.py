@@ -237,7 +237,7 @@ def estimate_impulse_response(
             if not variation.any() or not np.isfinite(variation).all():
                 return None
             whitening = _whitening_filter(residuals)
-            deviation = _window_deviations(residuals, whitening)
+            deviation = _noise_deviations(residuals, whitening)
             if instrument is not None:
                 instrument = _filtered_windows(instrument, whitening) / deviation
             estimate = _regularised_estimate(
@@ -253,23 +253,22 @@ def estimate_impulse_response(
     return estimate
 
 
-def _window_deviations(residuals: Array, whitening: Array) -> Array:
-    """Returns the standard deviation of the whitened residuals of each window.
+def _noise_deviations(residuals: Array, whitening: Array) -> Array:
+    """Returns the standard deviation of the noise in each window of the flight: of its whitened residuals.
 
-    All signals of a window are divided by it, so that its residuals have a variance of 1, and windows with more wind
-    have less weight.
+    All signals of a window are divided by it (weighted least squares), so that windows with more wind have less weight.
 
     Args:
-        residuals: residuals of all windows (W, B).
+        residuals: residuals of W windows of B samples (W, B), in the unit of the response.
         whitening: coefficients of the filter that makes them white (P,).
 
     Returns:
-        (W, 1) standard deviations.
+        Standard deviations (W, 1) in the same unit, positive: at least the largest one divided by
+        ``MAX_WINDOW_WEIGHT_RATIO``, so that no quiet window decides the estimate alone.
     """
-    deviation = _filtered_windows(residuals, whitening).std(axis=1)
-    # This limits the weight of a window relative to the others, and avoids a division by 0.
-    least_deviation = deviation.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE
-    return np.maximum(deviation, least_deviation)[:, None]
+    deviations = _filtered_windows(residuals, whitening).std(axis=1, keepdims=True)
+    least_deviation = deviations.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE
+    return np.maximum(deviations, least_deviation)
 
 
 def _hat_convolutions(windows: Array, knots: Array) -> Array:

@@ -265,10 +265,10 @@ def _cycles_at_limits(
     window_seconds: float,
     min_duration: float,
 ) -> list[Oscillation]:
-    """Returns those limit cycles of one segment of flight in which motors reach their limits, for alarms in flight.
+    """Returns the limit cycles of a segment of flight that the motors' limits bound, for alarms in flight.
 
-    An oscillation that does not drive motors to their limits counts as a limit cycle only if it lasts for a large part
-    of the flight. That cannot be known while the flight goes on.
+    Other oscillations may be limit cycles as well, but they count as such only if they last for a large part of the
+    flight. That cannot be known while the flight goes on, so they are left out.
 
     Args:
         motor_series: signals of the motors, as :func:`_motor_series` returns them.
@@ -278,21 +278,23 @@ def _cycles_at_limits(
         min_duration: duration that the windows of a limit cycle must cover together, s.
 
     Returns:
-        The limit cycles of all axes.
+        The limit cycles, axis by axis, those of one axis in the order of time.
     """
-    cycles = list[Oscillation]()
+    cycles_at_limits = list[Oscillation]()
     for axis, tilt in tilts.items():
-        cycles += _limit_cycles(
+        cycles = _limit_cycles(
             axis,
             tilt,
             motor_series,
             [segment],
             window_seconds,
-            # No oscillation lasts for a part of an infinite flight, so that this criterion is disabled.
+            # With an infinite flight no oscillation lasts for a large part of it.
             flight_duration=np.inf,
             min_duration=min_duration,
         )
-    return [cycle for cycle in cycles if cycle.at_limit >= MIN_AT_LIMIT_SHARE]
+        # A cycle that grows is found even if motors are not at their limits.
+        cycles_at_limits += [cycle for cycle in cycles if cycle.at_limit >= MIN_AT_LIMIT_SHARE]
+    return cycles_at_limits
 
 
 def continued_limit_cycle(first: Oscillation, present: Oscillation) -> Oscillation:

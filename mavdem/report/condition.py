@@ -252,25 +252,29 @@ def _wind_estimate_sentences(
 ) -> list[Sentence]:
     """Returns sentences on the speed, direction and gusts of a wind, and on the autopilot's own estimate of it.
 
+    The sentences also state on which conditions the intervals hold, such as a typical drag.
+
     Args:
         evidence: all that is known of the wind of a log, with the autopilot's estimate.
         wind: the estimate of mavdem.
         is_speed_uncertain_by_drag: whether the interval of the speed is wide because the drag is not well known.
 
     Returns:
-        The sentences, which the template "wind" makes of the figures.
+        The sentences, as the template "wind" (``sections/wind.toml``) makes them of these figures.
     """
     return render_section(
         "wind",
         wind=wind,
+        # From where to where the direction turned during the flight; None if it did not.
+        direction_change=wind.turn,
         # Time before and after a large attitude error for which no wind is estimated, s.
-        margin=INDEPENDENT_SECONDS,
+        excluded_seconds=INDEPENDENT_SECONDS,
         typical_drag=_typical_drag_interval(wind.drag),
-        lean_allowance=_lean_allowance(),
+        lean_without_wind=_lean_without_wind(),
+        is_speed_uncertain_by_drag=is_speed_uncertain_by_drag,
         autopilot_wind=_autopilot_wind(evidence, wind),
-        is_blurred_by_drag=is_speed_uncertain_by_drag,
+        # Setting with which the autopilot would estimate the wind itself; empty if it has none.
         drag_model_setting=evidence.drag_model_setting,
-        turned_wind=wind.turn,
     )
 
 
@@ -288,7 +292,7 @@ def _typical_drag_interval(drag: Drag) -> Array | None:
     return drag.interval("linear").mean(axis=1)
 
 
-def _lean_allowance() -> float:
+def _lean_without_wind() -> float:
     """Returns the lean of a vehicle without wind that the intervals of the wind allow for, rad, as a 90 % half width.
 
     A vehicle also leans by a misaligned attitude or an offset load. ``LEAN_SD`` is the standard deviation of this lean

@@ -318,36 +318,42 @@ def _lines_of_event(event: Fact, event_count: int, columns: int) -> list[str]:
 
 
 def _screen_events(assessment: Assessment, events: Facts) -> list[CountedEvent]:
-    """Selects the events that a screen shows, in the order of time: the worst ``MAX_SCREEN_EVENTS``, each kind once.
+    """Selects the events that a screen lists below its headline and status lights, in the order of time.
 
-    There are none if nothing is bad and the headline is not an event: then the status lights state everything. Events
-    that the lights or the headline state already are left out, and so are events in the same second as the headline's
-    event, since they are parts of it. The change to the flight mode in which the headline's event began is added, and
-    so are the changes of the mode while it lasted.
+    The headline states the most important fact (coded finding) of the log, and each light judges one subject, such as
+    the motors. They state everything, so that no events are listed, unless the headline or an event is bad, or the
+    headline is itself an event, such as a crash. Then these are listed:
+
+    - the worst ``MAX_SCREEN_EVENTS`` of the events that neither lights nor headline state, one of each kind;
+    - if the headline is an event: the change to the flight mode in which it began, and the changes while it lasted.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         events: its events in the order of time, of each motor one saturation for all.
+
+    Returns:
+        The events, each with the number of events of its kind.
     """
+    headline_fact = assessment.headline
     has_bad_event = any(event.is_bad for event in events)
-    is_headline_event = assessment.headline in assessment.events
-    if not (assessment.headline.is_bad or has_bad_event or is_headline_event):
+    is_headline_event = headline_fact in assessment.events
+    if not (headline_fact.is_bad or has_bad_event or is_headline_event):
         return []
-    # An event that a status light (the judgement of one subject) states has the code and the time of that light.
+    # An event that a light states has the code and the time of the light.
     light_codes_and_times = {(light.code, light.time) for light in assessment.lights.values()}
     unstated_events = []
     for counted_event in worst_events(events):
         event = events[counted_event.event_index]
-        is_in_light = (event.code, event.time) in light_codes_and_times
-        if not is_in_light and not _is_part_of_headline(event, assessment.headline):
+        is_stated_by_light = (event.code, event.time) in light_codes_and_times
+        if not is_stated_by_light and not _is_stated_by_headline(event, headline_fact):
             unstated_events.append(counted_event)
-    mode_changes = _modes_of_headline(assessment.headline, events)
-    shown_events = [*unstated_events[:MAX_SCREEN_EVENTS], *mode_changes]
+    mode_changes = _mode_changes_around(headline_fact, events)
+    listed_events = [*unstated_events[:MAX_SCREEN_EVENTS], *mode_changes]
     # The events of the flight are in the order of time, so that their indices are too.
-    return sorted(shown_events, key=lambda counted_event: counted_event.event_index)
+    return sorted(listed_events, key=lambda counted_event: counted_event.event_index)
 
 
-def _modes_of_headline(headline_fact: Fact, events: Facts) -> list[CountedEvent]:
+def _mode_changes_around(headline_fact: Fact, events: Facts) -> list[CountedEvent]:
     """Returns the change to the flight mode in which the headline's event began, and the changes while it lasted.
 
     Args:
@@ -381,14 +387,17 @@ def _is_during(event: Fact, longer_event: Fact) -> bool:
     return is_same_boot and longer_event.time <= event.time <= longer_event.end_time
 
 
-def _is_part_of_headline(event: Fact, headline_fact: Fact) -> bool:
-    """Returns whether the headline of a review covers an event: it is the same event, or one at the same time.
+def _is_stated_by_headline(event: Fact, headline_fact: Fact) -> bool:
+    """Returns whether the headline of a review states an event already: the same one, or one that is a part of it.
+
+    An event in the same second is taken for a part, such as the tumble in a crash.
 
     Args:
         event: an event of the flight, a coded finding.
-        headline_fact: the fact in the headline. If either has no time, they are the same if their codes are.
+        headline_fact: the fact in the headline.
     """
     if event.time is None or headline_fact.time is None:
+        # Without the times, only equal codes show that both are the same.
         return event.code is headline_fact.code
     return abs(event.time - headline_fact.time) < SAME_EVENT_SECONDS
 

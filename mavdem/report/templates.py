@@ -684,13 +684,20 @@ def _baseline_flights(count: int, are_chosen: bool) -> str:
 
 
 def forbids_flight(fact: Fact) -> bool:
-    """Returns whether the remedy of a fact says not to fly, so that the remedy of a further fact need not repeat it.
+    """Returns whether the remedy of a fact, the advice that follows its sentence, says not to fly.
 
-    The file of templates states it for each code by a rule under the key ``forbids_flight``; without a rule, the remedy
-    does not forbid flight.
+    A text with several facts then says so only once. In the file of sentence templates a code may have one of these
+    rules under the key ``forbids_flight``; without a rule, its remedy does not forbid to fly.
+
+    - "always".
+    - "bad": if the level of the fact is bad.
+    - "remedy": if the text of the remedy, which was stored with a log, says so.
+    - "confirmed": if another sensor confirms the fact.
+    - "reason": if the fact has another one as its figure "reason", whose remedy is its own too, and that forbids it.
+    - "cause": likewise by the figure "cause". Without such a cause it has a remedy of its own, which forbids to fly.
 
     Args:
-        fact: the fact, a finding with its code and figures.
+        fact: the fact, a finding with its code, level and figures.
     """
     rule = sentence_templates()[fact.code].get("forbids_flight", "never")
     if rule == "always":
@@ -698,17 +705,13 @@ def forbids_flight(fact: Fact) -> bool:
     if rule == "bad":
         return fact.is_bad
     if rule == "remedy":
-        # The remedy is a text that was stored with a log.
         return BAN in fact.remedy
     if rule == "confirmed":
-        # Only if another sensor confirms the fact.
         return "is_unconfirmed" not in fact.figures
     if rule in ("cause", "reason"):
-        # The figure of this name is another fact. If that has a remedy, it is the remedy of this fact too.
         other_fact = fact.figures.get(rule)
         if isinstance(other_fact, Fact) and other_fact.remedy:
             return forbids_flight(other_fact)
-        # Otherwise a fact with the rule "cause" has its own remedy, which forbids flight; one with "reason" has none.
         return rule == "cause"
     return False
 

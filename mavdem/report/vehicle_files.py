@@ -107,14 +107,16 @@ def _motion_table(axis: str, figures: Mapping[str, Sequence[float]]) -> Block:
 
 
 def vehicle_text(twin: Twin, ending: str, source: str) -> str:
-    """Returns the file of a twin for a simulator.
+    """Returns the text of the file by which a simulator flies the twin, the learned model of a vehicle.
 
     Args:
-        twin: simulated vehicle with the identified loops, hover thrust, drag and wind.
-        ending: ending of the file, which names its format: ".toml", ".json", ".params" or ".sdf".
+        twin: the twin, with the identified loops, hover thrust, drag and wind.
+        ending: ending of the file, which names its format: ".toml" for ``mavdem fly``, ".json" for ArduPilot's SITL,
+            ".params" for PX4's SIH or ".sdf" for Gazebo.
         source: name of the log that the twin was learned from.
     """
-    # Compiled templates of pages escape their text, and these must not be mixed up with them.
+    # The templates of HTML pages escape their text, which a file for a simulator must not have. Without a cache of
+    # compiled templates, none with the other setting is used by mistake.
     plain_text_environment = environment().overlay(autoescape=False, bytecode_cache=None)
     plain_text_environment.filters["g"] = _five_digits
     template = plain_text_environment.get_template(f"vehicle{ending}")
@@ -122,7 +124,7 @@ def vehicle_text(twin: Twin, ending: str, source: str) -> str:
         twin=twin,
         source=source,
         gravity=GRAVITY,
-        # A twin has four rotors, each of which carries a quarter of the weight in hover.
+        # Each of the four rotors carries a quarter of the weight in hover, N.
         weight=twin.mass * GRAVITY / 4,
         linear=twin.drag.linear.mean(),
         quadratic=twin.drag.quadratic.mean(),

@@ -407,7 +407,7 @@ class LinkMonitor:
         with suppress(OSError):
             incoming.recording.close()
         is_empty = incoming.recording.remove_if_empty()
-        if not is_empty and _shows_vehicle(session, incoming.path):
+        if not is_empty and _may_have_vehicle(session, incoming.path):
             self._store_recording(session, incoming)
         else:
             # Stray packets, or those of ground stations alone, are no flight.
@@ -852,19 +852,20 @@ def _is_on_ground(status: SessionStatus) -> bool:
     return reason is not None and reason.code is SessionFact.NOT_FLYING
 
 
-def _shows_vehicle(session: LiveSession, recording_path: Path) -> bool:
-    """Returns whether the recording of an ended session has messages of a vehicle, by which a log can be judged.
+def _may_have_vehicle(session: LiveSession, recording_path: Path) -> bool:
+    """Returns whether the recording of an ended session is worth keeping: it has messages of a vehicle, or may have.
 
     Args:
-        session: the session. What waited at its end was recorded, but not analysed.
+        session: the session.
         recording_path: path of its recording, which is closed and has a frame.
     """
     if session.stream.has_heard_attitude:
         return True
+    # The last frames of a session are recorded, but may not have been analysed: their vehicle is in the file alone.
     try:
         return bool(read_log(recording_path).vehicles)
     except Refusal:
-        # The page of the library says why it cannot be read.
+        # A recording that cannot be read is kept, since its page in the library says why.
         return True
 
 

@@ -124,11 +124,14 @@ class InstrumentedSimulation(Simulation):
     def _reference(self, estimate: State) -> Reference:
         """Returns the setpoints that are flown: the flight plan's, as pilot, failsafe and mishap change them.
 
-        Where the barometer is stuck, the vehicle climbs and descends once, so that the height by the barometer differs
-        from the true one.
+        If the mishap is a stuck barometer, whose reading no longer changes, the vehicle then climbs and descends once.
+        So the log shows that the barometer does not follow the height.
 
         Args:
             estimate: Position, velocity, attitude and rates as the autopilot estimates them.
+
+        Returns:
+            The setpoints of this cycle, with the height in m. Their ``landed_state`` is stored for the recording.
         """
         planned_reference = super()._reference(estimate)
         reference = self._pilot.reference(self._flight_time, estimate, planned_reference)

@@ -331,11 +331,11 @@ def _start_session(
 
 
 def table_row(run: LiveRun, rate: float) -> dict[str, object]:
-    """Returns the row of a run, by the headers of the table.
+    """Returns the row of the table for one run, by the headers of the columns.
 
-    Processor time and memory are summed over all processes of the session. Share of the core and usual memory are those
-    from the first message to the last; the largest memory is that of the whole session, which judges the recording at
-    its end.
+    Processor time and memory are summed over all processes of the session. "core" and "memory" (the median) are of the
+    flight, from the first message to the last. "processor in all" and "memory at most" are of the whole session, which
+    judges the recording after the flight.
 
     Args:
         run: the live session, with its document, the lines that it printed, and its use of the machine over time.
@@ -344,8 +344,10 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
     Returns:
         Numbers in the units that the headers state, or counts; "first model" is the text of the line, or "none".
     """
-    usages = [use for use in run.usages if run.sender_start <= use.time <= run.sender_end]
-    first, last = usages[0], usages[-1]
+    usages_in_flight = [
+        usage for usage in run.usages if run.sender_start <= usage.time <= run.sender_end
+    ]
+    first, last = usages_in_flight[0], usages_in_flight[-1]
     core_share = (last.processor - first.processor) / (last.time - first.time)
     document: dict[str, dict[str, float]] = run.document  # type: ignore[assignment]
     latency = document["latency"]
@@ -359,9 +361,9 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
         "latest sample, s": latency["max"],
         "p99, ms": 1e3 * latency["p99"],
         "core, %": 100 * core_share,
-        "processor in all, s": max(use.processor for use in run.usages),
-        "memory, MB": median(use.memory for use in usages),
-        "memory at most, MB": max(use.memory for use in run.usages),
+        "processor in all, s": max(usage.processor for usage in run.usages),
+        "memory, MB": median(usage.memory for usage in usages_in_flight),
+        "memory at most, MB": max(usage.memory for usage in run.usages),
         "frames lost": document["lost"],
         "recorded": run.document["recorded"],
         "first model": first_models[0] if first_models else "none",
@@ -381,14 +383,14 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
     help="Checkout of the repository whose live session is measured.",
 )
 def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) -> None:
-    """Measures a live session at each message rate on a share of one core, and prints a row of costs for each rate.
+    """Measures live sessions on one core, and prints a table of their costs with a row for each message rate.
 
-    The share is the quota of a Linux control group. Where none can be made, busy processes on the same core leave the
-    session that share.
+    A small computer is imitated by a share of the core: the quota of a Linux control group. Where no group can be made,
+    busy processes on the same core leave the session that share.
 
     Args:
-        rates: rates of attitude and motors, Hz.
-        share: share of one core that the session gets.
+        rates: rates of the messages of attitude and motors, Hz.
+        share: share of the core that a session gets; from 1 on it has the whole core.
         python: interpreter of the session.
         checkout: repository whose session is measured.
     """

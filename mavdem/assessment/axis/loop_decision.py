@@ -55,7 +55,7 @@ class LoopDecision:
     diagnosis: LoopDiagnosis
     """What is wrong."""
     reason: Fact
-    """What shows it."""
+    """The observation that shows it, such as low margins. If its remedy is the action, it has that as a figure."""
     action: Fact | None = None
     """What to do about it, as a sentence; None if nothing is to be done."""
     reasons_against_gains: Facts = ()
@@ -67,10 +67,10 @@ class LoopDecision:
 
     @property
     def fact(self) -> Fact:
-        """The decision as a fact (a code with figures), which lights, pages and documents show.
+        """The decision as a fact (a code with figures), from which pages and documents make their sentences.
 
-        Its sentence states the observation behind the diagnosis, such as low margins, and its remedy the action. Its
-        level, good to bad, is the level of this observation.
+        The sentence states the observation that led to the diagnosis, such as low margins; the remedy, what the fact
+        advises, is the action. The level of the fact, from good to bad, is that of the observation.
         """
         return Fact(
             LoopAction.LOOPS_JUDGED,
@@ -296,9 +296,11 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    The action is to load the gains that `mavdem tune` advises, or to fly before if the flight is not a basis for them.
-    If the loop is not reliable enough for new gains, or the measured response of the angle differs from the predicted
-    one and it is the angle's gain that would change, the action is the remedy of the first reason for that.
+    The action is to load the gains that `mavdem tune` advises, with two exceptions:
+
+    - If the flight does not show clearly enough that the gains should change: to fly once more before.
+    - If no gains may be computed from the loop: the remedy of the first reason for that. The loop may not be reliable
+      enough, or the gain of the angle would change, whose measured response differs from the predicted one.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
@@ -369,8 +371,8 @@ def _advice_if_basis_is_uncertain(
 
     Args:
         loop: rate and attitude loop of the axis, without reasons against new gains.
-        attitude_doubt: that the measured response of the angle differs from the predicted one, which forbids a new gain
-            of the attitude controller; None if it does not.
+        attitude_doubt: the fact that the measured response of the angle differs from the predicted one, which forbids a
+            new gain of the attitude controller; None if it does not differ.
         raises_sound_gains: whether the gains are raised although the loop has its margins.
 
     Returns:
@@ -472,15 +474,17 @@ def _action_by_tracking(observations: LoopObservations) -> Fact:
 def _swing_explains_error(swing: Fact, observations: LoopObservations) -> bool:
     """Returns whether an axis is far from its setpoint because the vehicle swung to and fro in an automatic mode.
 
-    In such a swing, setpoint and angle may move by tens of degrees. It explains the error if roll or pitch was far from
-    its setpoint in it, or if this axis swung and its error is not bad.
+    In a swing the position control leans the vehicle by tens of degrees to one side and the other, and roll or pitch
+    may be far from its setpoint meanwhile. If it was, the swing explains the error. If not, it explains the error only
+    of the axis that swung, and only if that error is not bad.
 
     Args:
-        swing: the event of the swing, of roll or pitch.
+        swing: the fact (coded finding) that roll or pitch swung.
         observations: margins and tracking of the axis.
     """
-    # Only a swing in which roll or pitch was far from its setpoint has this figure.
-    if "angle_error" in swing.figures:
+    # Only such a swing has this figure.
+    was_far_from_setpoint = "angle_error" in swing.figures
+    if was_far_from_setpoint:
         return True
     is_swing_of_axis = swing.subject == observations.margins.axis
     return is_swing_of_axis and not observations.tracking.is_bad
@@ -594,13 +598,17 @@ def _decision_without_margins(observations: LoopObservations) -> LoopDecision:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
 
     Returns:
-        The decision, with the diagnosis "unknown". Its action is what would make the margins known, such as to log the
-        setpoint; None if nothing would.
+        The decision, with the diagnosis "unknown". Its action is what would show more, or None if nothing would:
+
+        - If the spectrum of the body rate has a high peak, which little margin or vibration may cause: hover with lower
+          gains. If the peak becomes lower, the margin was too little.
+        - Otherwise the remedy of the reason why the margins are not known, such as to log the setpoint.
     """
     reason = _reason_for_no_margins(observations)
     action = None
-    if reason.code is MarginsLight.RATE_STANDS_OUT:
-        action = _advice_to_compare_peaks(observations, reason)
+    has_peak_of_unknown_cause = reason.code is MarginsLight.RATE_STANDS_OUT
+    if has_peak_of_unknown_cause:
+        action = _advice_to_find_cause_of_peak(observations, reason)
     elif reason.remedy:
         action = _action_to_remedy(reason)
     # A loop whose margins are not known to be good is not a basis for new gains.
@@ -666,7 +674,7 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
     return Fact(LoopAction.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, **reduction.figures)
 
 
-def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) -> Fact:
+def _advice_to_find_cause_of_peak(observations: LoopObservations, peak_fact: Fact) -> Fact:
     """Returns the advice to hover with lower gains, which shows whether the loop makes a peak in the rate's spectrum.
 
     A peak that comes from too little margin becomes lower, since a lower gain moves the loop away from its stability

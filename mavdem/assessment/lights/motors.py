@@ -134,18 +134,20 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
 
 
 def _with_yaw_trim(evidence: Evidence, limited_motors_fact: Fact) -> Fact:
-    """Adds the yaw trim to motors at their limit if it explains why they work harder than others.
+    """Adds the yaw trim to the fact that motors were at their limit, if that trim explains it.
 
-    A twisted arm or motor makes all motors of one spin work harder, and one of them reaches its limit first.
+    The yaw trim is how much harder the motors of one spin direction work than those of the other, to hold the heading.
+    A twisted arm or motor causes it, and the motors that work harder reach their limit first. So it explains the fact
+    if all motors at their limit are among these.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        limited_motors_fact: the fact that motors were at their limit, with their ``names``.
+        limited_motors_fact: the fact (a coded finding), with the ``names`` of the motors.
 
     Returns:
-        The fact with the figure ``yaw_trim``, positive if counterclockwise motors work harder, and ``assumed`` if the
-        motors' numbers are an assumption. It is unchanged if the trim is not one of yaw, or a motor that works less is
-        at its limit.
+        The fact with two further figures: ``yaw_trim``, a fraction that is positive if counterclockwise motors work
+        harder, and ``assumed``, whether the motors' numbers are an assumption. Unchanged if the trim does not explain
+        it.
     """
     trim = trim_of_signals(evidence.signals)
     if trim is None or trim.code is not TrimFact.TRIM_OF_YAW:
@@ -154,11 +156,11 @@ def _with_yaw_trim(evidence: Evidence, limited_motors_fact: Fact) -> Fact:
     geometry = evidence.signals.motors.geometry
     spin_by_name = dict(zip(geometry.names, geometry.spins, strict=True))
     yaw_trim = trim.figures["share"]
-    works_harder = [
-        spin_by_name[name] * yaw_trim > 0 for name in limited_motors_fact.figures["names"]
-    ]
-    if not all(works_harder):
-        return limited_motors_fact
+    for name in limited_motors_fact.figures["names"]:
+        # Spins are 1 counterclockwise and −1 clockwise, so that the product is positive for motors that work harder.
+        works_harder = spin_by_name[name] * yaw_trim > 0
+        if not works_harder:
+            return limited_motors_fact
     return limited_motors_fact.replace(yaw_trim=yaw_trim, assumed=trim.figures["assumed"])
 
 

@@ -76,10 +76,10 @@ def analyse_process_noise(window: Window) -> NoiseAnalysis:
     learned = learn(window.train, PAPER_SETTINGS)
     _, state_noise = learned.process_noise()
     roll_rate_noise = state_noise @ learned.model.C[-1]
-    # Each estimate uses a window of so many samples.
-    overlap = learned.settings.window
-    assert overlap is not None
-    return analyse_noise(roll_rate_noise, overlap)
+    # Each value of the noise is estimated from a window of so many samples, which neighbouring values share.
+    samples_of_estimate = learned.settings.window
+    assert samples_of_estimate is not None
+    return analyse_noise(roll_rate_noise, overlap=samples_of_estimate)
 
 
 def noise_checks(noises: Sequence[NoiseAnalysis], subject: str, pieces: str) -> tuple[Check, Check]:

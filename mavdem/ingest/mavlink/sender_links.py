@@ -255,7 +255,7 @@ class SenderLinks:
 
         A frame with a boot clock is a copy if a recent frame has the same bytes, since a vehicle sends no time twice.
         Such a copy proves that there is a slower link, and shows its delay. Both are stored here. A frame without a
-        boot clock proves less (``_is_copy_without_reading``).
+        boot clock proves less (``_is_copy_without_boot_clock``).
 
         Args:
             content: all bytes of the frame.
@@ -270,22 +270,25 @@ class SenderLinks:
         if earlier_frame_number is None:
             return False
         if reading is None:
-            return self._is_copy_without_reading(
+            return self._is_copy_without_boot_clock(
                 earlier_frame_number, content, message_id, sequence
             )
         self._frame_count_at_latest_copy = self._frame_count
         self.longest_delay = max(self.longest_delay, self._latest_clock - reading.clock)
         return True
 
-    def _is_copy_without_reading(
+    def _is_copy_without_boot_clock(
         self, earlier_frame_number: int, content: bytes, message_id: int, sequence: int
     ) -> bool:
-        """Returns whether a frame without a boot clock is a copy of an earlier frame with the same bytes.
+        """Returns whether a frame whose message has no boot clock is a copy of an earlier frame with the same bytes.
 
         Equal bytes alone are no proof: messages such as HEARTBEAT repeat their content, and after 256 frames the
-        sequence number is the same again. So the frame is a copy only if a second, slower link is known, and one of
-        these holds: it follows the earlier frame immediately; its message has a time stamp; or its sequence number
-        continues the numbers of the slower link.
+        sequence number is the same again. The frame is a copy only if a second, slower link is known, and one of these
+        holds:
+
+        - it follows the earlier frame immediately, so that the sequence number cannot have come round;
+        - its message has a time stamp of another clock, which seldom repeats;
+        - its sequence number continues the numbers of the slower link.
 
         Args:
             earlier_frame_number: number of the earlier frame among all frames received, from 1.

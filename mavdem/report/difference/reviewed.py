@@ -35,13 +35,13 @@ class ComparedState(NamedTuple):
 
 
 class ReviewedDifference(NamedTuple):
-    """The comparison of two states, A and B, beside what the reviews of their logs say."""
+    """The comparison of two states, A and B, with the reviews of their logs and the parameters that changed."""
 
     difference: VehicleDifference
     """The compared figures."""
 
     motors: MotorVerdict = NO_VERDICT
-    """What is known of the motors beside these."""
+    """Whether a motor is weak, by the balance of all motors, which is more certain than each figure alone."""
 
     reviews: Mapping[str, Review] = NO_REVIEWS
     """Review documents of both logs, by side, "A" and "B"; of a fleet, empty."""
@@ -59,10 +59,10 @@ class ReviewedDifference(NamedTuple):
     """A gain of the rate controllers that both sides name differently, so that none of them is compared."""
 
     tracked_sides: Names = ()
-    """Sides of a library whose parameters are not stored, since `mavdem track` read the log."""
+    """Sides, "A" or "B", of which a library has no parameters, since `mavdem track` read the log and stored none."""
 
     outdated_sides: Names = ()
-    """Sides of a library of which only parameters of control are stored, since an earlier version read the log."""
+    """Sides of which a library has only parameters of control, since an earlier version of mavdem read the log."""
 
     has_two_autopilots: bool = False
     """Whether A and B have different autopilots, whose parameters are not compared even where they share a name."""
@@ -96,32 +96,36 @@ class ReviewedDifference(NamedTuple):
 
 
 def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDifference:
-    """Compares two states of a vehicle in all that a report shows: quantities, judgements and parameters.
+    """Compares two states of a vehicle, such as before and after a repair, in all that a report on them shows.
 
     Args:
-        before: the first state, A: a log or a group of flights, with its reviews and parameters.
-        after: the second state, B.
+        before: the first state, called "A": a log or a group of flights, with its measured figures (rows), its review
+            (the judgement of the log) and the autopilot's parameters.
+        after: the second state, "B".
 
     Returns:
-        The comparison: the quantities that changed from A to B, the review of each log, in which the motors are also
-        judged by the vehicle's other flights, and the parameters that changed.
+        The comparison: which figures changed from A to B, both reviews, and which parameters changed.
     """
     # Names that ArduPilot and PX4 have in common by chance, such as RC1_DZ, need not mean the same.
     has_two_autopilots = have_different_autopilots(before.rows, after.rows)
-    changes_of_parameters: list[ParameterChange] = []
+    parameter_changes: list[ParameterChange] = []
     common_parameters: list[str] = []
     if not has_two_autopilots:
-        changes_of_parameters = changed_parameters(before.parameters, after.parameters)
+        parameter_changes = changed_parameters(before.parameters, after.parameters)
         common_parameters = compared_parameters(before.parameters, after.parameters)
-    first_side, second_side = STATE_NAMES
+    # Where gains changed, the figures of their loops are expected to change too, which is no sign of a fault.
+    difference = vehicle_difference(before.rows, after.rows, parameter_changes)
+    name_before, name_after = STATE_NAMES
+    # A review judges the motors by one log alone. The rows add the comparison with the vehicle's other flights.
     reviews = {
-        first_side: review_with_compared_motors(before.review, before.rows),
-        second_side: review_with_compared_motors(after.review, after.rows),
+        name_before: review_with_compared_motors(before.review, before.rows),
+        name_after: review_with_compared_motors(after.review, after.rows),
     }
     return reviewed_difference(
-        vehicle_difference(before.rows, after.rows, changes_of_parameters),
+        difference,
         reviews,
-        parameters=changes_of_parameters,
+        parameters=parameter_changes,
+        # The next three say which parameters could be compared at all, since logs need not hold all of them.
         sides_without_parameters=states_without_gains(before.parameters, after.parameters),
         compared_parameter_count=len(common_parameters),
         renamed_gain=renamed_gain(before.parameters, after.parameters),
@@ -136,7 +140,7 @@ def reviewed_difference(
     compared_parameter_count: int = 0,
     renamed_gain: RenamedGain | None = None,
 ) -> ReviewedDifference:
-    """Returns the comparison of two states with the reviews of their logs, and with what both together say of motors.
+    """Adds the reviews of both logs to the comparison of two states, and judges the motors by all of these together.
 
     Args:
         difference: comparison of the two states.

@@ -112,18 +112,21 @@ def comparison_page(
     """Renders the page that compares two flights.
 
     Args:
-        names: names of the flights, A and B.
-        reviewed: comparison of both flights. In their reviews the motors are judged beside other flights
+        names: names of the two flights, or groups of flights, A and B.
+        reviewed: their comparison. In its reviews the motors are judged beside other flights of the vehicle as well
             (``review_with_compared_motors``).
-        back: the page that leads here, if any.
-        flights: time series of the flight of each side (``flight_series``), which are drawn over each other. They are
-            empty for a fleet, which has none, and None for a flight with which they were not stored.
-        addresses: addresses of the pages of both flights; empty where there are none.
+        back: link to the page from which this one is reached; None without one.
+        flights: time series of A and of B (``flight_series``), which are drawn over each other. They are empty for a
+            group of flights, and None for a flight with which they were not stored.
+        addresses: addresses of the pages of A and of B; empty where there are none.
+
+    Returns:
+        The HTML of the page.
     """
     descriptions = side_descriptions(names, reviewed)
-    key = []
+    colour_key = []
     for (side, description), address in zip(descriptions.items(), addresses, strict=True):
-        key.append(KeyEntry(SIDE_COLOURS[side], side, description, address))
+        colour_key.append(KeyEntry(SIDE_COLOURS[side], side, description, address))
     headline = headline_of_comparison(reviewed)
     chapters: Sequence[Chapter] = ()
     # A flight does not differ from itself.
@@ -135,7 +138,7 @@ def comparison_page(
         blocks=_summary(reviewed, headline),
         chapters=chapters,
         back=back,
-        key=key,
+        key=colour_key,
     )
 
 

@@ -35,8 +35,8 @@ from mavdem.experiments.paper.estimation.state_observers import (
     COMPARED_OBSERVERS,
     DEM,
     DERIVATIVE,
+    FIXED_LAG_SMOOTHERS,
     KALMAN,
-    LATER_PEERS,
     OBSERVERS,
     PEERS,
     dem_states,
@@ -214,7 +214,7 @@ def _recorded_result(window_errors_by_wind: Mapping[str, list[WindowErrors]]) ->
             name: mean._asdict() for name, mean in trimmed_means.items()
         }
     return ExperimentResult(
-        checks=tuple(recorded_checks(errors_by_delay, errors_with_published_timing)),
+        checks=tuple(flight_checks(errors_by_delay, errors_with_published_timing)),
         numbers={
             "recorded, by delay": numbers_by_delay,
             "recorded, authors’ timing": numbers_with_published_timing,
@@ -298,31 +298,42 @@ def errors_by_order(errors: Sequence[WindowErrors]) -> dict[str, float]:
     return means
 
 
-def recorded_checks(
+def flight_checks(
     errors_by_delay: Mapping[str, Mapping[str, Array]],
     errors_with_published_timing: Mapping[str, Mapping[str, TrimmedMean]],
 ) -> list[Check]:
-    """Checks that DEM has the least error of the observers on the flights in wind.
+    """Checks that DEM has the least error of the observers on the recorded flights in wind.
+
+    DEM's estimate at a sample uses some later samples as well, which Kalman filters do not. So it is compared four
+    times: with the filters of Bos et al. at the timing of their scripts; with these filters at each sample's own time;
+    with fixed-lag smoothers, which use as many later samples as DEM; and with a derivative of the measured roll, which
+    needs no model.
 
     Args:
-        errors_by_delay: (delays,) mean SSE, by wind and observer.
-        errors_with_published_timing: mean SSE by the authors' criterion, by wind and observer.
+        errors_by_delay: mean SSE by wind and observer, for each number of samples by which estimates are delayed
+            (``MAX_DELAY`` + 1,).
+        errors_with_published_timing: mean SSE by wind and observer, with the timing and without the outliers of the
+            authors.
 
     Returns:
-        One check with the authors' timing, three at each observer's own time; none without flights in wind.
+        The four checks; none without flights in wind.
     """
     if WITH_WIND not in errors_by_delay:
         return []
     errors_in_wind = {
         name: mean.sse for name, mean in errors_with_published_timing[WITH_WIND].items()
     }
-    published_peers = (KALMAN, AUTHORS_SMIKF, AUGMENTATION)
+    published_observers = (KALMAN, AUTHORS_SMIKF, AUGMENTATION)
     # Delay 0: each estimate is compared with the roll rate at its own time.
     undelayed_errors = {name: errors[0] for name, errors in errors_by_delay[WITH_WIND].items()}
     return [
-        least_error_check(errors_in_wind, published_peers, "flights in wind, the authors’ timing"),
+        least_error_check(
+            errors_in_wind, published_observers, "flights in wind, the authors’ timing"
+        ),
         least_error_check(undelayed_errors, PEERS, "flights in wind, own time"),
-        least_error_check(undelayed_errors, LATER_PEERS, "flights in wind, equal look-ahead"),
+        least_error_check(
+            undelayed_errors, FIXED_LAG_SMOOTHERS, "flights in wind, equal look-ahead"
+        ),
         least_error_check(undelayed_errors, (DERIVATIVE,), "flights in wind, without a model"),
     ]
 
@@ -347,7 +358,9 @@ def simulated_checks(simulated_errors: Mapping[str, Mapping[str, Array]]) -> lis
             undelayed_errors[observer] = errors_by_delay[0]
         data = f"simulated, {name}"
         checks.append(least_error_check(undelayed_errors, PEERS, data))
-        checks.append(least_error_check(undelayed_errors, LATER_PEERS, f"{data}, equal look-ahead"))
+        checks.append(
+            least_error_check(undelayed_errors, FIXED_LAG_SMOOTHERS, f"{data}, equal look-ahead")
+        )
     return checks
 
 

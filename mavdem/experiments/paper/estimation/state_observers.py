@@ -54,7 +54,7 @@ DERIVATIVE = "central difference of the roll"
 PEERS = (KALMAN, SMIKF, AUGMENTATION)
 """The observers that Bos et al. compare DEM with."""
 
-LATER_PEERS = (LATER_KALMAN, LATER_AUGMENTATION)
+FIXED_LAG_SMOOTHERS = (LATER_KALMAN, LATER_AUGMENTATION)
 """Filters whose estimates use as many later samples as DEM's do: fixed-lag smoothers."""
 
 StateEstimator = Callable[[RollWindow, Array, Array], Array]
