@@ -144,9 +144,9 @@ class LiveStream:
         self._stamp = 0.0
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_EVENTS)
-        self._vehicles = VehicleSelector(vehicle, self._report)
+        self._vehicles = VehicleSelector(vehicle, self._add_event)
         self._early_messages: deque[_EarlyMessage] = deque(maxlen=MAX_EARLY_MESSAGES)
-        self._clock = BootClock(self._report)
+        self._clock = BootClock(self._add_event)
         self._pose = PoseTracker()
         self._takeoff_place = TakeoffPlace()
         # The home position of this boot; None before it came.
@@ -156,11 +156,11 @@ class LiveStream:
         # The boot and the flight in which it was received, by their numbers.
         self._position_boot = 0
         self._position_flight = 0
-        self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
+        self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._add_event)
         self._review = VehicleReview(
-            self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._report
+            self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._add_event
         )
-        self._rows = RowBuilder(axis, self._review.phase, self._report)
+        self._rows = RowBuilder(axis, self._review.phase, self._add_event)
 
     @property
     def followed_vehicle(self) -> Component | None:
@@ -298,7 +298,7 @@ class LiveStream:
                 alarm_of_other = Fact(
                     WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, reason=fact
                 )
-                self._report(alarm_of_other)
+                self._add_event(alarm_of_other)
 
     @property
     def is_flying(self) -> bool:
@@ -638,7 +638,7 @@ class LiveStream:
                 self._note_position(new_position)
                 self._pose.add_global_position(time, new_position, is_flying=self.is_flying)
         if first_wind is not None:
-            self._report(first_wind)
+            self._add_event(first_wind)
 
     def _watch_drift(self, time: float, velocity: Numbers) -> None:
         """Passes a velocity in flight, with the latest attitude, to the watchdog, which looks for drift in wind.
@@ -741,7 +741,7 @@ class LiveStream:
             time, self.boot, motors, commands, self._pose.heading, lean
         )
         for fact in new_alarms:
-            self._report(fact)
+            self._add_event(fact)
 
     def _restart(self, boot: int) -> None:
         """Forgets everything with times of the former boot's clock; the vehicle's identity and parameters stay.
@@ -775,7 +775,7 @@ class LiveStream:
             return loss
         return with_weak_motor(loss, weak_motors[0])
 
-    def _report(self, fact: Fact) -> None:
+    def _add_event(self, fact: Fact) -> None:
         """Adds a fact to the events of the session, with the time at which the latest frames were received.
 
         Args:

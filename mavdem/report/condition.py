@@ -301,18 +301,25 @@ def _lean_without_wind() -> float:
     return coverage_factor() * LEAN_SD / GRAVITY
 
 
-def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:
-    """Returns the mean of the autopilot's own wind estimate, for comparison with the estimate of mavdem.
+class _AutopilotWind(NamedTuple):
+    """The mean of the wind that the autopilot itself estimated."""
 
-    The mean is taken over the time for which mavdem has an estimate.
+    mean_speed: float
+    """Mean of the speeds, m/s."""
+
+    direction: float
+    """Direction that the mean of the velocities comes from, degrees clockwise from north."""
+
+
+def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> _AutopilotWind | None:
+    """Returns the mean of the autopilot's own wind estimate, for comparison with the estimate of mavdem.
 
     Args:
         evidence: all that is known of the wind of a log, with the autopilot's estimate (north and east, m/s).
-        wind: the estimate of mavdem, with its times.
+        wind: the estimate of mavdem.
 
     Returns:
-        "size", the mean of the speeds, m/s, and "origin", the direction that the wind comes from, degrees from north;
-        None if the autopilot has no estimate of that time.
+        The mean over the time for which mavdem has an estimate; None if the autopilot has none of that time.
     """
     estimate = evidence.autopilot_estimate
     if estimate is None:
@@ -324,7 +331,8 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
         return None
     velocities = estimate.values[is_selected]
     north, east = velocities.mean(axis=0)
-    return {"size": np.hypot(*velocities.T).mean(), "origin": meteorological_direction(north, east)}
+    mean_speed = float(np.hypot(*velocities.T).mean())
+    return _AutopilotWind(mean_speed, direction=meteorological_direction(north, east))
 
 
 class _MeanWinds(NamedTuple):

@@ -50,7 +50,8 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     output = capsys.readouterr().out
     changed_line = next(line for line in output.splitlines() if line.startswith("Changed:"))
-    assert "motor 3" in changed_line and "; motor 3's relative trim +12" in output
+    assert "motor 3" in changed_line
+    assert "The others that changed: motor 3's relative trim +12" in output
     assert output.startswith("A: old, alpha, 4 flights.\nB: new, alpha, 4 flights.\n")
     *_, next_step, page = output.splitlines()
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
