@@ -2,7 +2,8 @@
 """Stability margins of control loops that are identified from simulated flights, compared with the true margins.
 
 The flights are drawn at random: one half of them chooses a method, the other half is reported. They are simulated once
-and kept in --cache. With LOGS, recorded flights are read instead. To thin messages to a rate, one of every few is kept.
+and kept in --cache. With LOGS, recorded flights are read instead. To thin messages to a rate, one of every few is kept,
+with --staggered from another cycle in each stream.
 Stamps are exact, as in autopilots' own logs, or with --rounded partly in whole milliseconds, as MAVLink sends them.
 
 A "figure" is a parameter of the plant (from the demand of the rate controller to the body rate), or a margin of the
@@ -452,22 +453,25 @@ def exact_log(path: Path) -> Log:
     return replace(log, vehicles=(vehicle,))
 
 
-def identified_loops(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
+def identified_loops(
+    log: Log, rate: float, is_staggered: bool = False
+) -> Mapping[str, Loop | NoLoop]:
     """Identifies the loops of all axes from a log whose messages are thinned to a rate, as ``mavdem tune`` does.
 
     Args:
         log: the log of a flight, with the messages of each vehicle.
         rate: rate of the messages, Hz; infinite for all messages.
+        is_staggered: whether the streams begin at different cycles of the autopilot, as for :func:`thinned_telemetry`.
 
     Returns:
         The loops by axis, or why there is none.
     """
-    vehicles = tuple(thinned_telemetry(vehicle, rate) for vehicle in log.vehicles)
+    vehicles = tuple(thinned_telemetry(vehicle, rate, is_staggered) for vehicle in log.vehicles)
     thinned_log = replace(log, vehicles=vehicles)
     return assess(thinned_log, options=Options(with_model=False)).loops
 
 
-def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
+def thinned_telemetry(vehicle: Telemetry, rate: float, is_staggered: bool = False) -> Telemetry:
     """Thins telemetry to about a rate: of each stream of messages that is faster, only one of every few stays.
 
     Messages of one name are several streams if one of ``SUBTYPE_FIELDS``, or else the boot, differs.
@@ -475,12 +479,14 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
     Args:
         vehicle: messages of the vehicle as columns, and its parameters.
         rate: rate to thin messages to, Hz; infinite to keep all.
+        is_staggered: whether the streams begin at different cycles of the autopilot in turn, as where a ground station
+            asks for one message after another. Otherwise all begin at the first cycle.
 
     Returns:
         The telemetry with the rows that stay, in their order.
     """
     messages = {}
-    for name, columns in vehicle.messages.items():
+    for message_index, (name, columns) in enumerate(sorted(vehicle.messages.items())):
         subtype_fields = [field for field in SUBTYPE_FIELDS if field in columns]
         subtypes = columns[subtype_fields[0]] if subtype_fields else columns["boot"]
         remaining_rows = []
@@ -488,7 +494,8 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
             rows = np.flatnonzero(subtypes == subtype)
             stream_rate = rate_without_gaps(np.diff(columns["time"][rows]))
             decimation = max(1, round(stream_rate / rate))
-            remaining_rows.append(rows[::decimation])
+            first_row = message_index % decimation if is_staggered else 0
+            remaining_rows.append(rows[first_row::decimation])
         messages[name] = selected_rows(columns, np.sort(np.concatenate(remaining_rows)))
     return replace(vehicle, messages=messages)
 
@@ -568,7 +575,11 @@ def true_figures_of_recording(log: Log, file_name: str) -> FiguresByAxis:
 
 
 def evaluate_log(
-    source: Path | int, rates: Sequence[float], cache: Path, is_rounded: bool = False
+    source: Path | int,
+    rates: Sequence[float],
+    cache: Path,
+    is_rounded: bool = False,
+    is_staggered: bool = False,
 ) -> list[Values]:
     """Identifies the loops of a flight at several message rates, and compares each figure with its true value.
 
@@ -577,6 +588,7 @@ def evaluate_log(
         rates: rates to which messages are thinned, Hz.
         cache: folder of all simulated flights.
         is_rounded: whether a simulated flight has the stamps of MAVLink, as for :func:`simulated_log`.
+        is_staggered: whether the streams begin at different cycles of the autopilot, as for :func:`thinned_telemetry`.
 
     Returns:
         A row for each parameter and margin ("figure") of each axis at each rate: "estimate", the ends "low" and "high"
@@ -595,7 +607,7 @@ def evaluate_log(
         return [row | {"cause": root_cause(error.fact)}]
     rows = []
     for rate in rates:
-        for axis, loop in identified_loops(log, rate).items():
+        for axis, loop in identified_loops(log, rate, is_staggered).items():
             row = {"log": name, "rate": rate, "axis": axis, "figure": "", "cause": ""}
             if isinstance(loop, NoLoop):
                 rows.append(row | {"cause": root_cause(loop.refusal)})
@@ -743,6 +755,7 @@ CACHE = click.option("--cache", default=CACHE_FOLDER, show_default=True, type=Pa
 @click.argument("logs", nargs=-1, type=Path)
 @click.option("--rates", default="400 200 100 80 50 25 10", help="Hz; inf: as recorded.")
 @click.option("--rounded", is_flag=True, help="Stamps as MAVLink rounds them.")
+@click.option("--staggered", is_flag=True, help="Streams begin at different cycles.")
 @click.option("--strong", is_flag=True, help="Strong doublets and high hover, both halves.")
 @HALF
 @CACHE
@@ -751,6 +764,7 @@ def main(
     half: str,
     rates: str,
     rounded: bool,
+    staggered: bool,
     strong: bool,
     flights: int,
     cache: Path,
@@ -766,6 +780,7 @@ def main(
         half: half of the simulated flights, a key of ``HALVES``.
         rates: message rates, Hz, separated by spaces.
         rounded: whether stamps are rounded as in MAVLink messages.
+        staggered: whether thinned streams begin at different cycles of the autopilot.
         strong: whether to print intervals of the crossover in flights with strong doublets and high hover instead.
         flights: number of simulated flights.
         cache: folder that keeps the simulated flights.
@@ -777,7 +792,13 @@ def main(
         evaluate = partial(evaluate_crossovers, rates=message_rates, cache=cache)
         _print_crossovers(evaluate_flights(evaluate, seeds, jobs))
         return
-    evaluate = partial(evaluate_log, rates=message_rates, cache=cache, is_rounded=rounded)
+    evaluate = partial(
+        evaluate_log,
+        rates=message_rates,
+        cache=cache,
+        is_rounded=rounded,
+        is_staggered=staggered,
+    )
     if logs:
         rows = evaluate_flights(evaluate, logs, jobs)
         is_shown = rows["figure"].isin(SHOWN_FIGURES) | (rows["cause"] != "")
