@@ -432,7 +432,7 @@ def speed_facts(signals: Signals, loss: Fact) -> Facts:
         if not change.has_slowed:
             return (contradicting_fact(SensorFact.MOTOR_TURNED, **figures),)
         if _has_lower_command(motors, boot, motor, interval):
-            # A motor that was told to turn slower did not lose thrust by itself.
+            # A motor that was commanded to turn slower did not lose thrust by itself.
             return ()
         return (supporting_fact(SensorFact.MOTOR_SLOWED, **figures),)
     return ()

@@ -723,13 +723,14 @@ def _report_results(
         advises_gains: Whether to wait for advice on gains.
 
     Returns:
-        The status with the final judgement. If gains were advised, that is the judgement of the recording.
+        The status with the final judgement.
     """
     status = _with_final_judgement(status, session)
     # What is known is reported before the gains, which may take a minute.
     session.report_end(status, judged_model)
     if advises_gains:
         session.report_gain_advice(is_at_end=True)
+    # For the advice on gains the recording of the flight is reviewed, whose judgement replaces the one from before.
     status = _with_final_judgement(status, session)
     for line in closing_lines(status):
         status_lines.print_closing_line(escape_unprintable(line))

@@ -112,11 +112,15 @@ class BootClock:
     def _advance_to_attitude(self, message: Message) -> float | None:
         """Advances the clock to an attitude, and returns the time of the attitude.
 
+        Attitudes come most often of all messages, so that only their stamps advance the clock. A stamp that does not
+        continue it may be damaged, or be the first one after a restart of the autopilot. So it is left out until
+        further stamps show that the autopilot counts from a new start (:meth:`_begins_new_clock`).
+
         Args:
             message: an attitude with a stamp, s, whose counter begins again after ``wrap_period``, s.
 
         Returns:
-            The time, s of the boot clock; None if the stamp does not continue the clock, and no new clock is proven.
+            The time, s of the boot clock; None if the attitude is left out.
         """
         unwrapped_time = self._unwrapped_time(message)
         has_caught_up = self._restarted_clock_has_caught_up(message.stamp)

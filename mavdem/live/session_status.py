@@ -437,7 +437,8 @@ class SessionStatus(ImmutableResult):
         if reason.code is HeadlineCode.NOTHING_CHECKED:
             reason = reason.figures["reason"]
         if reason.code in STATES_OF_LEARNING:
-            # What the session waited for is no reason once the flight is over. It is that too little came before.
+            # The headline still says what the session waits for, such as steady flight. The flight is over, so the
+            # reason is now that too few messages were received before its end.
             reason = self._too_little_received
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:

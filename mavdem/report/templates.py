@@ -732,9 +732,9 @@ def _reason_for_no_margins(reason: Fact, lead: str) -> str:
 def _names_margins(fact: Fact) -> bool:
     """Returns whether the sentence of a fact (a coded finding) begins with the word "margins".
 
-    The file of templates has a rule for each code under the key ``names_margins``. The rule is "always", or "reasons":
-    then the sentence of the fact begins like the sentence of the first fact in its figure "reasons". A code without the
-    key never begins with the word.
+    The caller puts a lead such as "No margins:" before sentences that do not begin with the word, so that none says it
+    twice. The file of templates states this for the sentence of each code under the key ``names_margins``: "always", or
+    "reasons" if the sentence begins like that of the first fact in its figure "reasons". Without the key it never does.
 
     Args:
         fact: a reason why the margins of an axis are not known.
@@ -742,7 +742,7 @@ def _names_margins(fact: Fact) -> bool:
     rule = sentence_templates()[fact.code].get("names_margins", "never")
     if rule == "reasons":
         if "names" in fact.figures:
-            # The sentence begins with these names of loops instead.
+            # Then the sentence begins with these names, such as "The rate loop", and not with the first reason.
             return False
         # The sentence is made of the sentences of other facts, and begins with the first one.
         first_reason = fact.figures["reasons"][0]

@@ -587,10 +587,11 @@ class Pages:
     def _comparison(
         self, entry_before: LibraryEntry, entry_after: LibraryEntry
     ) -> ReviewedDifference:
-        """Compares two flights of the library: the vehicle by the fleet's rows of both, and their parameters.
+        """Compares two flights of the library, A and B: what was estimated of the vehicle in each, and the parameters.
 
-        Where the library has all parameters of one flight only, those that its index has of both are compared: gains
-        and others of the control. The page states for which side, A or B, it has no more, and why.
+        The library keeps all parameters of a flight that was uploaded to it, and in its index the gains of each flight.
+        If it has all parameters of both flights, these are compared, and otherwise the gains. The page then states of
+        which flight it has no more, and why.
 
         Args:
             entry_before: the flight A.
@@ -611,7 +612,7 @@ class Pages:
                 # An earlier version, which kept no parameters, has read the log.
                 outdated_sides.append(side)
             else:
-                # `mavdem track` has read the log where it lies, which leaves no results in the library.
+                # `mavdem track` has read the log in the user's own folder, and has only added the flight to the index.
                 tracked_sides.append(side)
         if parameters_before is None or parameters_after is None:
             # Damaged parameters of the index count as not known.

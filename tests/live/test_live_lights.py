@@ -588,7 +588,7 @@ def test_what_was_good_in_flight_stays_so_where_the_recording_leaves_it_unknown(
     assert light.is_good
     assert good.sentence.endswith(".") and as_clause(unknown) in str(light)
     assert str(light).startswith(f"{good.sentence} That was judged in flight")
-    assert light_rows(recorded)[0].figure == "no loss from 63 s"
+    assert light_rows(recorded)[0].figure == "no loss of thrust"
     # What warned in flight is not taken back, and what the recording shows counts.
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     warned = replace(recorded, worst_lights={Light.MOTORS: weak})
@@ -631,7 +631,7 @@ def test_the_table_has_every_light_with_its_figure(slow):
     # A time on the boot clock, and no duration.
     watched = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
     [motors, *_] = light_rows(replace(status, worst_lights={Light.MOTORS: watched}))
-    assert motors.figure == "no loss from 63 s"
+    assert motors.figure == "no loss of thrust"
     # The rates are too low for a model.
     assert rows["log"].level is Level.WATCH and rows["log"].figure == "25 Hz"
     # Once the link is silent, what warns is still that the attitude came too slowly, and not that there was none.

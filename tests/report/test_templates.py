@@ -102,7 +102,9 @@ def flight():
 @mark.slow
 def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
     page = ElementTree.fromstring(flight._repr_html_())
-    rows = [[cell.text for cell in row] for row in page.iter("tr")]
+    rows = [
+        [cell.text.replace("\N{NO-BREAK SPACE}", " ") for cell in row] for row in page.iter("tr")
+    ]
     assert [row[0] for row in rows[1:]] == [
         *(f"{name}, µs" for name in flight.input_names),
         "roll, °",

@@ -233,7 +233,7 @@ def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_an
         assert not tab.run(f"{headline}.classList.contains('bad')")
         server.page = SessionPage("", clock.monotonic())
         server.report(flying_session(), alarmed)
-        tab.until(f"{headline}.textContent.includes('otor 2 lost 20 to 40')")
+        tab.until(f"{headline}.textContent.includes('otor\\u00a02 lost 20 to 40')")
         assert tab.run(f"{headline}.classList.contains('bad')")
         assert "otor 2" in tab.run("document.title")
         assert tab.run("document.getElementById('silence').hidden")

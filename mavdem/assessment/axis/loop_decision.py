@@ -299,8 +299,9 @@ def _decision_by_identified_loop(
     The action is to load the gains that `mavdem tune` advises, with two exceptions:
 
     - If the flight does not show clearly enough that the gains should change: to fly once more before.
-    - If no gains may be computed from the loop: the remedy of the first reason for that. The loop may not be reliable
-      enough, or the gain of the angle would change, whose measured response differs from the predicted one.
+    - If no gains may be computed from the loop: the remedy of the first reason for that. The identified loop may be too
+      uncertain; or the gain of the angle would change although the measured response of the angle differs from the
+      response that the loop predicts.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
@@ -314,6 +315,7 @@ def _decision_by_identified_loop(
         observations.margins,
         loop,
         action_to_tune=Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments),
+        # These gains are not sound: the margins are below the goal.
         raises_sound_gains=False,
     )
     return LoopDecision(

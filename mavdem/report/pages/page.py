@@ -180,7 +180,11 @@ class PageEvent(NamedTuple):
 
     @property
     def brief(self) -> str:
-        """What happened, for a short list; less of what the headline, its evidence or a status light says in full."""
+        """What happened, for a short list of events.
+
+        Some events stand elsewhere on the page in full: in the headline, in a status light (one of eight judgements on
+        a flight), or in the evidence of the headline. Of these the list has the first clause only.
+        """
         if self.is_headline:
             # The clause of an alarm is that of its cause, which follows the word "Alarm".
             sentence = first_clause(str(self.cause))
