@@ -247,6 +247,8 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
         "mavdem.live.link.SO_TIMESTAMPNS": 0,  # Pieces arrive when they are read.
         "mavdem.live.link.time": clock,
         "mavdem.live.clock.time": clock,
+        # The flight is simulated faster than it is flown, and what is watched changes as fast.
+        "mavdem.cli.live_status.SETTLING_SECONDS": 0.0,
     }.items():
         monkeypatch.setattr(name, value)
     words = f"udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 10 --preset paper --order 4 --json"
