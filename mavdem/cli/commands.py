@@ -97,8 +97,8 @@ class LazyCommandGroup(click.Group):
         """Finds and imports the command that the arguments name.
 
         A log in the place of the command's name means ``mavdem review LOG``, which also reports a link or a log that
-        does not exist. The activity is announced before the
-        command is imported, since both import and reading may take a while.
+        does not exist. The activity is announced before the command is imported, since both import and reading may take
+        a while.
 
         Args:
             ctx: Context of the group.

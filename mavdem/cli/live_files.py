@@ -161,7 +161,7 @@ def gain_file_line(advice: Facts, *, is_flight_forbidden: bool = False) -> str:
         advice: the facts (coded findings) of the latest advice.
         is_flight_forbidden: whether the verdict on some flight of the session forbids to fly before a repair.
     """
-    axes = listed(fact.subject for fact in advice if fact.code is GainFact.GAINS_ADVISED)
+    axes = _axes_with_new_gains(advice)
     for fact in advice:
         if fact.code is GainFact.GAINS_WRITTEN:
             which = f" for {axes}" if axes else ""
@@ -186,11 +186,11 @@ def lines_without_gains(advice: Facts | None, seconds_by_use: Mapping[TimeUse, f
         reason = "too little settled flight to compute them from" if has_flown else "nothing flew"
         return [f"No gains: {reason}."]
     lines = []
-    codes = {fact.code for fact in advice}
-    if GainFact.GAINS_ADVISED in codes and GainFact.GAINS_WRITTEN not in codes:
-        axes = listed(fact.subject for fact in advice if fact.code is GainFact.GAINS_ADVISED)
+    unconfirmed_axes = _axes_with_new_gains(advice)
+    has_files = any(fact.code is GainFact.GAINS_WRITTEN for fact in advice)
+    if unconfirmed_axes and not has_files:
         lines.append(
-            f"No gains for {axes} yet: another flight is to confirm those that were tried."
+            f"No gains for {unconfirmed_axes} yet: another flight is to confirm those that were tried."
         )
     axes_by_reason: dict[str, list[str]] = {}
     for fact in advice:
@@ -205,6 +205,11 @@ def lines_without_gains(advice: Facts | None, seconds_by_use: Mapping[TimeUse, f
         axes = listed(axes_with_reason)
         lines.append(f"No gains{f' for {axes}' if axes else ''}: {reason}.")
     return lines
+
+
+def _axes_with_new_gains(advice: Facts) -> str:
+    """Returns the axes for which an advice has new gains, in words; empty if there are none."""
+    return listed(fact.subject for fact in advice if fact.code is GainFact.GAINS_ADVISED)
 
 
 def _axes_and_reason_without_gains(finding: Fact) -> tuple[Sequence[str], str]:

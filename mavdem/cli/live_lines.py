@@ -2,8 +2,8 @@
 
 A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before it is known),
 and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
-What the pilot must know at once although it is only to be watched has ``WARNING``.
-What to do next has ``NEXT``. At the end verdicts have ``VERDICT`` and written files ``FILE``.
+What the pilot must know at once although it is only to be watched has ``WARNING``, and what to do next ``NEXT``. At the
+end verdicts have ``VERDICT`` and written files ``FILE``.
 """
 
 from math import isfinite, nan

@@ -264,9 +264,9 @@ class StatusLines:
     def show_status(self, status: SessionStatus) -> None:
         """Shows a status of a session.
 
-        On a terminal, lines are updated in place: the vehicle, the headline so far, the next step, a
-        table of the lights with their levels and figures, and one on learning, problems, and what is not watched. The
-        headline and problems have the colour of the worst alarm. Elsewhere, as in a file, only what is new is printed.
+        On a terminal, lines are updated in place: the vehicle, the headline so far, the next step, a table of the
+        lights with their levels and figures, and one on learning, problems, and what is not watched. The headline and
+        problems have the colour of the worst alarm. Elsewhere, as in a file, only what is new is printed.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.

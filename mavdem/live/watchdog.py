@@ -70,9 +70,7 @@ from mavdem.live.watch_list import (
     quantities_without_motion,
     reason_battery_not_judged,
 )
-from mavdem.loops.limit_cycles import (
-    STARTING_SECONDS,
-)
+from mavdem.loops.limit_cycles import STARTING_SECONDS
 from mavdem.motors.motor_changes import alarm_if_bad
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES

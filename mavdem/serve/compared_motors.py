@@ -18,16 +18,22 @@ from mavdem.report.fleet import HEALTH_LEVELS, URGENCY_OF_HEALTHS
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.serve.index import CONTENT_HASH_SQL, SQL_ORDERS, LibraryEntry
 
-ROWS_WITH_ANOMALY_SQL = f"""
-select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle as flight,
-    json_extract(valid_brief, '$.health') as health,
-    json_extract(valid_brief, '$.health_reason') as reason,
-    json_extract(valid_brief, '$.suspect_motor') as suspect_motor
-from (
-    select log, vehicle, iif(json_valid(brief), brief, '{{}}') as valid_brief
-    from flights where file is not null
+HEALTH_SQL = "json_extract(iif(json_valid(brief), brief, '{}'), '$.health')"
+"""SQL expression of the motors' health in a row of the fleet's table; null where the row is damaged."""
+
+IS_ANOMALOUS_SQL = f"{HEALTH_SQL} in ('{MotorHealth.FAULT}', '{MotorHealth.DRIFT}')"
+"""SQL condition of a row in which the motors have a fault or a drift; a damaged row does not meet it."""
+
+ANOMALIES_INDEX_SQL = (
+    "create index if not exists flights_with_anomaly on flights (log, vehicle)"
+    f" where {IS_ANOMALOUS_SQL}"
 )
-where health in ('{MotorHealth.FAULT}', '{MotorHealth.DRIFT}')
+"""SQL that creates an index of these rows, which are few: without it each search reads the JSON of all rows."""
+
+ROWS_WITH_ANOMALY_SQL = f"""
+select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle as flight, {HEALTH_SQL} as health,
+    json_extract(brief, '$.health_reason') as reason, json_extract(brief, '$.suspect_motor') as suspect_motor
+from flights where file is not null and {IS_ANOMALOUS_SQL}
 """
 """SQL query of the fleet's rows, one for each axis, in which the motors have a fault or a drift."""
 

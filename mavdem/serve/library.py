@@ -48,7 +48,7 @@ from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, local_source
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
 from mavdem.results import PAGE_FILE
-from mavdem.serve.compared_motors import order_sql
+from mavdem.serve.compared_motors import ANOMALIES_INDEX_SQL, order_sql
 from mavdem.serve.index import (
     COLUMNS,
     COMPLETE_ROW_SQL,
@@ -129,6 +129,7 @@ class Library:
             self._create_folders()
             self._lock = register_server(self.folder / SERVERS / self.name)
             create_or_update_table(self.db)
+            self.db.execute(ANOMALIES_INDEX_SQL)
             import_former_index(self)
         except (OSError, sqlite3.Error) as error:
             reason = Fact(

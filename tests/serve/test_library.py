@@ -554,6 +554,10 @@ def test_no_row_is_read_that_is_not_shown(library, order):
     steps = [row["detail"] for row in library.db.execute(query)]
     (step,) = [step for step in steps if step.startswith(("SCAN entries", "SEARCH entries"))]
     assert "COVERING INDEX" in step
+    for step in steps:
+        if step.startswith(("SCAN flights", "SEARCH flights")):
+            # Rows of flights that are no anomaly are not read either.
+            assert "flights_with_anomaly" in step
 
 
 def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library):
