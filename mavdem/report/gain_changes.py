@@ -17,7 +17,7 @@ from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
 from mavdem.loops.gain_design import SURE_SHARE
 from mavdem.report.blocks import Block, Blocks, Sentence, Table
-from mavdem.report.loops import TRIED_HEADER, is_about_gains_to_set
+from mavdem.report.loops import TRIED_HEADER, gain_row, is_about_gains_to_set
 from mavdem.report.templates import render_section, sentences_by_axes
 
 READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
@@ -150,12 +150,6 @@ def gain_changes(
         tried_table = Table(["gain", "now", TRIED_HEADER, "times"], rows)
     cautions = () if lowers_gains else tuple(_cautions_on_gains(advice))
     return GainChanges(tuple(tables), tuple(downloads), tried_table, cautions)
-
-
-def gain_row(name: str, gain: Gain) -> list[str]:
-    """Returns the row of a gain: its name, value now, value to set, and the factor between them (1 for a gain of 0)."""
-    factor = gain.set / gain.now if gain.now else 1.0
-    return [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"]
 
 
 def _notch_row(name: str, present_value: float | None, value: float) -> list[str]:

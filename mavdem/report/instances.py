@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from mavdem.assessment.instances import Instance
 from mavdem.facts import Fact
 from mavdem.facts.instances import InstanceState
-from mavdem.report.blocks import Rated, Table
+from mavdem.report.blocks import HARD_SPACE, Rated, Table
 from mavdem.report.numbers import rounded
 from mavdem.report.templates import capitalize_first, without_full_stop
 
@@ -14,9 +14,6 @@ HEADER = ["instance", "used", "quantity", "range in flight", "state"]
 
 HEADER_WITHOUT_FLIGHT = ["instance", "used", "quantity", "range", "state"]
 """Header where there was no flight: ranges are those of the whole log."""
-
-NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
-"""Space at which no line ends."""
 
 SHOWN_DIGITS = 3
 """Significant digits of the range: those of a battery's voltage."""
@@ -73,7 +70,7 @@ def _range_text(instance: Instance) -> str:
         text = f"{low} to {high}"
     if instance.unit != "1":
         text = f"{text} {instance.unit}"
-    return text.replace(" ", NO_BREAK_SPACE)
+    return text.replace(" ", HARD_SPACE)
 
 
 def _number_text(value: float, unit: str) -> str:

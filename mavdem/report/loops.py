@@ -21,7 +21,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
-from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.loops.advice import Advice, AdviceByAxis, Gain
 from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis
 from mavdem.loops.filters import gyro_delay, gyro_filters
 from mavdem.loops.gain_design import EFFECTIVENESS_FACTORS, MAX_GAIN_STEP
@@ -991,13 +991,20 @@ def gain_table(advice: Advice) -> list[Table]:
     """
     rows = []
     for name, gain in advice.gains.items():
-        text_now, text_to_set = f"{gain.now:.4g}", f"{gain.set:.4g}"
+        row = gain_row(name, gain)
+        _, text_now, text_to_set, _ = row
         # Two values that look equal in the table, which shows four digits, are no change to a reader.
         if text_now != text_to_set:
-            rows.append([name, text_now, text_to_set, f"{gain.set / gain.now:.2f}"])
+            rows.append(row)
     if not rows:
         return []
     return [Table(["gain", "now", "set", "times"], rows)]
+
+
+def gain_row(name: str, gain: Gain) -> list[str]:
+    """Returns the row of a gain: its name, value now, value to set, and the factor between them (1 for a gain of 0)."""
+    factor = gain.set / gain.now if gain.now else 1.0
+    return [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"]
 
 
 def axes_by_gain_sentence(advice_by_axis: Mapping[str, Advice]) -> dict[Sentence, list[str]]:

@@ -188,8 +188,18 @@ def _rounded_to_decimals(number: float, decimals: int) -> str:
 
 def with_unit(value: float, unit: DisplayUnit) -> str:
     """Returns a value in the unit in which it is shown, with two digits: "3.9°" or "3.7 °/s"."""
-    space = "" if unit.name in ("", "°") else " "
-    return f"{rounded(unit.scale * value)}{space}{unit.name}"
+    return number_with_unit(rounded(unit.scale * value), unit.name)
+
+
+def number_with_unit(number: str, unit: str) -> str:
+    """Returns a number and its unit as text, with a space between them unless the unit is degrees: "3.9°", "10 s".
+
+    Args:
+        number: the number as text.
+        unit: its unit; empty without one.
+    """
+    space = "" if unit in ("", "°") else " "
+    return f"{number}{space}{unit}"
 
 
 def rounded(value: float, digits: int = 2) -> str:

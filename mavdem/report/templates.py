@@ -552,8 +552,14 @@ def first_clause(text: str) -> str:
 
 def first_sentence(text: str) -> str:
     """Returns the first sentence of a text; all of it where it has only one."""
-    first, separator, _ = text.partition(". ")
-    return f"{first}." if separator else text
+    first, _ = first_and_further_sentences(text)
+    return first
+
+
+def first_and_further_sentences(text: str) -> tuple[str, str]:
+    """Returns the first sentence of a text, and the text of those after it; that is empty after a single sentence."""
+    first, separator, further = text.partition(". ")
+    return f"{first}." if separator else text, further.strip()
 
 
 def capitalize_first(text: object) -> str:

@@ -237,7 +237,12 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         vehicle_state = _vehicle_flights(name, flights_of_vehicle)
     # Simulated flights count where the headline of a fleet has them: if nothing else is known of an identified vehicle.
     counts_simulated = not real_flights and vehicle_state is not None and vehicle_state.has_section
-    counted_logs = [log for log in logs if counts_simulated or not log_row(log).simulated]
+
+    def is_counted(log: AxisRows) -> bool:
+        """Returns whether a log counts where flights are counted."""
+        return counts_simulated or not log_row(log).simulated
+
+    counted_logs = [log for log in logs if is_counted(log)]
     bad_flights = [flight for flight in real_flights if badge_level([flight]) is Level.BAD]
     return VehicleSummary(
         name=name,
@@ -247,7 +252,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         bad_flights=len(bad_flights),
         light_counts=_light_counts(counted_logs),
         winds=_mean_winds(counted_logs),
-        lines=[flight_line(log, is_counted=log in counted_logs) for log in logs],
+        lines=[flight_line(log, is_counted=is_counted(log)) for log in logs],
         unused=_unused_rows(rows),
     )
 

@@ -129,6 +129,7 @@ CLIP_SPANS = 0.25
 
 STEP_TIME_UNIT = 0.1
 """A chart of step responses ends at a multiple of this time, s: a choice."""
+
 SETTLED_SHARE = 0.1
 """Largest deviation of a settled step response from its last value, as a share of that value: a choice."""
 

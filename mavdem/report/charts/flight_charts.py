@@ -32,6 +32,7 @@ from mavdem.vibration.spectral_lines import (
     MIN_PEAK_PROMINENCE,
     MIN_SEPARATION,
     LineCause,
+    SpectralLine,
     prominent_peaks,
 )
 
@@ -316,16 +317,11 @@ def spectrum_chart(
     lines, unit = _spectrum_lines(noise, name, axis)
     # Spectral lines are found before the filters if that was logged, otherwise after them.
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
+    if axis is not None:
+        spectral_lines = _lines_of_axis(spectral_lines, lines[0])
     marks = []
     for spectral_line in spectral_lines:
         is_unnamed = spectral_line.cause is LineCause.UNNAMED
-        if (
-            is_unnamed
-            and axis is not None
-            and not _has_peak_near(lines[0], spectral_line.frequency)
-        ):
-            # It was found in the sum of the axes, and is a line of another one.
-            continue
         label = UNNAMED_LINE if is_unnamed else str(spectral_line.cause)
         marks.append(Mark(spectral_line.frequency, label))
     max_frequency = max(line.x[-1] for line in lines)
@@ -390,15 +386,31 @@ def _spectrum_lines(noise: MeasuredNoise, name: str, axis: int | None) -> _Spect
     return _SpectrumLines(lines, unit)
 
 
-def _has_peak_near(power: Line, frequency: float) -> bool:
-    """Returns whether a power spectrum has a peak at a frequency, Hz, to the separation of two spectral lines.
+def _lines_of_axis(
+    spectral_lines: tuple[SpectralLine, ...], power: Line
+) -> tuple[SpectralLine, ...]:
+    """Selects the spectral lines of a sensor that are marked in the spectrum of one axis.
+
+    A line was found in the sum of the axes. One of unknown cause is left out if it is a line of another axis: if this
+    axis has no peak at its frequency, to the separation of two spectral lines.
 
     Args:
-        power: power spectral density over frequency, in one axis of a sensor.
-        frequency: frequency of a line that was found in the spectra of all axes.
+        spectral_lines: lines of the sensor.
+        power: power spectral density over frequency, of the axis.
     """
-    peaks = prominent_peaks(np.log(power.y), MIN_PEAK_PROMINENCE)
-    return any(abs(power.x[peak] - frequency) <= MIN_SEPARATION * frequency for peak in peaks)
+    selected_lines = []
+    peak_frequencies: Array | None = None
+    for spectral_line in spectral_lines:
+        if spectral_line.cause is LineCause.UNNAMED:
+            if peak_frequencies is None:
+                # The search for peaks takes longest, and most spectra have no such line.
+                peaks = prominent_peaks(np.log(power.y), MIN_PEAK_PROMINENCE)
+                peak_frequencies = power.x[peaks]
+            distances = np.abs(peak_frequencies - spectral_line.frequency)
+            if not np.any(distances <= MIN_SEPARATION * spectral_line.frequency):
+                continue
+        selected_lines.append(spectral_line)
+    return tuple(selected_lines)
 
 
 def _filter_line(loop: Loop, max_frequency: float) -> Line:

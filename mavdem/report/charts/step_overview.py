@@ -20,28 +20,20 @@ def step_overview_charts(responses: Responses) -> dict[str, Chart]:
     Returns:
         The charts by loop; loops without a measured response are left out.
     """
-    measured_by_loop: dict[str, list[StepResponse]] = {}
-    for loops in responses.values():
+    colours = dict(zip(responses, cycle(DISTINCT), strict=False))
+    steps_by_loop: dict[str, dict[str, StepResponse]] = {}
+    for axis, loops in responses.items():
         for loop_name, response in loops.items():
             if isinstance(response.measured, StepResponse):
-                measured_by_loop.setdefault(loop_name, []).append(response.measured)
-    identified_loops = {
-        loop_name
-        for loop_name, steps in measured_by_loop.items()
-        if all(step.is_identified for step in steps)
-    }
-    lines_by_loop: dict[str, list[Line]] = {}
-    for (axis, loops), colour in zip(responses.items(), cycle(DISTINCT), strict=False):
-        for loop_name, response in loops.items():
-            measured_response = response.measured
-            if isinstance(measured_response, StepResponse):
-                is_named = measured_response.is_identified and loop_name not in identified_loops
-                name = f"{axis} (identified)" if is_named else axis
-                line = Line(name, colour, measured_response.time, measured_response.step)
-                lines_by_loop.setdefault(loop_name, []).append(line)
+                steps_by_loop.setdefault(loop_name, {})[axis] = response.measured
     charts = {}
-    for loop_name, lines in lines_by_loop.items():
-        kind = "identified step" if loop_name in identified_loops else "step"
-        title = f"{loop_name.capitalize()}: {kind}"
-        charts[loop_name] = step_chart(title, lines)
+    for loop_name, step_by_axis in steps_by_loop.items():
+        are_all_identified = all(step.is_identified for step in step_by_axis.values())
+        lines = []
+        for axis, step in step_by_axis.items():
+            is_named = step.is_identified and not are_all_identified
+            name = f"{axis} (identified)" if is_named else axis
+            lines.append(Line(name, colours[axis], step.time, step.step))
+        kind = "identified step" if are_all_identified else "step"
+        charts[loop_name] = step_chart(f"{loop_name.capitalize()}: {kind}", lines)
     return charts

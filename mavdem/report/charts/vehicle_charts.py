@@ -77,6 +77,7 @@ TITLES_OF_DEVIATIONS = TRIM_TITLE, TRIM_WITHOUT_LEAN_TITLE
 
 VIBRATION_TITLE = "Vibration, first IMU (m/s²)"
 VIBRATION_LEVEL_TITLE = "Vibration level, first IMU (m/s²)"
+
 Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
 

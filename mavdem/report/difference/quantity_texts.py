@@ -22,7 +22,13 @@ from mavdem.fleet.quantities import (
     SHARE,
 )
 from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
-from mavdem.report.numbers import listed, plus_minus, rounded, without_remark
+from mavdem.report.numbers import (
+    listed,
+    number_with_unit,
+    plus_minus,
+    rounded,
+    without_remark,
+)
 
 MIN_WHOLE_PERCENT = 3.0
 """Half width, %, from which on a relative change is shown without decimals, which would mean nothing: a choice."""
@@ -79,8 +85,8 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         return f"{name} {interval_text}"
     value_before = rounded(shown_form.scale * change.before)
     value_after = rounded(shown_form.scale * change.after)
-    space = _space_before(shown_form.unit)
-    return f"{name} {value_before} → {value_after}{space}{shown_form.unit} ({interval_text})"
+    after_with_unit = number_with_unit(value_after, shown_form.unit)
+    return f"{name} {value_before} → {after_with_unit} ({interval_text})"
 
 
 def motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
@@ -120,7 +126,7 @@ def change_with_interval(change: QuantityChange) -> str:
         number = plus_minus(difference, half_width)
     # A difference of percentages is no relative change.
     unit = "percentage points" if shown_form.unit == "%" else shown_form.unit
-    return f"{_signed(number)}{_space_before(unit)}{unit}"
+    return number_with_unit(_signed(number), unit)
 
 
 def _signed(number: str) -> str:
@@ -223,15 +229,9 @@ def _amount_text(kind: str, amount: float) -> str:
     if kind in LOGARITHMIC_KINDS:
         return f"{rounded(100 * amount)} %"
     shown_form = SHOWN_QUANTITIES[kind]
-    number = rounded(shown_form.scale * amount)
-    return f"{number}{_space_before(shown_form.unit)}{shown_form.unit}"
+    return number_with_unit(rounded(shown_form.scale * amount), shown_form.unit)
 
 
 def equivalence_limit_text(kind: str) -> str:
     """Returns the largest difference of a kind of quantity that is called the same, with its unit, such as "6 %"."""
     return _amount_text(kind, EQUIVALENCE_LIMITS[kind])
-
-
-def _space_before(unit: str) -> str:
-    """Returns the space between a number and its unit; none before degrees, nor without a unit."""
-    return "" if unit in ("°", "") else " "

@@ -125,11 +125,12 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
         difference,
         reviews,
         parameters=parameter_changes,
-        # The next three say which parameters could be compared at all, since logs need not hold all of them.
+        # The next ones say which parameters could be compared at all, since logs need not hold all of them.
         sides_without_parameters=states_without_gains(before.parameters, after.parameters),
         compared_parameter_count=len(common_parameters),
         renamed_gain=renamed_gain(before.parameters, after.parameters),
-    )._replace(has_two_autopilots=has_two_autopilots)
+        has_two_autopilots=has_two_autopilots,
+    )
 
 
 def reviewed_difference(
@@ -139,6 +140,8 @@ def reviewed_difference(
     sides_without_parameters: Names = (),
     compared_parameter_count: int = 0,
     renamed_gain: RenamedGain | None = None,
+    *,
+    has_two_autopilots: bool = False,
 ) -> ReviewedDifference:
     """Adds the reviews of both logs to the comparison of two states, and judges the motors by all of these together.
 
@@ -149,6 +152,7 @@ def reviewed_difference(
         sides_without_parameters: sides, "A" or "B", whose parameters are not known.
         compared_parameter_count: number of parameters that both sides have.
         renamed_gain: a gain of the rate controllers that both sides name differently; None if there is none.
+        has_two_autopilots: whether both sides have different autopilots, whose parameters are not compared.
     """
     return ReviewedDifference(
         difference,
@@ -158,4 +162,5 @@ def reviewed_difference(
         sides_without_parameters=sides_without_parameters,
         compared_parameter_count=compared_parameter_count,
         renamed_gain=renamed_gain,
+        has_two_autopilots=has_two_autopilots,
     )

@@ -59,7 +59,7 @@ from mavdem.report.numbers import (
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
-from mavdem.report.templates import first_sentence, render_section
+from mavdem.report.templates import first_and_further_sentences, render_section
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
@@ -184,9 +184,8 @@ def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sent
             # A sentence that is a lead alone would be in large letters.
             blocks.append(sentence if sentence.text else Sentence(sentence.lead))
             continue
-        result = first_sentence(sentence.text)
+        result, explanation = first_and_further_sentences(sentence.text)
         blocks.append(headline_sentence(f"{sentence.lead} {result}".strip()))
-        explanation = sentence.text.removeprefix(result).strip()
         if explanation:
             blocks.append(Sentence(explanation))
         if reviewed.are_two_vehicles:

@@ -9,7 +9,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup, escape
 
-from mavdem.report.blocks import Table
+from mavdem.report.blocks import HARD_SPACE, Table
 from mavdem.report.charts.chart import Chart
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, MODE_COLOURS, PREDICTED
 from mavdem.report.template_cache import CompiledTemplates
@@ -88,7 +88,7 @@ def _prose_as_html(text: str) -> Markup:
     Returns:
         The HTML.
     """
-    text = _SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)
+    text = _SPACE_BEFORE_PERCENT.sub(f"{HARD_SPACE}%", text)
     html = str(escape(_ELLIPSIS_IN_NAME.sub("…\N{WORD JOINER}", text)))
     has_unpaired_backquote = html.count("`") % 2 == 1
     if has_unpaired_backquote:
@@ -117,8 +117,8 @@ def _with_unbroken_units(html: Markup) -> Markup:
     Args:
         html: text of a page.
     """
-    with_units = _SPACE_BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", html)
-    return Markup(_SPACE_BEFORE_NUMBER.sub("\N{NO-BREAK SPACE}", with_units))
+    with_units = _SPACE_BEFORE_UNIT.sub(HARD_SPACE, html)
+    return Markup(_SPACE_BEFORE_NUMBER.sub(HARD_SPACE, with_units))
 
 
 def _with_unbroken_intervals(html: Markup) -> Markup:
@@ -132,6 +132,6 @@ def _with_unbroken_intervals(html: Markup) -> Markup:
 
     def unbroken(interval: re.Match[str]) -> str:
         """Returns an interval with spaces at which no line breaks."""
-        return interval[0].replace(" ", "\N{NO-BREAK SPACE}")
+        return interval[0].replace(" ", HARD_SPACE)
 
     return Markup(_INTERVAL.sub(unbroken, html))

@@ -48,11 +48,11 @@ from mavdem.report.charts.timeline import (
     rate_title,
 )
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.gain_changes import gain_changes, gain_row
+from mavdem.report.gain_changes import gain_changes
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
-from mavdem.report.loops import TRIED_HEADER
+from mavdem.report.loops import TRIED_HEADER, gain_row
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import HARDWARE_TITLE, hardware_chapters
@@ -91,7 +91,7 @@ from mavdem.report.screen import (
 from mavdem.report.templates import (
     Medium,
     capitalize_first,
-    first_sentence,
+    first_and_further_sentences,
     render_section,
     sentences_for,
     time_of_day,
@@ -1055,8 +1055,7 @@ def _sentences_on_next_step(next_step: Sentence) -> list[Sentence]:
     Returns:
         One sentence, or two if there is more than one in the step.
     """
-    what_to_do = first_sentence(next_step.text)
-    what_follows = next_step.text.removeprefix(what_to_do).strip()
+    what_to_do, what_follows = first_and_further_sentences(next_step.text)
     sentences = [next_step._replace(text=what_to_do)]
     if what_follows:
         sentences.append(Sentence(what_follows))

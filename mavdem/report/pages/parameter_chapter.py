@@ -9,7 +9,7 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Linked, Rated, Table
-from mavdem.report.numbers import parameter_value_text
+from mavdem.report.numbers import number_with_unit, parameter_value_text
 from mavdem.report.pages.page import Chapter
 from mavdem.report.templates import render_section
 
@@ -51,7 +51,7 @@ def value_with_unit(name: str, value: float) -> str:
     """Returns the value of a parameter as text, with its unit if ``parameter_meanings.toml`` has one: "10 s"."""
     text = parameter_value_text(value)
     unit = UNIT_OF_MEANING.search(_meaning_with_unit(name))
-    return text if unit is None else f"{text} {unit[1]}"
+    return text if unit is None else number_with_unit(text, unit[1])
 
 
 @cache
