@@ -1,7 +1,7 @@
 """Statistical confidence: the level of all intervals and bands, their half widths, and thresholds of significance."""
 
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -9,6 +9,26 @@ from numpy.typing import ArrayLike, NDArray
 
 Interval = tuple[float, float]
 """Lower and upper end of an interval, in the unit of the figure."""
+
+
+class IntervalEstimate(NamedTuple):
+    """An estimated number with its 90 % interval, in the unit of the number."""
+
+    value: float
+    """The estimate."""
+    low: float
+    """Lower end of the interval."""
+    high: float
+    """Upper end of the interval."""
+
+    @property
+    def interval(self) -> Interval:
+        """The ends of the interval."""
+        return self.low, self.high
+
+    def excludes(self, other: Self) -> bool:
+        """Returns whether no value lies in both intervals."""
+        return self.high < other.low or other.high < self.low
 
 
 class EstimateWithHalfWidth(NamedTuple):

@@ -88,6 +88,11 @@ class Identity:
     place: tuple[float, float] | None = None
     """Latitude and longitude of the first GPS fix, degrees north and east; None without a fix."""
 
+    @property
+    def name_of_one_vehicle(self) -> str:
+        """The name; empty if it is made of the MAVLink system id, which many vehicles share."""
+        return "" if self.basis is Basis.SYSTEM_ID else self.name
+
 
 class NameWithBasis(NamedTuple):
     """Name of a vehicle, and what it was made from."""

@@ -18,6 +18,7 @@ from mavdem.cli.output import json_text, print_json, print_screen
 from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
+from mavdem.confidence import IntervalEstimate
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
 from mavdem.fleet.priors import WIND_DOCUMENT, doubt_on_prior, earlier_drag
@@ -35,7 +36,7 @@ from mavdem.report.pages.wind_page import page_without_wind, wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
-from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS, ParameterValue
+from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS
 
 DRAG_FILES = ("drag.params", "drag.param")
 """Names of the files with the drag parameters to set; for QGroundControl and for Mission Planner."""
@@ -157,7 +158,7 @@ def wind_command(
 
 
 def _drag_files(
-    parameters_to_set: Mapping[str, ParameterValue], vehicle: Telemetry
+    parameters_to_set: Mapping[str, IntervalEstimate], vehicle: Telemetry
 ) -> dict[str, str]:
     """Returns the texts of the files with the drag parameters, in the formats of ground stations.
 

@@ -7,19 +7,19 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.identity import Identity, identify_vehicle
+from mavdem.confidence import IntervalEstimate
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
 from mavdem.facts.online import DragSource
-from mavdem.facts.vehicle import Basis
 from mavdem.fleet.row import SYSTEM_ID_BASIS
 from mavdem.fleet.rows_of_log import MODEL, REPORT, file_text
 from mavdem.ingest import read_log
 from mavdem.log_formats import LOG_ENDINGS
 from mavdem.wind_velocity.from_log import wind_of_signals
-from mavdem.wind_velocity.vehicle_drag import Drag, DragAtSpeed
+from mavdem.wind_velocity.vehicle_drag import Drag
 from mavdem.wind_velocity.velocity import WindVelocity
 
 WIND_DOCUMENT = "wind.json"
@@ -118,17 +118,20 @@ class DoubtOnPrior(NamedTuple):
     is_of_another_vehicle: bool
     """Whether both vehicles are known by names, and these differ."""
 
-    earlier: DragAtSpeed
-    """The earlier drag at the mean air speed of this log."""
+    earlier: IntervalEstimate
+    """The earlier drag force per mass and air speed, 1/s, at the mean air speed of this log."""
 
-    alone: DragAtSpeed
-    """The drag that this log shows without the prior, at the same air speed."""
+    alone: IntervalEstimate
+    """The same of the drag that this log shows without the prior."""
 
     air_speed: float
     """That air speed, m/s."""
 
     is_contradicted: bool
-    """Whether this log shows the drag itself, and the 90 % intervals of both drags exclude each other."""
+    """Whether this log shows the drag itself, and the 90 % intervals of both drags exclude each other.
+
+    Two flights of one vehicle with one load rarely differ so much.
+    """
 
 
 def doubt_on_prior(
@@ -141,7 +144,7 @@ def doubt_on_prior(
         wind_alone: wind of the log, estimated without that prior.
         identity: the vehicle of the log.
     """
-    is_named = identity.basis is not Basis.SYSTEM_ID
+    are_both_named = "" not in (earlier.vehicle, identity.name_of_one_vehicle)
     air_speed = float(np.nanmean(np.hypot(*wind_alone.air_velocity.T)))
     earlier_drag_at_speed = earlier.drag.at_speed(air_speed)
     drag_alone = wind_alone.drag.at_speed(air_speed)
@@ -149,7 +152,7 @@ def doubt_on_prior(
     return DoubtOnPrior(
         earlier_vehicle=earlier.vehicle,
         vehicle=identity.name,
-        is_of_another_vehicle=is_named and earlier.vehicle not in ("", identity.name),
+        is_of_another_vehicle=are_both_named and earlier.vehicle != identity.name,
         earlier=earlier_drag_at_speed,
         alone=drag_alone,
         air_speed=air_speed,
@@ -189,6 +192,6 @@ def _drag_of_log(path: Path, wind_speed: float | None) -> EarlierDrag:
     wind = wind_of_signals(signals)
     if wind.speed == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=path)
-    identity = identify_vehicle(signals)
-    is_named = identity.basis is not Basis.SYSTEM_ID
-    return EarlierDrag(wind.drag.for_next_flight(), identity.name if is_named else "")
+    return EarlierDrag(
+        wind.drag.for_next_flight(), vehicle=identify_vehicle(signals).name_of_one_vehicle
+    )

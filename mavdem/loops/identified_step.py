@@ -11,9 +11,10 @@ import numpy as np
 from numpy.random import default_rng
 
 from mavdem.arrays import Array
+from mavdem.confidence import IntervalEstimate
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.margins import Complex, OpenLoop
-from mavdem.loops.step_characteristics import IntervalEstimate, rise_times, with_interval
+from mavdem.loops.step_characteristics import rise_times, with_interval
 
 FREQUENCY_STEP = 0.05
 """Step of the integral over a predicted frequency response, Hz."""

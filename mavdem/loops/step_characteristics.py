@@ -1,31 +1,13 @@
 """Characteristics of a step response and its frequency response, such as overshoot and rise time, with intervals."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import INTERVAL_QUANTILES, Interval
+from mavdem.confidence import INTERVAL_QUANTILES, IntervalEstimate
 from mavdem.plant.parameters import DRAWS, ESTIMATE
 
 SETTLING_BAND = 0.05
 """Distance from 1 within which a step has settled: the usual 5 %."""
-
-
-class IntervalEstimate(NamedTuple):
-    """An estimated number with its 90 % interval."""
-
-    value: float
-    """The estimate."""
-    low: float
-    """Lower end of the interval."""
-    high: float
-    """Upper end of the interval."""
-
-    @property
-    def interval(self) -> Interval:
-        """The ends of the interval."""
-        return self.low, self.high
 
 
 def step_characteristics(

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.random import default_rng
 
 from mavdem.arrays import Array
-from mavdem.confidence import coverage_factor
+from mavdem.confidence import IntervalEstimate, coverage_factor
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import (
     MIN_SLOW_MOTION_RATE,
@@ -39,7 +39,7 @@ from mavdem.loops.impulse_response import (
 from mavdem.loops.margins import Complex
 from mavdem.loops.rate_setpoint import AttitudePiece, rate_setpoint_parts
 from mavdem.loops.resonance import DEFAULT_ANGLE_GAIN, MAX_FREQUENCY_RATIO, controller_if_known
-from mavdem.loops.step_characteristics import IntervalEstimate, rise_times, step_characteristics
+from mavdem.loops.step_characteristics import rise_times, step_characteristics
 from mavdem.loops.welch import (
     MIN_COHERENCE,
     MIN_WINDOWS,

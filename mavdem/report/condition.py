@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
-from mavdem.confidence import coverage_factor
+from mavdem.confidence import IntervalEstimate, coverage_factor
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.segment_learnability import Learnability
@@ -27,7 +27,6 @@ from mavdem.wind_velocity.vehicle_drag import (
     DRAG_PARAMETER_NAMES,
     LEAN_SD,
     Drag,
-    ParameterValue,
 )
 from mavdem.wind_velocity.velocity import WindVelocity
 
@@ -407,7 +406,7 @@ def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
     return indices
 
 
-def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]) -> Blocks:
+def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, IntervalEstimate]) -> Blocks:
     """Returns the report on a vehicle's drag: a table of its coefficients, then sentences.
 
     The autopilot estimates wind with parameters of the drag. The table has the value that the flight suggests for each
@@ -422,7 +421,7 @@ def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValu
     return [table, *_sentences_on_unset_parameters(drag, autopilot, settings)]
 
 
-def _drag_table(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]) -> Table:
+def _drag_table(drag: Drag, autopilot: str, settings: Mapping[str, IntervalEstimate]) -> Table:
     """Returns the table of a vehicle's drag: value and 90 % interval of each parameter to set, and the linear drag.
 
     An autopilot has a parameter for the linear drag, its "momentum drag coefficient", and others for the quadratic
@@ -435,13 +434,13 @@ def _drag_table(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValu
     """
     linear_drag_name, _ = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
     # Value and interval by the text of the row's first cell.
-    quantities: dict[str, ParameterValue] = {}
+    quantities: dict[str, IntervalEstimate] = {}
     for name, setting in settings.items():
         unit = "linear drag, 1/s" if name == linear_drag_name else "kg/m²"
         quantities[f"{name} ({unit})"] = setting
     if linear_drag_name not in settings:
         low, high = drag.interval("linear").mean(axis=1)
-        linear_drag = ParameterValue(float(drag.linear.mean()), low=float(low), high=float(high))
+        linear_drag = IntervalEstimate(float(drag.linear.mean()), low=float(low), high=float(high))
         quantities["linear drag (1/s)"] = linear_drag
     rows = []
     for name, quantity in quantities.items():
@@ -451,7 +450,7 @@ def _drag_table(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValu
 
 
 def _sentences_on_unset_parameters(
-    drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]
+    drag: Drag, autopilot: str, settings: Mapping[str, IntervalEstimate]
 ) -> list[Sentence]:
     """Returns sentences on parameters of the drag that are not set although others are.
 

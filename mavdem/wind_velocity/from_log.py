@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
+from mavdem.confidence import IntervalEstimate
 from mavdem.dataset import flight_states, intervals, phases
 from mavdem.dataset.attitude import Attitude, attitude_from_messages
 from mavdem.dataset.attitude_error import attitude_error
@@ -48,7 +49,7 @@ from mavdem.wind_velocity.ground_motion import (
 )
 from mavdem.wind_velocity.mean_wind import INDEPENDENT_SECONDS
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
-from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue, drag_model_setting
+from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
 from mavdem.wind_velocity.velocity import WindVelocity
 
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
@@ -511,12 +512,12 @@ def _settled_flights(
     return flights
 
 
-def is_certain_setting(value: ParameterValue) -> bool:
+def is_certain_setting(value: IntervalEstimate) -> bool:
     """Returns whether the interval of a parameter of the drag model is narrow enough to set it (MAX_SETTING_RATIO)."""
     return value.high <= MAX_SETTING_RATIO * value.low
 
 
-def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]:
+def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, IntervalEstimate]:
     """Returns the parameters of the autopilot's own drag model that should be set to make its wind estimate better.
 
     A parameter is left out if its interval is so wide that the autopilot's own value may be as good, and if a DataFlash

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import coverage_factor
+from mavdem.confidence import IntervalEstimate, coverage_factor
 from mavdem.containers import JsonValues
 from mavdem.dem.engine.linalg import require_positive_definite
 from mavdem.facts.online import DragSource
@@ -166,36 +166,6 @@ class AxisDrag(NamedTuple):
 
     quadratic: Array
     """Quadratic drag (…, 2), 1/m."""
-
-
-class ParameterValue(NamedTuple):
-    """Value of an autopilot parameter, with the ends of its 90 % interval."""
-
-    value: float
-    """The value to set, in the parameter's unit."""
-
-    low: float
-    """Lower end of the interval."""
-
-    high: float
-    """Upper end of the interval."""
-
-
-class DragAtSpeed(NamedTuple):
-    """Drag force per mass and air speed at one air speed, 1/s, with the ends of its 90 % interval."""
-
-    value: float
-    """The drag, 1/s."""
-
-    low: float
-    """Lower end of the interval, 1/s."""
-
-    high: float
-    """Upper end of the interval, 1/s."""
-
-    def excludes(self, other: DragAtSpeed) -> bool:
-        """Whether no drag lies in both intervals: two flights of one vehicle with one load rarely differ so much."""
-        return self.high < other.low or other.high < self.low
 
 
 def axis_drag(logarithms: Array) -> AxisDrag:
@@ -368,8 +338,8 @@ class Drag(ImmutableResult):
         sd = np.sqrt(gradient @ covariance @ gradient)
         return float(sd / gradient.sum())
 
-    def at_speed(self, speed: float) -> DragAtSpeed:
-        """Returns the drag force per mass and air speed, c + q u, at an air speed in m/s.
+    def at_speed(self, speed: float) -> IntervalEstimate:
+        """Returns the drag force per mass and air speed, c + q u, 1/s, at an air speed in m/s.
 
         Linear and quadratic drag of a flight are less certain than this sum of both at the speeds that were flown. The
         interval is that of a log-normal distribution, to first order (:meth:`relative_sd`). Differences between body x
@@ -381,9 +351,11 @@ class Drag(ImmutableResult):
         linear, quadratic = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]])
         value = float(linear + quadratic * speed)
         log_half_width = coverage_factor() * self.relative_sd(speed)
-        return DragAtSpeed(value, value * np.exp(-log_half_width), value * np.exp(log_half_width))
+        return IntervalEstimate(
+            value, low=value * np.exp(-log_half_width), high=value * np.exp(log_half_width)
+        )
 
-    def autopilot_parameters(self, autopilot: str) -> dict[str, ParameterValue]:
+    def autopilot_parameters(self, autopilot: str) -> dict[str, IntervalEstimate]:
         """Converts the drag to the parameters of the drag model in an autopilot's state estimator.
 
         The momentum coefficient is the linear drag c in 1/s, common to both axes. A ballistic coefficient, kg/m², is
@@ -405,7 +377,7 @@ class Drag(ImmutableResult):
         momentum = float(np.exp(self.mean[LOG_LINEAR]))
         parameters = {}
         if momentum <= MAX_MOMENTUM_COEFFICIENT:
-            parameters[momentum_name] = ParameterValue(momentum, low, high)
+            parameters[momentum_name] = IntervalEstimate(momentum, low, high)
         # A ballistic coefficient is inverse to the drag, so that the ends of the interval are exchanged.
         quadratic_low, quadratic_high = self.interval("quadratic")
         values = HALF_AIR_DENSITY / self.quadratic
@@ -414,7 +386,7 @@ class Drag(ImmutableResult):
         for index, axis in enumerate("XY"):
             value = float(values[index])
             if value <= MAX_BALLISTIC_COEFFICIENTS[autopilot]:
-                parameters[f"{ballistic_prefix}{axis}"] = ParameterValue(
+                parameters[f"{ballistic_prefix}{axis}"] = IntervalEstimate(
                     value, float(lows[index]), float(highs[index])
                 )
         return parameters

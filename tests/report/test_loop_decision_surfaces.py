@@ -183,10 +183,10 @@ def searches_once():
     """Gains are searched once for the same loop and doubts: a search takes seconds."""
     searches = {}
 
-    def advise_once(loop, margins="default", doubts=(), **options):
-        key = (loop, margins, tuple(doubts), *options.items())
+    def advise_once(loop, tune="default", doubts=(), **options):
+        key = (loop, tune, tuple(doubts), *options.items())
         if key not in searches:
-            searches[key] = advise(loop, margins, doubts, **options)
+            searches[key] = advise(loop, tune, doubts, **options)
         return searches[key]
 
     with MonkeyPatch.context() as patch:

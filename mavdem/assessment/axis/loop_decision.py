@@ -283,12 +283,27 @@ def _decision_by_measurement(
     Returns:
         The decision, with the diagnosis "below the goal".
     """
-    axis = observations.margins.axis
-    action = _advice_to_lower_gains(observations, "rate")
-    reason = measurement_fact.replace(action=action)
-    return LoopDecision(
-        axis, LoopDiagnosis.BELOW_GOAL, reason, action, reasons_against_gains=(reason,)
+    return _decision_against_new_gains(
+        observations.margins.axis,
+        LoopDiagnosis.BELOW_GOAL,
+        measurement_fact,
+        action=_advice_to_lower_gains(observations, "rate"),
     )
+
+
+def _decision_against_new_gains(
+    axis: str, diagnosis: LoopDiagnosis, observation: Fact, action: Fact
+) -> LoopDecision:
+    """Returns a decision whose observation is also the reason why no gains are computed from the identified loop.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        diagnosis: what is wrong.
+        observation: the fact (a coded finding) that shows it.
+        action: what to do about it.
+    """
+    reason = observation.replace(action=action)
+    return LoopDecision(axis, diagnosis, reason, action, reasons_against_gains=(reason,))
 
 
 def _decision_by_identified_loop(
@@ -311,55 +326,54 @@ def _decision_by_identified_loop(
     Returns:
         The decision, with the diagnosis "below the goal".
     """
-    gain_action = _gain_action(
+    return _decision_to_change_gains(
         observations.margins,
         loop,
-        action_to_tune=Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments),
-        # These gains are not sound: the margins are below the goal.
-        raises_sound_gains=False,
-    )
-    return LoopDecision(
-        observations.margins.axis,
         LoopDiagnosis.BELOW_GOAL,
-        loop_fact.replace(action=gain_action.action),
-        gain_action.action,
-        gain_action.reasons_against_gains,
-        advice=gain_action.advice,
+        loop_fact,
+        action_to_tune=Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments),
+        is_too_slow=False,
     )
 
 
-class _GainAction(NamedTuple):
-    """What to do about a loop whose gains should change."""
-
-    action: Fact
-    """To run ``mavdem tune`` or, if this flight is not a basis for new gains, what to do before."""
-    reasons_against_gains: Facts
-    """Why no gains may be computed from the loop; empty if they may be."""
-    advice: Advice | None
-    """The advice on gains, if it was needed to decide between the two."""
-
-
-def _gain_action(
-    margins: AxisMargins, loop: Loop, action_to_tune: Fact, *, raises_sound_gains: bool
-) -> _GainAction:
-    """Decides whether the gains of a loop may be changed after this flight, or what to do before.
+def _decision_to_change_gains(
+    margins: AxisMargins,
+    loop: Loop,
+    diagnosis: LoopDiagnosis,
+    observation: Fact,
+    *,
+    action_to_tune: Fact,
+    is_too_slow: bool,
+) -> LoopDecision:
+    """Returns the decision on a loop whose gains should change: to tune it, or what to do before if that is too early.
 
     Args:
         margins: margins of the axis, and whether the measured response of the angle contradicts the predicted one.
         loop: rate and attitude loop of the axis, with the plant that was identified in flight.
-        action_to_tune: the action if the gains may be changed.
-        raises_sound_gains: whether the gains are raised although the loop has its margins, since it is too slow.
+        diagnosis: what is wrong.
+        observation: the fact (a coded finding) that shows it.
+        action_to_tune: the action if the gains may be changed after this flight: to run ``mavdem tune``.
+        is_too_slow: whether the gains are raised although the loop has its margins, since it is too slow.
     """
-    reasons_against_gains = reasons_for_no_gains(loop, for_higher_gains=raises_sound_gains)
+    reasons_against_gains = reasons_for_no_gains(loop, for_higher_gains=is_too_slow)
+    advice = None
     if reasons_against_gains:
         action = _action_to_remedy(reasons_against_gains[0])
-        return _GainAction(action, reasons_against_gains, advice=None)
-    advice = _advice_if_basis_is_uncertain(
-        loop, margins.attitude_contradiction, raises_sound_gains=raises_sound_gains
+    else:
+        advice = _advice_if_basis_is_uncertain(
+            loop, margins.attitude_contradiction, raises_sound_gains=is_too_slow
+        )
+        advice_to_fly_first = _advice_to_fly_first(advice)
+        action = action_to_tune if advice_to_fly_first is None else advice_to_fly_first
+    return LoopDecision(
+        margins.axis,
+        diagnosis,
+        observation.replace(action=action),
+        action,
+        reasons_against_gains,
+        is_too_slow=is_too_slow,
+        advice=advice,
     )
-    advice_to_fly_first = _advice_to_fly_first(advice)
-    action = action_to_tune if advice_to_fly_first is None else advice_to_fly_first
-    return _GainAction(action, reasons_against_gains, advice)
 
 
 def _advice_if_basis_is_uncertain(
@@ -433,14 +447,11 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
         return None
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
         return _decision_on_slow_rate(observations)
-    action = _action_by_tracking(observations)
-    reason = tracking.replace(action=action)
-    return LoopDecision(
+    return _decision_against_new_gains(
         observations.margins.axis,
         LoopDiagnosis.FOLLOWS_BADLY,
-        reason,
-        action,
-        reasons_against_gains=(reason,),
+        tracking,
+        action=_action_by_tracking(observations),
     )
 
 
@@ -520,10 +531,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
     else:
         action = _action_to_remedy(_reason_for_no_margins(observations))
     # In both cases the slow rate itself is the reason against computing gains.
-    reason = tracking.replace(action=action)
-    return LoopDecision(
-        axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, reasons_against_gains=(reason,)
-    )
+    return _decision_against_new_gains(axis, LoopDiagnosis.FOLLOWS_BADLY, tracking, action)
 
 
 def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> LoopDecision:
@@ -539,23 +547,17 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
     Returns:
         The decision, with the diagnosis that the axis follows badly because it is too slow.
     """
-    axis = observations.margins.axis
-    gain_action = _gain_action(
+    return _decision_to_change_gains(
         observations.margins,
         loop,
-        action_to_tune=Fact(
-            LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
-        ),
-        raises_sound_gains=True,
-    )
-    return LoopDecision(
-        axis,
         LoopDiagnosis.FOLLOWS_BADLY,
-        observations.tracking.replace(action=gain_action.action),
-        gain_action.action,
-        gain_action.reasons_against_gains,
+        observations.tracking,
+        action_to_tune=Fact(
+            LoopAction.RAISE_AS_ADVISED,
+            axis=observations.margins.axis,
+            arguments=observations.tune_arguments,
+        ),
         is_too_slow=True,
-        advice=gain_action.advice,
     )
 
 

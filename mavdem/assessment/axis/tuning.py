@@ -10,6 +10,7 @@ The results are facts (coded findings), in these roles:
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 from mavdem.assessment.axis.gains import loop_at_end_of_log
@@ -637,39 +638,23 @@ def _advice_on_loop(
         # A measured response, which may contradict the identified loop, was measured with the gains that flew.
         reasons_against_gains = (*reasons_against_gains, *reasons_for_no_gains(flown_loop))
     raises_gains = raises_sound_gains or is_too_slow
+    advise_gains = partial(advise, tune=margins, attitude_doubt=attitude_doubt)
     has_usual_request = (
         margins == "default" and raises_gains == is_too_slow and not reasons_against_gains
     )
     if decision is not None and decision.advice is not None and has_usual_request:
         advice = decision.advice
     else:
-        advice = advise(
-            loop,
-            margins,
-            reasons_against_gains,
-            attitude_doubt=attitude_doubt,
-            raises_sound_gains=raises_gains,
-        )
+        advice = advise_gains(loop, doubts=reasons_against_gains, raises_sound_gains=raises_gains)
     if is_too_slow and not raises_sound_gains and advice.stage is Stage.ANGLE:
         # A higher angle gain would only demand more of a rate loop that is too slow, so no gain is raised.
         raises_gains = False
-        advice = advise(
-            loop,
-            margins,
-            reasons_against_gains,
-            attitude_doubt=attitude_doubt,
-            raises_sound_gains=False,
-        )
+        advice = advise_gains(loop, doubts=reasons_against_gains, raises_sound_gains=False)
     may_be_advised = not advice.refusals
     if notch_parameters and may_be_advised:
         # Doubts would have been among the refusals: there are none to pass on.
         loop_with_notch = loop.with_parameters(notch_parameters)
-        advice = advise(
-            loop_with_notch,
-            margins,
-            attitude_doubt=attitude_doubt,
-            raises_sound_gains=raises_gains,
-        )
+        advice = advise_gains(loop_with_notch, raises_sound_gains=raises_gains)
     return advice
 
 

@@ -9,11 +9,11 @@ from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDiagnosis
 from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
+from mavdem.confidence import IntervalEstimate
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.step_characteristics import IntervalEstimate
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.charts.chart import Group

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from mavdem.assessment import Assessment
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.time_history import wind_history
+from mavdem.confidence import IntervalEstimate
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
@@ -28,7 +29,6 @@ from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PREDICTED
 from mavdem.report.screen import warnings_of_lights
 from mavdem.wind_velocity.from_log import WindEvidence
-from mavdem.wind_velocity.vehicle_drag import ParameterValue
 from mavdem.wind_velocity.velocity import WindVelocity
 
 SUBTITLE = """\
@@ -47,7 +47,7 @@ def wind_page(
     name: str,
     wind_evidence: WindEvidence,
     assessment: Assessment,
-    parameters: dict[str, ParameterValue],
+    parameters: dict[str, IntervalEstimate],
     remarks_on_prior: Sequence[Block] = (),
     drag_files: Mapping[str, str] = NO_FILES,
 ) -> str:

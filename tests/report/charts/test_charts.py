@@ -16,13 +16,13 @@ import mavdem
 from mavdem.assessment.axis.residuals import lagged_correlation
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.noise_spectra import MeasuredNoise
+from mavdem.confidence import IntervalEstimate
 from mavdem.dataset.axes import AXES
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponseFact
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import controller_from_parameters
-from mavdem.loops.step_characteristics import IntervalEstimate
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle, step_chart
