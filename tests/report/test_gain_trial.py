@@ -78,9 +78,7 @@ def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch
     assert [line.name for line in tracking.lines] == ["setpoint", "new", "now"]
     assert [line.name for line in wind.lines] == ["new", "now"]
     assert tracking.lines[0].y.max() == approx(np.degrees(0.1))
-    assert (
-        f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° advised" in tracking.title
-    )
+    assert f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° new" in tracking.title
 
 
 def test_the_twin_repeats_the_part_in_which_the_setpoint_moves_most():

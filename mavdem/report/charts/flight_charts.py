@@ -77,8 +77,8 @@ HEAT_PERCENTILES = (20.0, 99.8)
 CLOSED_LOOP_GAIN = Axis("gain |T|", is_logarithmic=True)
 """Axis of the gain from setpoint to response."""
 
-LOOP_COLOURS = PREDICTED, PHYSICAL
-"""Colours of the loop now and of the loop with advised gains."""
+LOOP_COLOURS = {"now": PREDICTED, "new": PHYSICAL}
+"""Colours of loops, and of what they do, with the gains that flew ("now") and with new ones ("new")."""
 
 UNNAMED_LINE = "?"
 """Name at the mark of a spectral line whose cause is not known."""
@@ -201,14 +201,15 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     each crossover frequency, where the gain is 1, has the phase margin beside it in the chart of the phase.
 
     Args:
-        loops: variants of the loops of one axis, by the name that the legend shows, such as "now" and "new".
+        loops: the loops of one axis by their names in legends: "now" with the gains that flew, and "new" if any change.
         loop_name: "rate" or "attitude".
     """
     gains = []
     phases = []
     sensitivities = []
     crossovers = []
-    for (name, loop), colour in zip(loops.items(), LOOP_COLOURS, strict=False):
+    for name, loop in loops.items():
+        colour = LOOP_COLOURS[name]
         open_loop = loop.open_loop(loop_name)
         # The response has the estimate in its first row, then draws from the posterior, which give the band.
         is_shown = open_loop.frequency >= MIN_COMPARED_FREQUENCY

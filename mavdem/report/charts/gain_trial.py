@@ -12,14 +12,13 @@ from mavdem.loops.axis_loops import LOOP_NAMES, LoopsByAxis
 from mavdem.loops.identified_step import STEP_SECONDS, step_from_frequency_response
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
-from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
+from mavdem.report.charts.flight_charts import LOOP_COLOURS
+from mavdem.report.palette import TRUTH
 
 STEP_POINTS = 200
 """Points of a step response that are drawn: a choice, enough for a smooth line."""
 HOVER_SECONDS = 4.0
 """Part of the twin's hover in wind that is drawn, s: a choice."""
-GAIN_COLOURS = {"now": PREDICTED, "new": PHYSICAL}
-"""Colours of what the gains that flew do, and of what the new ones would, as in all charts of loops."""
 EQUAL_ERRORS = 0.1
 """Errors of the twin's two flights that differ by at most this part are stated as one.
 
@@ -138,13 +137,13 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
         if gains in loops:
             loop = loops[gains].open_loop(loop_name)
             step = step_from_frequency_response(loop.frequency, loop.closed_loop_of_estimate, time)
-            lines.append(Line(gains, GAIN_COLOURS[gains], time, step, style=style))
+            lines.append(Line(gains, LOOP_COLOURS[gains], time, step, style=style))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: identified step"
     return step_chart(title, lines)
 
 
 def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
-    """Returns the chart of an angle in a simulated flight, °: with the present gains, with advised ones, and setpoint.
+    """Returns the chart of an angle in a simulated flight, °: with the present gains, with the new ones, and setpoint.
 
     Args:
         title: names the axis and the flight. The error of the angle with both sets of gains, °, is added to it: one
@@ -155,10 +154,11 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     if abs(motion.expected_error - motion.present_error) <= EQUAL_ERRORS * motion.present_error:
         difference = np.degrees(np.std(motion.advised - motion.present))
         errors = (
-            f"about {motion.expected_error:.2g}° with both gains, which differ by {difference:.1g}°"
+            f"about {motion.expected_error:.2g}° with both gains; the motions differ by "
+            f"{difference:.1g}°"
         )
     else:
-        errors = f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° advised"
+        errors = f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° new"
     time = motion.time[is_drawn]
     lines = []
     # The setpoint of a hover is 0 throughout and needs no line.
@@ -167,7 +167,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
         lines.append(Line("setpoint", TRUTH, time, setpoint, style=LineStyle.DASHES))
     advised_angle = np.degrees(motion.advised[is_drawn])
     present_angle = np.degrees(motion.present[is_drawn])
-    lines.append(Line("new", GAIN_COLOURS["new"], time, advised_angle))
+    lines.append(Line("new", LOOP_COLOURS["new"], time, advised_angle))
     # The line of the present gains is dashed and drawn last, so that both are seen where they are equal.
-    lines.append(Line("now", GAIN_COLOURS["now"], time, present_angle, style=LineStyle.DASHES))
+    lines.append(Line("now", LOOP_COLOURS["now"], time, present_angle, style=LineStyle.DASHES))
     return Chart(f"{title}: error {errors}", TRIAL_TIME, Axis("angle (°)"), tuple(lines))
