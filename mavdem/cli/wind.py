@@ -26,14 +26,13 @@ from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.condition import (
-    WIND_LIGHTS,
     drag_blocks,
     flight_warning,
     wind_blocks,
     wind_tables,
 )
 from mavdem.report.pages.wind_page import page_without_wind, wind_page
-from mavdem.report.screen import warnings_of_lights
+from mavdem.report.screen import remarks_on_wind
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
 from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS
@@ -145,9 +144,11 @@ def wind_command(
         details=[],
         footer=[
             *flight_warning(assessment.judgement),
-            *wind_blocks(wind_evidence, tables),
-            *remarks_on_prior,
-            *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
+            *wind_blocks(
+                wind_evidence,
+                tables,
+                remarks=[*remarks_on_prior, *remarks_on_wind(assessment.judgement)],
+            ),
             *([Sentence(str(out / PAGE_FILE), "Page:")] if out else []),
         ],
         verbose=verbose,

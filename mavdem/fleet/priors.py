@@ -4,8 +4,6 @@ import json
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from mavdem.assessment.identity import Identity, identify_vehicle
 from mavdem.confidence import IntervalEstimate
 from mavdem.dataset.flights import choose_vehicle
@@ -20,7 +18,7 @@ from mavdem.ingest import read_log
 from mavdem.log_formats import LOG_ENDINGS
 from mavdem.wind_velocity.from_log import wind_of_signals
 from mavdem.wind_velocity.vehicle_drag import Drag
-from mavdem.wind_velocity.velocity import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity, mean_air_speed
 
 WIND_DOCUMENT = "wind.json"
 """Name of the file with the document of ``mavdem wind``, in its folder."""
@@ -145,7 +143,7 @@ def doubt_on_prior(
         identity: the vehicle of the log.
     """
     are_both_named = "" not in (earlier.vehicle, identity.name_of_one_vehicle)
-    air_speed = float(np.nanmean(np.hypot(*wind_alone.air_velocity.T)))
+    air_speed = mean_air_speed(wind_alone.air_velocity)
     earlier_drag_at_speed = earlier.drag.at_speed(air_speed)
     drag_alone = wind_alone.drag.at_speed(air_speed)
     shows_drag = wind_alone.drag.source is DragSource.FLIGHT

@@ -20,6 +20,7 @@ from mavdem.physical_constants import GRAVITY
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, rounded_up
+from mavdem.wind_velocity.beaufort import is_speed_known
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.from_log import WindEvidence, is_certain_setting
 from mavdem.wind_velocity.mean_wind import INDEPENDENT_SECONDS
@@ -34,7 +35,7 @@ WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
 
 DRAG_SOURCES = {
-    DragSource.POPULATION: "typical vehicles",
+    DragSource.POPULATION: "typical multirotors",
     DragSource.PARAMETERS: "the autopilot's parameters",
     DragSource.FLIGHT: "this flight",
     DragSource.EARLIER_FLIGHT: "an earlier flight",
@@ -212,16 +213,20 @@ def flight_warning(judgement: Judgement) -> list[Sentence]:
     return [Sentence(str(headline), "The flight:", Level.BAD)]
 
 
-def wind_blocks(evidence: WindEvidence, tables: Sequence[Block] = ()) -> Blocks:
+def wind_blocks(
+    evidence: WindEvidence, tables: Sequence[Block] = (), remarks: Sequence[Block] = ()
+) -> Blocks:
     """Returns the report on the wind that was estimated from a flight, in sentences with optional tables.
 
-    First come sentences on speed, direction and gusts with their 90 % intervals, and on the autopilot's own estimate
-    for comparison. Then come the tables, and last, for each quantity that the data does not determine well, the reason.
+    First comes the sentence on speed, direction and gusts with their 90 % intervals, then the remarks, then sentences
+    on how certain that is, and on the autopilot's own estimate for comparison. Then come the tables, and last, for each
+    quantity that the data does not determine well, the reason.
 
     Args:
         evidence: all that is known of the wind of a log: the estimate or, without one, the reason for that if known;
             and the autopilot's own estimate.
         tables: tables of the wind, such as its mean in each minute, and what explains them.
+        remarks: what a reader must know before using the estimate, such as what speaks against its prior.
 
     Returns:
         The report. Without an estimate it is only the reason for that, or empty if the reason is not known.
@@ -234,7 +239,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Block] = ()) -> Blocks:
     # The reason why each quantity, such as the speed or the drag, has a wide interval or is not identifiable.
     reasons = dict(wind.reasons)
     is_speed_uncertain_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
-    estimate = _wind_estimate_sentences(
+    estimate, *certainty = _wind_estimate_sentences(
         evidence, wind, is_speed_uncertain_by_drag=is_speed_uncertain_by_drag
     )
     if wind.speed_identifiable and (is_speed_uncertain_by_drag or wind.may_be_lean):
@@ -243,7 +248,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Block] = ()) -> Blocks:
     reason_sentences = []
     for quantity, reason in reasons.items():
         reason_sentences.append(Sentence(str(reason), lead=f"{quantity.capitalize()}:"))
-    return [*estimate, *tables, *reason_sentences]
+    return [estimate, *remarks, *certainty, *tables, *reason_sentences]
 
 
 def _wind_estimate_sentences(
@@ -268,7 +273,9 @@ def _wind_estimate_sentences(
         direction_change=wind.turn,
         # Time before and after a large attitude error for which no wind is estimated, s.
         excluded_seconds=INDEPENDENT_SECONDS,
-        typical_drag=_typical_drag_interval(wind.drag),
+        # A speed that the light calls known only roughly is called so here as well.
+        is_rough=not is_speed_known(wind.mean_speed_interval),
+        typical_drag=_typical_drag_interval(),
         lean_without_wind=_lean_without_wind(),
         is_speed_uncertain_by_drag=is_speed_uncertain_by_drag,
         autopilot_wind=_autopilot_wind(evidence, wind),
@@ -277,18 +284,13 @@ def _wind_estimate_sentences(
     )
 
 
-def _typical_drag_interval(drag: Drag) -> Array | None:
-    """Returns the interval of the linear drag of typical multirotors, 1/s, if a wind was estimated with that.
+def _typical_drag_interval() -> Array:
+    """Returns both ends (2,) of the 90 % interval of the linear drag of typical multirotors, 1/s.
 
-    Args:
-        drag: drag of the vehicle along its body axes x and y.
-
-    Returns:
-        (2,) lower and upper end of the 90 % interval, the mean of both axes; None if the flight itself showed the drag.
+    It is the mean of both body axes, and the same for every flight: what a wind is estimated with unless the drag of
+    the vehicle is known better.
     """
-    if drag.source is not DragSource.POPULATION:
-        return None
-    return drag.interval("linear").mean(axis=1)
+    return Drag.from_parameters().interval("linear").mean(axis=1)
 
 
 def _lean_without_wind() -> float:

@@ -24,11 +24,12 @@ from mavdem.assessment.axis.findings import (
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, PREDICTION, HeldOut
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.facts.model import ModelName
 from mavdem.facts.session import SessionFact
+from mavdem.facts.wind import WindLight
 from mavdem.flight import Flights
 from mavdem.motors.hover import HoverFigures
 from mavdem.plant import Physical
@@ -43,7 +44,7 @@ from mavdem.report.blocks import (
     warning,
 )
 from mavdem.report.charts.model_charts import sample_times
-from mavdem.report.condition import air_blocks
+from mavdem.report.condition import WIND_LIGHTS, air_blocks
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import (
@@ -304,6 +305,25 @@ def warnings_of_lights(judgement: Judgement, light_names: Sequence[Light]) -> li
             lead = f"{light_name.capitalize()}:"
             warnings.append(Sentence(light.sentence_and_remedy, lead))
     return warnings
+
+
+def remarks_on_wind(judgement: Judgement) -> list[Sentence]:
+    """Returns how much lean the wind took, and the warnings of the lights of ``WIND_LIGHTS`` about anything else.
+
+    A pilot asks whether the vehicle can fly in such a wind. Its lean answers that even where the drag, and so the
+    speed of the wind, is known only roughly.
+
+    Args:
+        judgement: headline, next step and all status lights of the flight.
+    """
+    light = judgement.lights[Light.WIND]
+    has_lean = light.code is WindLight.WIND_BLEW and light.figures["share"] > 0
+    if not has_lean or light.figures["calm"] or light.figures["reason"] is not None:
+        return warnings_of_lights(judgement, WIND_LIGHTS)
+    (lean,) = render_section("wind_lean", light=light)
+    if light.is_watch_or_bad:
+        lean = lean._replace(level=Level.WATCH)
+    return [lean, *warnings_of_lights(judgement, [Light.ESTIMATOR])]
 
 
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:

@@ -7,7 +7,6 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import half_width
-from mavdem.dataset.axes import DOWN, HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
@@ -38,7 +37,7 @@ from mavdem.wind_velocity.mean_wind import (
 )
 from mavdem.wind_velocity.motion_grid import MAX_STEPS, flight_grid, validated_motion
 from mavdem.wind_velocity.vehicle_drag import DRAG_PARAMETERS, Drag
-from mavdem.wind_velocity.velocity import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity, mean_air_speed
 
 
 def estimate_wind(
@@ -96,8 +95,12 @@ def estimate_wind(
     mean_wind_velocity = wind_velocity.mean(axis=0)
     step_heights = np.interp(fine.time, samples.time, heights[samples.usable])
 
-    relative_velocity = fine.velocity[:, HORIZONTAL] - wind_velocity
-    air_speed = np.nanmean(np.hypot(*relative_velocity.T))
+    # The wind is taken to be horizontal.
+    vertical_wind = np.zeros(len(wind_velocity))
+    air_velocity = fine.along_body_axes(
+        fine.velocity - np.column_stack([wind_velocity, vertical_wind])
+    )
+    air_speed = mean_air_speed(air_velocity)
     flight_drag = Drag(
         posterior.mean[:DRAG_PARAMETERS], posterior.covariance[:DRAG_PARAMETERS, :DRAG_PARAMETERS]
     )
@@ -151,11 +154,8 @@ def estimate_wind(
         time=fine.time,
         velocity=wind_velocity,
         band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
-        # The wind is taken to be horizontal.
         along=fine.along_body_axes(fine.velocity - [*mean_wind_velocity, 0.0]),
-        air_velocity=fine.along_body_axes(
-            np.column_stack([relative_velocity, fine.velocity[:, DOWN]])
-        ),
+        air_velocity=air_velocity,
         minutes=tuple(mean_wind_by_minute(winds, variances, fine.time, fine.step)),
         profile=tuple(wind_profile(winds, variances, step_heights, fine.step)),
         drag=flight_drag,
@@ -174,6 +174,8 @@ def _flight_advice(
 ) -> Fact | None:
     """Returns what to fly so that the wind is known better, if its speed or direction is not reported.
 
+    The direction of air that may be still counts as known well enough.
+
     Args:
         mean_wind: mean wind of the whole flight.
         lowest_speed: lower end of the 90 % interval of its speed, m/s; 0 if the air may be still.
@@ -182,15 +184,15 @@ def _flight_advice(
         drag: the drag by this flight, with the lean.
 
     Returns:
-        The advice as a fact; None if both are reported, or no flight would help much.
+        The advice as a fact; None if both are known well enough, or no flight would help much.
     """
     is_speed_reported = status["speed"] is Status.REPORTED
-    is_direction_reported = status["direction"] is Status.REPORTED
-    if is_speed_reported and is_direction_reported:
+    # Still air has no direction that another flight could show better.
+    is_direction_to_improve = lowest_speed > 0 and status["direction"] is not Status.REPORTED
+    if is_speed_reported and not is_direction_to_improve:
         return None
     direction_error = None
-    # The direction means nothing if the air may be still.
-    if lowest_speed > 0 and not is_direction_reported:
+    if is_direction_to_improve:
         direction_error = np.radians(mean_wind.direction_half_width)
     errors = WindErrors(
         mean_wind.speed,

@@ -25,6 +25,15 @@ SERIES_FIELDS = ("time", "velocity", "band", "minutes", "profile")
 """Fields of ``WindVelocity`` with the wind by time or height, which are empty if the speed is not identifiable."""
 
 
+def mean_air_speed(air_velocity: Array) -> float:
+    """Returns the mean air speed of a flight, m/s: the speed at which its drag is stated.
+
+    Args:
+        air_velocity: (T, 2) velocity relative to the air, along body x and y, m/s; NaN where it is not known.
+    """
+    return float(np.nanmean(np.hypot(*air_velocity.T)))
+
+
 class WindTurn(NamedTuple):
     """How the wind turned in a flight."""
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover, changed, columns
@@ -21,16 +22,19 @@ from mavdem.assessment.assess import without_flight_advice
 from mavdem.dataset.position_fix import measures_velocity
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.facts.online import AirflowFact
 from mavdem.facts.sources import Repair
-from mavdem.facts.wind import NoWind, WindAdvice, WindDoubt, WindShare
+from mavdem.facts.wind import NoWind, WindAdvice, WindDoubt, WindLight, WindShare
 from mavdem.ingest import read_log
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import LiveWind
 from mavdem.report.blocks import plain_text
 from mavdem.report.condition import wind_blocks, wind_tables
+from mavdem.report.pages import wind_page
+from mavdem.report.screen import remarks_on_wind
 from mavdem.wind_velocity.compass import meteorological_direction
 from mavdem.wind_velocity.estimate_resets import YAW_RESET, estimate_resets, is_position_reset
 from mavdem.wind_velocity.from_log import (
@@ -180,7 +184,7 @@ def test_band_holds_and_a_jump_is_followed():
     # A jump in a flight of little more than a minute is seen in its parts.
     short = mavdem.estimate_wind(*(values[200:1000] for values in (time, attitude, velocity)))
     assert [round(one["speed"] / 5) for one in short.minutes] == [1, 2]
-    assert "the mean from 0 to 119 s; each" in blocks[1].text
+    assert "the mean is from 0 to 119 s; each" in blocks[1].text
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
     assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
     layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]
@@ -228,6 +232,29 @@ def test_the_band_of_a_speed_is_0_7_m_s_or_12_percent_and_at_most_a_factor_of_ei
     assert speed_status(speed, speed - half, speed + half) == status
 
 
+def certainty(wind):
+    """What a report says of how certain a wind is."""
+    blocks = wind_blocks(WindEvidence(wind, None, None))
+    return next(block.text for block in blocks if block.lead == "How certain:")
+
+
+@mark.parametrize("level", [Level.GOOD, Level.WATCH])
+def test_the_lean_that_the_wind_took_is_said_and_warns_where_it_is_large(level):
+    wind = Fact(WindLight.WIND_BLEW, level, calm=False, share=0.4, reason=None)
+    estimator = Fact(WindLight.WIND_NOT_KNOWN, Level.GOOD)
+    judgement = Mock(lights={Light.WIND: wind, Light.ESTIMATOR: estimator})
+    (lean,) = remarks_on_wind(judgement)
+    assert "40 % of the lean allowed" in lean.text
+    warns = level is Level.WATCH
+    assert ("Fly in less wind" in lean.text) is warns and (lean.level is Level.WATCH) is warns
+
+
+def test_parts_of_a_flight_without_a_wind_estimate_are_marked():
+    time = np.concatenate([np.arange(10.0, 20.0, 0.5), np.arange(30.0, 40.0, 0.5)])
+    parts = wind_page._intervals_without_wind(time, span=(0.0, 50.0))
+    assert parts == ((0.0, 10.0), (19.5, 30.0), (39.5, 50.0))
+
+
 @mark.slow
 def test_hover_takes_the_drag_of_another_flight():
     """A hover does not show its drag: the drag of another flight makes the wind precise."""
@@ -236,6 +263,8 @@ def test_hover_takes_the_drag_of_another_flight():
     drag = mavdem.estimate_drag(*flight(seed=4))
     assert alone.status["drag"] == "not identifiable"
     assert alone.status["speed"] != "reported"
+    # The condition of the intervals is the same for every flight, and another one with the drag of an earlier flight.
+    assert "if the drag is that of typical multirotors (linear 0.1 to 0.8 1/s)" in certainty(alone)
     alone = replace(alone, status=alone.status | {"speed": Status.NOT_IDENTIFIABLE})
     assert "m/s" not in wind_blocks(WindEvidence(alone, None, None))[0].text
     blocks = alone.without_unidentified_speeds
@@ -248,7 +277,9 @@ def test_hover_takes_the_drag_of_another_flight():
     assert abs(known.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
     # What was advised does what it was to do: flight in several directions with turns of the heading.
     advised = mavdem.estimate_wind(*flight(seed=5)[:3]).drag.for_next_flight()
-    low, high = mavdem.estimate_wind(*hover, drag=advised).speed_interval
+    with_prior = mavdem.estimate_wind(*hover, drag=advised)
+    assert "if the vehicle has the drag of the earlier flight" in certainty(with_prior)
+    low, high = with_prior.speed_interval
     assert alone.advice.code is WindAdvice.FLY_BOX
     assert (high - low) / 2 == approx(alone.advice.figures["expected_speed_error"], rel=0.4)
     # After a crash the advice is for the time after the repair.

@@ -106,7 +106,10 @@ class Timeline(NamedTuple):
     """Angle, rate and rate error by axis, those that were recorded in this order."""
 
     grey_intervals: tuple[TimeInterval, ...] = ()
-    """First and last time, s, of each part that is grey: settled flight of a log, what a live model was trained on."""
+    """First and last time, s, of each part that is grey."""
+
+    grey_meaning: str = "settled flight"
+    """What the parts that are grey have in common, for the line above the charts."""
 
     modes: tuple[Span, ...] = ()
     """Flight modes in order of time."""
@@ -778,6 +781,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         flight_charts=tuple(drawn_charts),
         span=(time[0], time[-1]),
         grey_intervals=tuple(learned_intervals),
+        grey_meaning="what the model was learned from",
         position=position,
         heading=float(headings[-1]) if len(headings) else None,
         time_axis=_time_axis_of_boot(history),

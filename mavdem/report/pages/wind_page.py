@@ -5,20 +5,24 @@ from dataclasses import replace
 from pathlib import PurePath
 from types import MappingProxyType
 
+import numpy as np
+
+from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.time_history import wind_history
 from mavdem.confidence import IntervalEstimate
+from mavdem.dataset import intervals
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
-from mavdem.report.charts.chart import Chart, Group, Line, over_time
+from mavdem.report.charts.chart import MAX_GAP_STEPS, Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import rose_of_wind
 from mavdem.report.charts.timeline import Timeline, history_timeline
 from mavdem.report.condition import (
-    WIND_LIGHTS,
     drag_blocks,
     flight_warning,
     wind_blocks,
@@ -27,7 +31,7 @@ from mavdem.report.condition import (
 from mavdem.report.gain_changes import parameter_downloads
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PREDICTED
-from mavdem.report.screen import warnings_of_lights
+from mavdem.report.screen import remarks_on_wind
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.velocity import WindVelocity
 
@@ -69,15 +73,15 @@ def wind_page(
     wind = wind_evidence.estimate
     assert wind is not None
     # The first block is the sentence with the estimate, and the others say what limits it.
-    estimate_sentence, *limitations = wind_blocks(wind_evidence)
+    estimate_sentence, *limitations = wind_blocks(
+        wind_evidence, remarks=[*remarks_on_prior, *remarks_on_wind(assessment.judgement)]
+    )
     assert isinstance(estimate_sentence, Sentence)
     warnings_of_flight = flight_warning(assessment.judgement)
     summary: Blocks = [
         headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
         *warnings_of_flight,
         *limitations,
-        *remarks_on_prior,
-        *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
     ]
     timeline = _wind_timeline(wind_evidence, assessment)
     has_rose = wind.speed_identifiable and wind.direction_identifiable
@@ -173,8 +177,29 @@ def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timel
         # The speed through the air follows from the speed of the wind.
         wind_charts = (*wind_charts, _air_velocity_chart(wind.estimate))
     return timeline._replace(
-        flight_charts=height_charts, axis_charts={}, wind_charts=wind_charts, events=()
+        flight_charts=height_charts,
+        axis_charts={},
+        wind_charts=wind_charts,
+        events=(),
+        grey_intervals=_intervals_without_wind(wind.estimate.time, timeline.span),
+        grey_meaning="no wind estimate",
     )
+
+
+def _intervals_without_wind(time: Array, span: TimeInterval) -> tuple[TimeInterval, ...]:
+    """Returns the parts of a flight for which no wind was estimated, such as take-off, landing and what was left out.
+
+    Args:
+        time: times (T,) of the estimate, s, evenly spaced but for gaps.
+        span: first and last time that is shown, s.
+
+    Returns:
+        Start and end of each part, s, in the order of time. Lines over time are interrupted in the same gaps.
+    """
+    steps = np.diff(time)
+    is_gap = steps > MAX_GAP_STEPS * np.median(steps)
+    estimated = intervals.split_at_gaps(time, is_gap)
+    return tuple(intervals.intersection([span], intervals.complement(estimated)))
 
 
 def _air_velocity_chart(wind: WindVelocity) -> Chart:
