@@ -57,7 +57,7 @@ class HealthAssessment(NamedTuple):
     change_probability: float | None = None
     """Probability that anything changed, faults included; None where unknown."""
     suspect_motor: int | None = None
-    """Number of the faulty motor, from 1; None where there is no fault, or no motor can be named."""
+    """Number of the motor that most likely has the fault or explains the drift, from 1; None if none can be named."""
     is_healthy: bool = False
     """Whether it is one of the healthy flights that others are compared with."""
 
@@ -300,9 +300,13 @@ def _assessment_of_evidence(
         return _weak_motor(flight, change, change_probability, comparison)
     # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
+    suspect_motor = None
     if is_changed or evidence.deviation.is_unusual:
         health = MotorHealth.DRIFT
         fact = _drift_fact(flight, evidence, change_probability, comparison)
+        # A drift that a motor most likely explains names this motor as its subject. Motors are numbered from 1.
+        if fact.subject:
+            suspect_motor = flight.motors.index(fact.subject) + 1
     elif not evidence.would_show_weak_motor:
         return HealthAssessment(MotorHealth.UNKNOWN, _imprecise_balance(evidence, comparison))
     else:
@@ -313,6 +317,7 @@ def _assessment_of_evidence(
         fact=fact,
         fault_probability=change.fault_probability,
         change_probability=change_probability,
+        suspect_motor=suspect_motor,
     )
 
 

@@ -94,6 +94,18 @@ def motors_level(level_of_log: Level, health_level: Level) -> Level:
     return health_level
 
 
+def is_headline_replaced(level_of_log: Level) -> bool:
+    """Returns whether a fault or drift of a flight's motors beside other flights becomes the headline of the flight.
+
+    It does unless the log alone shows something bad, such as a crash: that stays the headline, with the next step that
+    belongs to it, and the motors come after it. Pages, lists, searches and documents of flights follow this one rule.
+
+    Args:
+        level_of_log: level of the headline by the log alone.
+    """
+    return level_of_log is not Level.BAD
+
+
 class UrgencyAndAge(NamedTuple):
     """What vehicles are sorted by, the most urgent first."""
 

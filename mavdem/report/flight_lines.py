@@ -16,6 +16,7 @@ from mavdem.fleet.row import SYSTEM_ID_BASIS
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
     badge,
+    is_headline_replaced,
     light_level,
     urgency_and_age,
     vehicle_name_or_type,
@@ -215,10 +216,10 @@ def _notes_on_flight(flight: AxisRows) -> str:
     if not first_row.has_flight:
         return first_row.status
     notes = []
-    # The headline is about this log alone. If only the comparison with other flights shows an anomaly, the headline
-    # says that nothing is wrong, and is left out.
+    # The headline is about this log alone. An anomaly that the comparison with other flights shows may replace it.
     has_anomaly = worst_health(flight) in ANOMALOUS_HEALTHS
-    if first_row.headline_level == Level.BAD or not has_anomaly:
+    level_of_log = Level(first_row.headline_level or Level.UNKNOWN)
+    if not has_anomaly or not is_headline_replaced(level_of_log):
         notes += [row.headline for row in flight]
     notes += [row.health_reason for row in flight if row.health != MotorHealth.OK]
     for row in flight:

@@ -221,12 +221,11 @@ class Api:
         return _json(Flights(total=result.total, flights=flights))
 
     def flight(self, request: HttpRequest) -> Response:
-        """Answers with a flight and the document of its review."""
+        """Answers with a flight and the document of its review, both judged also by the vehicle's other flights."""
         entry = self._visible_library.entry(request, request.path_params["id"])
         (flight,) = self._visible_library.documents([entry])
-        return JSONResponse(
-            {"flight": flight.as_dict(), "review": self._visible_library.review(entry)}
-        )
+        review = self._visible_library.judged_review(entry)
+        return JSONResponse({"flight": flight.as_dict(), "review": review})
 
     async def change_flight(self, request: HttpRequest) -> Response:
         """Changes name, vehicle, sharing, note or tags of a flight, and answers with the changed flight."""
@@ -432,7 +431,10 @@ class Api:
     async def _progress_events(
         self, request: HttpRequest, condition: SqlCondition
     ) -> AsyncIterator[str]:
-        """Yields an event whenever the progress of flights has changed, until all of them are done.
+        """Yields an event whenever the progress of flights has changed, until all are done and have final verdicts.
+
+        The final verdict comes a moment after a flight is done, when its motors have been compared with the vehicle's
+        other flights.
 
         Args:
             request: the stream ends when its client disconnects.
@@ -453,7 +455,14 @@ class Api:
                     self._library.find, is_followed, condition_values, MAX_FILES
                 )
                 current_progress = await run_in_threadpool(self._progress_of_all, matches.entries)
-                unfinished_ids = [entry.id for entry in matches.entries if not entry.is_done]
+                uncompared_ids = await run_in_threadpool(
+                    self._library.uncompared_ids, matches.entries
+                )
+                unfinished_ids = [
+                    entry.id
+                    for entry in matches.entries
+                    if not entry.is_done or entry.id in uncompared_ids
+                ]
                 changes = [
                     progress.as_dict()
                     for id, progress in current_progress.items()
@@ -479,7 +488,7 @@ class Api:
         if not all(entry.is_done for entry in entries):
             places_in_queue = queue_places(self._library)
         read_entries = [entry for entry in entries if entry.is_done]
-        anomalous_rows = self._visible_library.rows_with_motor_anomaly(read_entries)
+        anomalous_rows = self._library.rows_with_motor_anomaly(read_entries)
         progress_by_id = {}
         for entry in entries:
             judged_entry = entry_beside_fleet(entry, anomalous_rows.get(entry.id))

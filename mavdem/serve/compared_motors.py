@@ -2,8 +2,8 @@
 
 The table ``entries`` has the verdict by the log alone: headline, level, next step and suspected motor. A comparison
 with the vehicle's other flights shows smaller losses of thrust (a fault or a drift, an anomaly of the motors), and is
-made anew whenever such a flight comes, so it is looked up in the fleet's table ``flights``. One rule joins both, in
-``report.pages.motor_anomaly.review_with_anomaly``: an anomaly replaces the headline unless the log's own is bad.
+made anew whenever such a flight comes, so it is looked up in the fleet's table ``flights``. Two functions of
+``report.fleet`` join both: ``is_headline_replaced`` and ``motors_level``. The SQL of searches is made from them.
 """
 
 from dataclasses import replace
@@ -14,7 +14,12 @@ from mavdem.facts.serve import ListingOrder
 from mavdem.facts.urgency import Urgency
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import KEY_HASH_DIGITS
-from mavdem.report.fleet import HEALTH_LEVELS, URGENCY_OF_HEALTHS
+from mavdem.report.fleet import (
+    HEALTH_LEVELS,
+    URGENCY_OF_HEALTHS,
+    is_headline_replaced,
+    motors_level,
+)
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.serve.index import CONTENT_HASH_SQL, SQL_ORDERS, LibraryEntry
 
@@ -62,8 +67,11 @@ HAS_FAULT_SQL = has_anomaly_sql(f"health = '{MotorHealth.FAULT}'")
 HAS_DRIFT_SQL = has_anomaly_sql(f"health = '{MotorHealth.DRIFT}'")
 """SQL condition that they have a drift."""
 
+KEPT_LEVELS_SQL = ", ".join(f"'{level}'" for level in Level if not is_headline_replaced(level))
+"""SQL list of the levels at which the headline by the log alone stays."""
+
 SHOWN_HEADLINE_OF_LOG_SQL = (
-    f"iif(level <> '{Level.BAD}' and ({HAS_FAULT_SQL} or {HAS_DRIFT_SQL}), '', headline)"
+    f"iif(level not in ({KEPT_LEVELS_SQL}) and ({HAS_FAULT_SQL} or {HAS_DRIFT_SQL}), '', headline)"
 )
 """SQL expression of the headline by the log alone; empty where an anomaly of the motors has taken its place."""
 
@@ -75,15 +83,32 @@ SHOWN_URGENCY_SQL = (
 
 
 def level_beside_fleet_sql(column: str) -> str:
-    """Returns the SQL expression of a level that the motors may make worse, as ``report.fleet.motors_level`` has it.
+    """Returns the SQL expression of a level that an anomaly of the motors may make worse, as ``motors_level`` has it.
 
     Args:
         column: column of the table ``entries`` with the level by the log alone.
     """
+    level_with_fault = _level_with_anomaly_sql(column, MotorHealth.FAULT)
+    level_with_drift = _level_with_anomaly_sql(column, MotorHealth.DRIFT)
     return (
-        f"iif({column} = '{Level.BAD}' or {HAS_FAULT_SQL}, '{HEALTH_LEVELS[MotorHealth.FAULT]}',"
-        f" iif({HAS_DRIFT_SQL}, '{HEALTH_LEVELS[MotorHealth.DRIFT]}', {column}))"
+        f"case when {HAS_FAULT_SQL} then {level_with_fault}"
+        f" when {HAS_DRIFT_SQL} then {level_with_drift} else {column} end"
     )
+
+
+def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:
+    """Returns the SQL expression of a level of flights whose motors have an anomaly.
+
+    Args:
+        column: column with the level by the log alone. A log that is not judged yet has none, which counts as unknown.
+        health: the anomaly, fault or drift.
+    """
+    cases = ""
+    for level_of_log in Level:
+        level = motors_level(level_of_log, HEALTH_LEVELS[health])
+        cases += f" when '{level_of_log}' then '{level}'"
+    level_without_log = motors_level(Level.UNKNOWN, HEALTH_LEVELS[health])
+    return f"case {column}{cases} else '{level_without_log}' end"
 
 
 def order_sql(order: ListingOrder) -> str:
@@ -94,7 +119,7 @@ def order_sql(order: ListingOrder) -> str:
 
 
 def entry_beside_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:
-    """Returns a flight's index entry with the verdict that is shown.
+    """Returns a flight's index entry with the verdict that is shown to everyone who may see the flight.
 
     Args:
         entry: the entry, whose verdict is by the log alone.

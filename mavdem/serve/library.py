@@ -28,6 +28,7 @@ from mavdem.facts import Fact
 from mavdem.facts.serve import ListingOrder, RefusalReason, Sharing, Stage, StartFailure
 from mavdem.fleet.assigned_vehicles import assign_vehicle, rows_with_assigned_vehicles
 from mavdem.fleet.baseline import row_with_bad_motors
+from mavdem.fleet.flights import worst_row
 from mavdem.fleet.names import (
     GivenNames,
     content_hash,
@@ -47,6 +48,7 @@ from mavdem.fleet.row import (
 from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, local_source
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
+from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.results import PAGE_FILE
 from mavdem.serve.compared_motors import ANOMALIES_INDEX_SQL, order_sql
 from mavdem.serve.index import (
@@ -478,6 +480,45 @@ class Library:
     def flight_rows(self, entries: Iterable[LibraryEntry]) -> FlightRows:
         """Returns the fleet's rows of these logs: one for each axis of each vehicle."""
         return self.store.rows_of(map(self._source_of, entries))
+
+    def rows_with_motor_anomaly(self, entries: Iterable[LibraryEntry]) -> dict[str, FlightRow]:
+        """Finds the flights whose motors have a fault or drift in comparison with other flights of their vehicle.
+
+        The fleet's table has a row for each axis of each vehicle in a log, with the health of the motors by that axis.
+
+        Args:
+            entries: index entries of the flights to examine.
+
+        Returns:
+            For each flight with such an anomaly, by the id of its entry, the row with the worst health.
+        """
+        entries_by_path = {str(self.log_path(entry)): entry for entry in entries}
+        anomalous_rows = []
+        for row in self.brief_flight_rows(entries_by_path.values()):
+            # Rows of other vehicles in the same log do not count: the entry is listed under one vehicle.
+            is_of_listed_vehicle = row.vehicle == entries_by_path[row.file].vehicle
+            if row.health in ANOMALOUS_HEALTHS and is_of_listed_vehicle:
+                anomalous_rows.append(row)
+        worst_rows = {}
+        for path, rows_of_log in group_by(anomalous_rows, lambda row: row.file).items():
+            worst_rows[entries_by_path[path].id] = worst_row(rows_of_log)
+        return worst_rows
+
+    def uncompared_ids(self, entries: Iterable[LibraryEntry]) -> set[str]:
+        """Returns the ids of those flights whose motors have not been compared with the vehicle's other flights yet.
+
+        A log is compared a moment after it was read, once no other log waits; until then a loss of thrust that only the
+        comparison shows is not known.
+
+        Args:
+            entries: index entries of the flights to examine.
+        """
+        ids_by_path = {str(self.log_path(entry)): entry.id for entry in entries}
+        # The column "judged" is empty until the vehicle is judged, and "file" where a log is not in the fleet's table.
+        query = """select distinct path from flights join logs using (log)
+            where file is not null and judged is null and path in (select value from json_each(?))"""
+        paths = json.dumps([utf8_text(path) for path in ids_by_path])
+        return {ids_by_path[path] for (path,) in self.db.execute(query, [paths])}
 
     def _source_of(self, entry: LibraryEntry) -> LogSource:
         """Returns the log of an entry as the fleet's store names it."""

@@ -32,6 +32,7 @@ from mavdem.live.vehicle_selection import Component
 from mavdem.report.live import live_title, vehicle_text
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
+from mavdem.serve.compared_motors import entry_beside_fleet
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.live_pages import (
@@ -569,7 +570,12 @@ class LinkMonitor:
         except Refusal:
             # Somebody has deleted the recording; the page stays as it is.
             return flight
-        verdict = _verdict_on_recording(entry)
+        # A comparison with the vehicle's other flights may show a loss of thrust that the log alone does not show.
+        anomalous_row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
+        is_compared = entry.id not in self._library.uncompared_ids([entry])
+        verdict = _verdict_on_recording(
+            entry_beside_fleet(entry, anomalous_row), is_compared=is_compared
+        )
         if verdict == flight.verdict:
             return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
@@ -884,13 +890,16 @@ def _awaits_vehicle(status: SessionStatus) -> bool:
     return status.vehicle is None and (reason is None or reason.code in NO_VEHICLE_CODES)
 
 
-def _verdict_on_recording(entry: LibraryEntry) -> Fact:
+def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
     """Returns the verdict of the library on a recording, or that it is not judged yet.
 
     Args:
-        entry: the recording in the library, which has a level once it is judged.
+        entry: the recording in the library with the verdict that is shown (:func:`entry_beside_fleet`). It has a level
+            once it is judged.
+        is_compared: whether its motors have been compared with the vehicle's other flights. Before that no verdict is
+            given, since it might be an all-clear that the comparison then takes back.
     """
-    if entry.level:
+    if entry.level and is_compared:
         return Fact(
             SessionFact.RECORDING_JUDGED,
             Level(entry.level),

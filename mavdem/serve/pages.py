@@ -48,6 +48,7 @@ from mavdem.report.pages.library_page import (
 from mavdem.report.pages.motor_anomaly import motor_anomaly
 from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
+from mavdem.serve.compared_motors import entry_beside_fleet
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
@@ -157,8 +158,8 @@ class Pages:
     def list_flights(self, request: HttpRequest) -> Response:
         """Answers with the page that lists the library's flights, newest first, or the flights that a search finds.
 
-        A visitor without the right to read sees only public flights, and neither names of vehicles nor anomalies of
-        motors.
+        A visitor without the right to read sees only public flights, and no names of vehicles. The verdict on a flight
+        is the same for all who see it.
 
         Args:
             request: the request, whose query may contain a search.
@@ -169,7 +170,6 @@ class Pages:
         is_library_empty = not result.entries and not result.query and not result.offset
         html = render_server_page(
             "library",
-            entries=result.entries,
             total=result.total,
             query=result.query,
             problems=_search_hints(result),
@@ -186,31 +186,51 @@ class Pages:
         return HTMLResponse(html)
 
     def _values_of_vehicles(self, result: SearchResult, *, may_read: bool) -> JsonValues:
-        """Returns what the list of flights shows of their vehicles, for visitors who may read all flights.
+        """Returns what the list of flights shows of their vehicles.
 
         Args:
             result: the search, with the flights on the page.
-            may_read: whether the visitor has that right; without it all values are empty.
+            may_read: whether the visitor may read all flights. Without that right, names of vehicles, links to
+                comparisons and the number of flights that are not known are left out.
 
         Returns:
-            Values by the names in the template: names of all ``vehicles``; ``anomalous_rows``, the row in the fleet's
-            table of each flight whose motors have a fault or drift, by the entry's id; ``flights_to_compare``, the
-            healthy flight to compare it with; and ``not_known_count``, the number of flights of which it is not known
-            whether they match the search.
+            Values by the names in the template: those of :meth:`_judged_flights`; names of all ``vehicles``; and
+            ``not_known_count``, the number of flights of which it is not known whether they match the search.
         """
         vehicle_names: list[str] = []
-        anomalous_rows: dict[str, FlightRow] = {}
         not_known_count = 0
         if may_read:
             vehicle_names = self._library.vehicle_names()
-            anomalous_rows = self._visible_library.rows_with_motor_anomaly(result.entries)
             if needs_complete_entries(result.query):
                 not_known_count = self._library.incomplete_count()
         return {
             "vehicles": vehicle_names,
-            "anomalous_rows": anomalous_rows,
-            "flights_to_compare": self._flights_to_compare(result.entries, anomalous_rows),
             "not_known_count": not_known_count,
+            **self._judged_flights(result.entries, may_read=may_read),
+        }
+
+    def _judged_flights(self, entries: Sequence[LibraryEntry], *, may_read: bool) -> JsonValues:
+        """Returns what the table of flights shows of each: its verdict by its log and beside the vehicle's others.
+
+        Args:
+            entries: index entries of the flights, whose verdicts are by their logs alone.
+            may_read: whether the visitor may read all flights, and so compare two.
+
+        Returns:
+            Values by the names in the template: ``entries`` with the verdicts that are shown; ``anomalous_rows``, the
+            row in the fleet's table of each flight whose motors have a fault or drift, by the entry's id; and
+            ``flights_to_compare``, the healthy flight to compare it with.
+        """
+        anomalous_rows = self._library.rows_with_motor_anomaly(entries)
+        flights_to_compare = {}
+        if may_read:
+            flights_to_compare = self._flights_to_compare(entries, anomalous_rows)
+        return {
+            "entries": [
+                entry_beside_fleet(entry, anomalous_rows.get(entry.id)) for entry in entries
+            ],
+            "anomalous_rows": anomalous_rows,
+            "flights_to_compare": flights_to_compare,
         }
 
     def _flights_to_compare(
@@ -266,9 +286,11 @@ class Pages:
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})
         anomaly = None
-        if values["may_read"] and not vehicle:
-            row = self._visible_library.rows_with_motor_anomaly([entry]).get(entry.id)
+        if not vehicle:
+            row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
             anomaly = motor_anomaly(row)
+            values["flight"] = entry_beside_fleet(entry, row)
+        if values["may_read"] and not vehicle:
             previous_entry = self._visible_library.previous_flight(entry)
             best_entry = previous_entry
             if anomaly is not None:
@@ -288,6 +310,7 @@ class Pages:
                 html,
                 given_name=values["given"].flights.get(entry.content_hash, ""),
                 anomaly=anomaly,
+                is_compared=bool(vehicle) or not self._library.uncompared_ids([entry]),
                 files=files,
                 missing=missing_recordings,
                 can_open=can_open,
@@ -511,16 +534,13 @@ class Pages:
         # A flight has a row for each axis, all with the same key. A flight of the baseline may have been deleted since.
         healthy_flights = {content_hash(row.key) for row in healthy_rows}
         baseline_entries = [entry for entry in entries if entry.content_hash in healthy_flights]
-        anomalous_rows = self._visible_library.rows_with_motor_anomaly(entries)
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
             _changes_from_baseline(name, rows, healthy_rows),
             name=name,
-            entries=entries,
             baseline_count=len(healthy_flights),
             baseline_entries=baseline_entries,
-            anomalous_rows=anomalous_rows,
-            flights_to_compare=self._flights_to_compare(entries, anomalous_rows),
+            **self._judged_flights(entries, may_read=True),
             **self._visible_library.visitor_values(request),
         )
         return HTMLResponse(html)
@@ -541,7 +561,8 @@ class Pages:
             The page.
         """
         visitor = self._visible_library.visitor_values(request)
-        html = render_server_page("unnamed_vehicles", name=name, entries=entries, **visitor)
+        judged_flights = self._judged_flights(entries, may_read=True)
+        html = render_server_page("unnamed_vehicles", name=name, **judged_flights, **visitor)
         return HTMLResponse(html)
 
     def compare(self, request: HttpRequest) -> Response:

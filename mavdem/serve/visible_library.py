@@ -9,15 +9,13 @@ from typing import NamedTuple
 
 from starlette.requests import Request as HttpRequest
 
-from mavdem.containers import JsonValues, group_by
+from mavdem.containers import JsonValues
 from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing, Stage
-from mavdem.fleet.flights import worst_row
 from mavdem.fleet.names import content_hash
-from mavdem.fleet.row import FlightRow
-from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.report.pages.library_page import interface_words
+from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
 from mavdem.serve.compared_motors import entry_beside_fleet
 from mavdem.serve.index import LibraryEntry
@@ -197,35 +195,11 @@ class VisibleLibrary:
                 if other_entry.content_hash in baseline:
                     return other_entry
         earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
-        anomalous_rows = self.rows_with_motor_anomaly(earlier_entries)
+        anomalous_rows = self.library.rows_with_motor_anomaly(earlier_entries)
         for earlier_entry in earlier_entries:
             if earlier_entry.id not in anomalous_rows:
                 return earlier_entry
         return None
-
-    def rows_with_motor_anomaly(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
-        """Finds the flights whose motors have a fault or drift in comparison with other flights of their vehicle.
-
-        The fleet's table has a row for each axis of each vehicle in a log, with the health of the motors by that axis.
-
-        Args:
-            entries: index entries of the flights to examine.
-
-        Returns:
-            For each flight with such an anomaly, by the id of its entry, the row with the worst health.
-        """
-        entries_by_path = {str(self.library.log_path(entry)): entry for entry in entries}
-        anomalous_rows = []
-        for row in self.library.brief_flight_rows(entries):
-            # Rows of other vehicles in the same log do not count: the entry is listed under one vehicle.
-            is_of_listed_vehicle = row.vehicle == entries_by_path[row.file].vehicle
-            if row.health in ANOMALOUS_HEALTHS and is_of_listed_vehicle:
-                anomalous_rows.append(row)
-        worst_rows = {}
-        for path, rows_of_log in group_by(anomalous_rows, lambda row: row.file).items():
-            entry = entries_by_path[path]
-            worst_rows[entry.id] = worst_row(rows_of_log)
-        return worst_rows
 
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
         """Returns flights of the library as JSON documents, with the names that users gave to them and their vehicles.
@@ -240,24 +214,44 @@ class VisibleLibrary:
             The documents, in the order of the entries.
         """
         names = self.library.names
-        anomalous_rows = self.rows_with_motor_anomaly(entries)
+        anomalous_rows = self.library.rows_with_motor_anomaly(entries)
         documents = []
         for entry in entries:
             flight_name = names.flights.get(entry.content_hash, "")
             vehicle_name = names.vehicles.get(entry.vehicle, "")
             anomalous_row = anomalous_rows.get(entry.id)
-            motor_anomaly = None if anomalous_row is None else anomalous_row.health_reason
+            reason = None if anomalous_row is None else anomalous_row.health_reason
             document = Flight.from_results(
                 entry_beside_fleet(entry, anomalous_row),
                 given_name=flight_name,
                 vehicle_name=vehicle_name,
-                motor_anomaly=motor_anomaly or "",
+                motor_anomaly=reason or "",
             )
             documents.append(document)
         return documents
 
+    def judged_review(self, entry: LibraryEntry) -> JsonValues | None:
+        """Returns the document of a flight's review, with the motors judged also by the vehicle's other flights.
+
+        So it has the same headline, motors' light and next step as the page of the flight and its line in lists.
+
+        Args:
+            entry: index entry of the flight.
+
+        Returns:
+            The document; None if :meth:`review` returns none.
+
+        Raises:
+            Refusal: the flight is being deleted, or its document is damaged.
+        """
+        review = self.review(entry)
+        if review is None:
+            return None
+        anomalous_row = self.library.rows_with_motor_anomaly([entry]).get(entry.id)
+        return dict(review_with_anomaly(review, motor_anomaly(anomalous_row)))
+
     def review(self, entry: LibraryEntry) -> JsonValues | None:
-        """Returns the document of a flight's review.
+        """Returns the document of a flight's review, by its log alone.
 
         Args:
             entry: index entry of the flight.

@@ -112,6 +112,8 @@ class AtOnce:
         while (entry := self.library.claim()) is not None:
             job = Job(str(self.library.log_path(entry)))
             self.library.finish_reading(entry, outcome_of(job, read_made_up), LIMITS)
+        # The made-up rows have their health already, so that no comparison with other flights is awaited.
+        self.library.db.execute("update flights set judged = ''")
 
 
 class Answer(namedtuple("Answer", "status headers text")):

@@ -334,6 +334,9 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
     (flight,) = served.get("/api/flights?q=motors:bad").json["flights"]
     assert (flight["id"], flight["lights"]["motors"]) == (weak, "bad")
     assert flight["motor_anomaly"] == "Motor 3 lost thrust."
+    review = served.get(f"/api/flights/{weak}").json["review"]
+    assert review["headline"]["sentence"] == "Motor 3 lost thrust."
+    assert review["next_step"]["sentence"].startswith("Unless they were replaced, check motors")
 
 
 @mark.slow
@@ -470,6 +473,11 @@ def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
     assert [guarded.get(path).status for path in ("/vehicle?name=quad%207", "/compare")] == [
         401
     ] * 2
+    # The verdict on a public flight is the same for all: a visitor sees the fault that only other flights show.
+    weak_log = ("weak.ulg", log("A weak motor."))
+    page = guarded.upload(weak_log, token=TOKEN, path="/upload", fields={"public": "true"})
+    for path in ("/", page.headers["Location"]):
+        assert "Motor 3 lost thrust." in guarded.get(path).text
 
 
 @mark.slow

@@ -36,7 +36,7 @@ from mavdem.fleet.workers import KEY_HASH_DIGITS, Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import render_server_page
 from mavdem.results import PAGE_FILE, REPORT_FILE
-from mavdem.serve.compared_motors import order_sql
+from mavdem.serve.compared_motors import entry_beside_fleet, order_sql
 from mavdem.serve.index import (
     LibraryEntry,
     columns_of_flight,
@@ -200,7 +200,8 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     wind = {"wind_speed": 5.7, "wind_low": 2.9, "wind_high": 10.4}
     entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", **wind, **lights)
     row = flight_row("quad", 0, health=health, health_reason="Motor 3 works harder.")
-    page = library_page([entry], anomalous_rows={} if health == "ok" else {"id": row})
+    anomalous_rows = {} if health == "ok" else {"id": row}
+    page = library_page([entry_beside_fleet(entry, anomalous_rows.get("id"))], anomalous_rows)
     assert f'aria-label="motors {level}"' in page
     assert ">2.9 to 10.4 m/s<" in page
 

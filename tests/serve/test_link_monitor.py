@@ -12,6 +12,7 @@ from threading import Event
 from unittest.mock import Mock
 
 from command_line import free_port
+from fleet_rows import flight_row
 from mavlink_streams import flight, heartbeat
 from patience import PATIENCE, until
 from pytest import fixture, mark, raises
@@ -27,6 +28,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse, VehicleFact
 from mavdem.fleet.names import NO_NAMES
+from mavdem.fleet.stored_rows import brief_json
 from mavdem.ingest import read_log
 from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.live import clock
@@ -302,7 +304,8 @@ def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_kn
     session.stream.status.return_value = known
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
     session.status = replace(known, no_model_reason=silence)
-    awaited = link_monitor._verdict_on_recording(LibraryEntry("abc", "a.tlog"))
+    entry = LibraryEntry("abc", "a.tlog")
+    awaited = link_monitor._verdict_on_recording(entry, is_compared=False)
     page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), awaited)
     assert "This flight is over." in page and '<a href="/f/abc">a.tlog</a>' in page
     assert "Nothing was received" not in page and "The flight is over; nothing more" in page
@@ -331,6 +334,33 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     live._with_verdict(flight)
     assert live._finished_page == "Too little margin."
     assert [str(event.fact) for event in told] == ["Too little margin."]
+
+
+def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_and_has_its_fault(
+    idle,
+):
+    """The log alone shows nothing wrong."""
+    live, told = idle
+    library = live._library
+    path = library.new_incoming_path("a.tlog")
+    path.write_bytes(b"a")
+    entry = library.add(path, "a.tlog")
+    library.change(entry.id, headline="Nothing wrong found.", level="good", vehicle="quad")
+    weak = {"health": "fault", "health_reason": "Motor 1 lost thrust.", "suspect_motor": 1}
+    row = flight_row("quad", 0, file=str(library.log_path(entry)), **weak)
+    library.db.execute("insert into logs (path, log) values (?, ?)", [row.file, entry.digest])
+    library.db.execute(
+        "insert into flights (log, vehicle, file, brief) values (?, ?, ?, ?)",
+        [entry.digest, "quad", row.file, brief_json(row)],
+    )
+    flight = link_monitor._StoredFlight(Mock(), entry.id, PageLink("a.tlog", "/f/abc"))
+    flight = live._with_verdict(flight)
+    assert flight.is_verdict_awaited and told == []
+    library.db.execute("update flights set judged = ''")
+    verdict = live._with_verdict(flight).verdict
+    assert (verdict.is_bad, str(verdict)) == (True, "Motor 1 lost thrust.")
+    assert verdict.figures["levels"]["motors"] == "bad"
+    assert [str(event.fact) for event in told] == ["Motor 1 lost thrust."]
 
 
 def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(idle, monkeypatch):

@@ -20,11 +20,9 @@ from mavdem.assessment.time_history import TimeHistory
 from mavdem.containers import Names
 from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import MotorHealth
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows, log_row
 from mavdem.fleet.names import NO_NAMES, content_hash
-from mavdem.fleet.row import FlightRow
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block, plain_text
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
@@ -34,7 +32,6 @@ from mavdem.report.fleet import (
     HEALTH_LEVELS,
     VehicleTexts,
     badge_level,
-    motors_level,
     unnamed_vehicle,
     vehicle_label,
     vehicle_texts,
@@ -141,7 +138,6 @@ def _server_environment() -> Environment:
         "healths": HEALTH_LEVELS,
         "MAX_PARTS": MAX_FLIGHTS_OF_LOG,
         "MAX_VEHICLE_LINKS": MAX_VEHICLE_LINKS,
-        "lights_beside_fleet": lights_beside_fleet,
         "wind_speed_text": wind_speed_text,
     }
     # A dictionary of its own: the environment of other pages does not have these values.
@@ -149,26 +145,6 @@ def _server_environment() -> Environment:
     for name in jinja.list_templates(["html"]):
         jinja.get_template(name)
     return jinja
-
-
-def lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> dict[str, str]:
-    """Returns the levels of a flight's status lights as lists and documents of flights have them.
-
-    A light is the judgement of one part of the vehicle, such as its motors, with a level: good, watch, bad or unknown.
-    A log's lights are judged by the log alone. If the motors work otherwise than in the vehicle's other flights, their
-    light gets the worse of both levels, as on the page of the flight.
-
-    Args:
-        lights: level of each light by the log alone, by name; empty before the log is judged.
-        row: the flight's row in the fleet's table if its motors have a fault or drift beside other flights; otherwise
-            None.
-    """
-    levels = dict(lights)
-    if levels and row is not None:
-        level_of_log = Level(levels[Light.MOTORS] or Level.UNKNOWN)
-        health_level = HEALTH_LEVELS[MotorHealth(row.health)]
-        levels[Light.MOTORS] = motors_level(level_of_log, health_level)
-    return levels
 
 
 def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:

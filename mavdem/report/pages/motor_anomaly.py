@@ -2,8 +2,8 @@
 
 The page of a flight is written from its log alone. Later the vehicle is judged from all its flights, which shows
 smaller losses of a motor. Then the beginning of the page is changed: the anomaly becomes its headline and next step,
-unless the log alone shows worse, and the light of the motors (their judgement by a level) becomes at least as bad as
-the anomaly.
+unless the log alone shows something bad, and the light of the motors (their judgement by a level) becomes at least as
+bad as the anomaly.
 """
 
 import re
@@ -22,6 +22,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
     HEALTH_LEVELS,
+    is_headline_replaced,
     motor_next_step,
     motors_level,
     suspected_motor,
@@ -77,6 +78,9 @@ class MotorAnomaly(NamedTuple):
     next_step: list[Sentence]
     """What to do next; empty of a drift without a suspected motor."""
 
+    code: str
+    """Code of the evidence, a value of ``MotorsBetween``; empty where it is not known."""
+
     motor: str
     """Name of the suspected motor, such as "motor 1"; empty where none is."""
 
@@ -102,7 +106,9 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
     if row.health == MotorHealth.FAULT or motor:
         next_step = motor_next_step(row)
     level = HEALTH_LEVELS[MotorHealth(row.health)]
-    return MotorAnomaly(level, row.health_reason or "", next_step, motor)
+    return MotorAnomaly(
+        level, row.health_reason or "", next_step, code=row.health_code or "", motor=motor
+    )
 
 
 def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:
@@ -157,37 +163,70 @@ def review_with_anomaly(
 
     - The status light of the motors, even one of the same level. If the anomaly names no motor, and the light by the
       log alone names one, the sentence of this light is kept beside the anomaly.
-    - The headline with the next step, unless the headline is bad already.
+    - The headline with the next step, as :func:`is_headline_replaced` decides.
 
     Args:
         review: review document of the flight; it is not modified.
         anomaly: the anomaly of the motors; None if there is none.
 
     Returns:
-        A changed copy; the review itself without an anomaly, or if its motors are bad by the log alone.
+        A changed copy; the review itself without an anomaly.
     """
     if anomaly is None:
         return review
-    lights = review.get("lights") or {}
-    light_of_log = lights.get(Light.MOTORS) or {}
-    level_of_log = Level(light_of_log.get("level") or Level.UNKNOWN)
-    if level_of_log is Level.BAD:
-        return review
     changed_parts: JsonValues = {}
-    judgement: JsonValues = {"level": anomaly.level, "sentence": anomaly.reason}
+    lights = review.get("lights") or {}
     if Light.MOTORS in lights:
-        motors_light = judgement | {"subject": anomaly.motor}
-        # What the log alone says is kept where it names a motor and the anomaly does not.
-        motor_of_log = light_of_log.get("subject") or ""
-        if level_of_log is Level.WATCH and motor_of_log and not anomaly.motor:
-            sentences = f"{anomaly.reason} By this log alone: {light_of_log['sentence']}"
-            motors_light |= {"subject": motor_of_log, "sentence": sentences}
+        motors_light = _light_with_anomaly(lights[Light.MOTORS] or {}, anomaly)
         changed_parts["lights"] = lights | {Light.MOTORS: motors_light}
-    if value_at(review, "headline.level") != Level.BAD:
-        changed_parts["headline"] = judgement
+    level_of_log = Level(value_at(review, "headline.level") or Level.UNKNOWN)
+    if is_headline_replaced(level_of_log):
+        changed_parts["headline"] = _sentence_document(anomaly, anomaly.reason)
         for step in anomaly.next_step:
-            changed_parts["next_step"] = {"sentence": step.text}
+            changed_parts["next_step"] = _sentence_document(anomaly, step.text)
     return {**review, **changed_parts}
+
+
+def _light_with_anomaly(light: Mapping[str, Any], anomaly: MotorAnomaly) -> Mapping[str, Any]:
+    """Returns the motors' light of a review document, judged also by the other flights of the vehicle.
+
+    Args:
+        light: the light by the log alone.
+        anomaly: the anomaly of the motors.
+
+    Returns:
+        The light by the log alone if that is bad. Otherwise the light with the anomaly; if the anomaly names no motor,
+        and the log alone warns of one, its sentence is kept beside the anomaly.
+    """
+    level_of_log = Level(light.get("level") or Level.UNKNOWN)
+    if level_of_log is Level.BAD:
+        return light
+    motor_of_log = light.get("subject") or ""
+    if level_of_log is Level.WATCH and motor_of_log and not anomaly.motor:
+        sentences = f"{anomaly.reason} By this log alone: {light['sentence']}"
+        return _sentence_document(anomaly, sentences, subject=motor_of_log)
+    return _sentence_document(anomaly, anomaly.reason, subject=anomaly.motor)
+
+
+def _sentence_document(anomaly: MotorAnomaly, text: str, subject: str = "") -> JsonValues:
+    """Returns a sentence about an anomaly in the form that sentences have in a review document.
+
+    Args:
+        anomaly: the anomaly, which has no figures and no time, since the fleet's table stores its sentence alone.
+        text: the sentence.
+        subject: the motor that it is about; empty if it is about the flight as a whole.
+    """
+    return {
+        "code": anomaly.code,
+        "level": anomaly.level,
+        "time": None,
+        "until": None,
+        "subject": subject,
+        "figures": {},
+        "units": {},
+        "sentence": text,
+        "remedy": "",
+    }
 
 
 def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None) -> str:
@@ -196,7 +235,8 @@ def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None) -> str:
     The page was made from the log of the flight alone. Regular expressions find the two parts of it that change:
 
     - The status light of the motors gets the level of the anomaly if that is worse.
-    - A section about the anomaly stands above the result of the log or, if the log alone shows worse, below it.
+    - A section about the anomaly stands above the result of the log, as the headline of the page, or below it, as
+      :func:`is_headline_replaced` decides.
 
     The function may be called again with its own result: the anomaly of the earlier call is replaced.
 
@@ -213,8 +253,9 @@ def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None) -> str:
 def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     """Returns the top of a flight's page: the result by its log alone, and the section about an anomaly of its motors.
 
-    The section stands above the result or, if the log alone shows worse, below it. A next step by the log alone may be
-    to fly again. Below the next step of the anomaly it is therefore marked as the later one.
+    The section stands above the result or, if the log alone shows something bad, below it
+    (:func:`is_headline_replaced`). A next step by the log alone may be to fly again. Below the next step of the anomaly
+    it is therefore marked as the later one.
 
     Args:
         result: match of ``RESULT_HTML`` in the page, in which an earlier call may have written an anomaly.
@@ -226,8 +267,12 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     opening = f'<section id="result" class="{result["classes"]}">\n'
     if anomaly is None:
         return f"{opening}{content}</section>\n"
-    is_log_bad = SECTION_CLASSES[Level.BAD] in result["classes"].split()
-    is_below = is_log_bad and anomaly.level is not Level.BAD
+    # The page has the level of its result only as a class, of which a good and an unknown result have none.
+    level_of_log = Level.UNKNOWN
+    for level, section_class in SECTION_CLASSES.items():
+        if section_class in result["classes"].split():
+            level_of_log = level
+    is_below = not is_headline_replaced(level_of_log)
     anomaly_section = render_page(
         environment().get_template("related_flights.html"),
         anomaly=anomaly,

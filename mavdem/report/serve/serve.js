@@ -275,6 +275,18 @@
 
   // The page of one flight.
   const id = $("bar")?.dataset.id ?? $("reading")?.dataset.id;
+  // Its motors are compared with the vehicle's other flights a moment after it was read. A verdict that this changes is
+  // in the page that the server then sends.
+  if ($("comparing")) {
+    const shown = $("comparing").dataset, comparison = new EventSource(`/api/progress?id=${id}`);
+    let flight = null;
+    comparison.onmessage = event => { flight = JSON.parse(event.data)[0]; };
+    comparison.addEventListener("end", () => {
+      comparison.close();
+      if (flight && (flight.headline !== shown.headline || flight.lights.motors !== shown.motors)) return location.reload();
+      $("comparing").remove();
+    });
+  }
   let savedSharing = $("sharing")?.value;
   $("edit")?.addEventListener("submit", async event => {
     event.preventDefault();
