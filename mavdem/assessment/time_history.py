@@ -113,8 +113,8 @@ class TimeHistory:
     barometer_height: TimeSeries | None
     """Height (L,) by the barometer alone, m; None without a usable barometer. It shows where the height diverged."""
     satellite_height: TimeSeries | None
-    """Height (G,) by satellites, m, if an event doubts another height; otherwise None. Receivers of sound vehicles
-    wander by several metres, which would hide the movements of a low flight."""
+    """Height (G,) by satellites, m, if an event doubts another height, or if there is no other; otherwise None.
+    Receivers of sound vehicles wander by several metres, which would hide the movements of a low flight."""
     motors: MotorHistory | None
     """Outputs of the motors; None if they were not recorded."""
     voltages: Mapping[str, TimeSeries | None]
@@ -131,7 +131,7 @@ class TimeHistory:
     events: tuple[Event, ...]
     """What happened in the shown boots, or in a boot that is not known, in the order of boot and time."""
     position: TimeSeries | None
-    """Flown path (N, 3), m north, east and down."""
+    """Flown path (N, 3), m north, east and down; by the satellite receiver alone if no other was recorded."""
 
 
 def time_history(
@@ -162,7 +162,7 @@ def time_history(
     barometer_height = _barometer_height(signals)
     satellite_height = _satellite_height(signals, barometer_height, events)
     shown_time = one_part(segment)
-    position = shown_time.within(signals.position)
+    position = shown_time.within(signals.position or signals.receiver_position)
     if has_all_flights:
         shown_time = successive_parts(_segments_of_flights(signals, segment), segment.boot)
     shown_events = [shown_time.event(fact) for fact in events]
@@ -251,8 +251,11 @@ def _satellite_height(
         events: events of all boots, each a fact (a coded finding).
 
     Returns:
-        The height (G,), m, averaged over a second, at the receiver's fixes; None without such an event.
+        The height (G,), m, averaged over a second, at the receiver's fixes; None without such an event. If the log has
+        no other height, the receiver's own height above its first fix; None without a fix.
     """
+    if signals.height is None:
+        return _height_above_first_fix(signals)
     heights_by_boot = []
     last_events = {event.figures["boot"]: event for event in events if event.code in HEIGHT_DOUBTS}
     for boot, event_of_doubt in last_events.items():
@@ -272,6 +275,15 @@ def _satellite_height(
             satellite_height = barometer_at_fixes - growth_since_take_off
             heights_by_boot.append(replace(difference, values=satellite_height))
     return _joined(heights_by_boot)
+
+
+def _height_above_first_fix(signals: Signals) -> TimeSeries | None:
+    """Returns the height (G,) of a satellite receiver above its first fix, m; None without a fix."""
+    position = signals.receiver_position
+    if position is None:
+        return None
+    north_east_down = position.values
+    return replace(position, values=-north_east_down[:, 2])
 
 
 def _joined(series_by_boot: Sequence[TimeSeries]) -> TimeSeries | None:

@@ -4,6 +4,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -293,7 +294,7 @@ def _exit_code(args: list[str], *, as_json: bool) -> int:
         if isinstance(error, click.UsageError) and error.ctx:
             command_path = error.ctx.command_path
         report_error(
-            Fact(RunEnd.BAD_USAGE, text=error.format_message(), name=command_path), as_json=as_json
+            Fact(RunEnd.BAD_USAGE, text=_usage_message(error), name=command_path), as_json=as_json
         )
     except NotLearnable as error:
         report_error(error.fact, as_json=as_json)
@@ -317,6 +318,24 @@ def _exit_code(args: list[str], *, as_json: bool) -> int:
     else:
         return EXIT_DONE
     return EXIT_ERROR
+
+
+def _usage_message(error: click.ClickException) -> str:
+    """Returns what is wrong with the arguments; for an unknown option with options that are spelled similarly.
+
+    Click compares names with their dashes, which all options share. It would suggest "--version" for "--wrong", so that
+    its suggestions are compared again without the dashes.
+
+    Args:
+        error: the error that Click raised.
+    """
+    if not isinstance(error, click.NoSuchOption) or not error.possibilities:
+        return error.format_message()
+    letters = error.option_name.lstrip("-")
+    similar_options = [
+        option for option in error.possibilities if get_close_matches(letters, [option.lstrip("-")])
+    ]
+    return click.NoSuchOption(error.option_name, possibilities=similar_options).format_message()
 
 
 def _run_command(args: list[str]) -> None:

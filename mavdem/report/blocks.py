@@ -12,6 +12,12 @@ from mavdem.facts import Fact, Level
 SCREEN_LINES = 15
 """Lines of a report on the terminal without ``--verbose``: a choice, so that it is read without scrolling."""
 
+_SPACE_BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|(?:k?m|m?s|min|h|k?Hz|V|A|dB|kg|MB|°/s)\b)")
+"""The space between a number and its unit, such as that in "22.1 s" and "5 m/s"."""
+
+_SPACE_BEFORE_NUMBER = re.compile(r"(?<=\bmotor) (?=\d)", re.IGNORECASE)
+"""The space between what is counted and its number, such as that in "motor 2"."""
+
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
 
@@ -189,20 +195,32 @@ def _block_as_markdown(block: Block) -> str:
 def wrapped_lines(text: str, columns: int) -> Iterator[str]:
     """Yields the lines of a text that is wrapped for the terminal.
 
-    A command between backquotes stays on one line, so that it can be copied. For this its spaces are replaced by ones
-    at which no line is broken, and restored after that.
+    A command between backquotes stays on one line, so that it can be copied, and a number stays with its unit. For this
+    the spaces in them are replaced by ones at which no line is broken, and restored after that.
 
     Args:
         text: the text, without line breaks.
         columns: largest number of characters in a line; a longer command or word makes a longer line.
     """
     text_with_hard_spaces = re.sub(
-        "`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text
+        "`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), with_unbroken_units(text)
     )
     for line in wrap(
         text_with_hard_spaces, columns, break_long_words=False, break_on_hyphens=False
     ):
         yield line.replace(HARD_SPACE, " ")
+
+
+def with_unbroken_units(text: str) -> str:
+    """Returns text whose numbers stay on a line with their unit, or with the "motor" that they are the number of.
+
+    It is for places in which a line has few words.
+
+    Args:
+        text: plain text, or the HTML of a page.
+    """
+    with_units = _SPACE_BEFORE_UNIT.sub(HARD_SPACE, text)
+    return _SPACE_BEFORE_NUMBER.sub(HARD_SPACE, with_units)
 
 
 def truncated(text: str, max_length: int) -> str:

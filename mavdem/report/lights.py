@@ -7,22 +7,25 @@ REASONED_CODES = (Unjudged.MULTIROTORS_ONLY, Unjudged.NOT_JUDGED, Unjudged.JUDGE
 """Codes of lights that are not judged, whose sentence has the reason."""
 
 
-def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
+def lights_with_reason_once(lights: NamedFacts, headline_fact: Fact | None = None) -> NamedFacts:
     """Returns the status lights of a flight for display, in which a reason that several share is stated only once.
 
     Of a plane, or of a vehicle that did not fly, several lights are not judged for the same reason. Repeated, it would
-    fill the screen. So the first of these lights states it, and the others are only "not judged". JSON documents keep
-    the reason of each light.
+    fill the screen. So the first of these lights states it, and the others are only "not judged"; all are if the
+    headline of the flight is the reason. JSON documents keep the reason of each light.
 
     Args:
         lights: the judgement of each part of the vehicle, such as its motors, by name: a fact (a coded finding) with a
             level.
+        headline_fact: the most important finding, which stands above or below the lights; None if it is not known yet.
 
     Returns:
         The lights in the same order.
     """
     shown_lights = {}
     stated_reasons = set()
+    if headline_fact is not None:
+        stated_reasons.add(Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=headline_fact).sentence)
     for name, fact in lights.items():
         if fact.code in REASONED_CODES:
             reason = fact.sentence

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
-from textwrap import wrap
 from types import MappingProxyType
 
 from mavdem.assessment import Assessment
@@ -30,7 +29,7 @@ from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
 from mavdem.report.screen import flight_sentences
-from mavdem.report.templates import first_clause, headline, render_section, without_full_stop
+from mavdem.report.templates import headline, render_section, without_full_stop
 from mavdem.report.why import headline_evidence
 
 SCREEN_COLUMNS = 80
@@ -38,6 +37,9 @@ SCREEN_COLUMNS = 80
 
 MAX_SCREEN_EVENTS = 3
 """Events besides the headline's that a screen shows where something is bad, a choice: the page lists all of them."""
+
+MAX_LINES_OF_GOOD_LIGHT = 2
+"""Lines that a light may have with which nothing is wrong, a choice: its limits fit, and what is wrong stands out."""
 
 CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins anew."
 """The row between events of two boots, in the columns of the other rows."""
@@ -63,14 +65,14 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
 
     It has the title, a line for each status light (the judgement of one subject, such as the motors), the few events
     that matter where something is bad, and last, where the user looks after everything has scrolled by, the headline
-    and the next step. Sentences of good lights are shortened to one line, and so are those of events.
+    and the next step. Long sentences of good lights are shortened to one line, and so are those of events.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         columns: number of characters in a line.
     """
     title_lines = _title_lines(review_title(assessment), columns)
-    lights = lights_with_reason_once(assessment.lights)
+    lights = lights_with_reason_once(assessment.lights, assessment.headline)
     light_lines = _lines_of_lights(lights, columns, headline_fact=assessment.headline)
     last_lines = _last_lines(assessment, columns)
     return "\n".join([*title_lines, *light_lines, *last_lines])
@@ -127,7 +129,7 @@ def further_lines(
     """
     printed_lights = _lights_before_loops(findings)
     remaining_lights = {}
-    for name, light in lights_with_reason_once(assessment.lights).items():
+    for name, light in lights_with_reason_once(assessment.lights, assessment.headline).items():
         if name not in printed_lights:
             remaining_lights[name] = light
     light_lines = _lines_of_lights(
@@ -141,7 +143,7 @@ def further_lines(
 
 def _title_lines(title: Sentence, columns: int) -> list[str]:
     """Returns the lines of a title, one or two, which also say what the times in the lines below count from."""
-    return wrap(f"{title.lead} {title.text} {TIME_ORIGIN}", columns, break_on_hyphens=False)
+    return [*wrapped_lines(f"{title.lead} {title.text} {TIME_ORIGIN}", columns)]
 
 
 def _lines_of_lights(
@@ -152,8 +154,8 @@ def _lines_of_lights(
 ) -> list[str]:
     """Returns the lines of the terminal for some status lights, each the judgement of one part of the vehicle.
 
-    A light that warns of the same as an earlier one refers to that ("See motors.") instead of repeating the sentence.
-    The light that is the headline has only its first clause, since its whole sentence follows below.
+    A light that states what the headline below states refers to that ("See the headline."), and one that warns of the
+    same as an earlier light to that light ("See motors."), so that no sentence is printed twice.
 
     Args:
         lights: the lights by name, such as "motors", each a finding with a level and a sentence.
@@ -164,10 +166,10 @@ def _lines_of_lights(
     repeated_lights = earlier_lights({**lights_before, **lights})
     lines = []
     for name, light in lights.items():
-        if name in repeated_lights:
+        if headline_fact is not None and headline(light) == headline(headline_fact):
+            lines.append(f"{_label_and_level(name, light)}See the headline.")
+        elif name in repeated_lights:
             lines.append(f"{_label_and_level(name, light)}See {repeated_lights[name]}.")
-        elif headline_fact is not None and headline(light) == headline(headline_fact):
-            lines.append(_line_of_headline(name, light, columns))
         else:
             lines += _lines_of_light(name, light, columns)
     return lines
@@ -211,7 +213,7 @@ def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> lis
         text = fact.sentence
     else:
         text = headline(fact)
-    return wrap(text, columns)
+    return [*wrapped_lines(text, columns)]
 
 
 def _evidence_lines(assessment: Assessment, columns: int) -> Iterator[str]:
@@ -228,7 +230,7 @@ def _evidence_lines(assessment: Assessment, columns: int) -> Iterator[str]:
     for sentence in headline_evidence(assessment.headline, assessment.lights):
         if sentence.text in light_sentences:
             continue
-        yield from wrap(f"{sentence.lead} {sentence.text}", columns)
+        yield from wrapped_lines(f"{sentence.lead} {sentence.text}", columns)
 
 
 def review_title(assessment: Assessment) -> Sentence:
@@ -448,35 +450,22 @@ def page_line(assessment: Assessment) -> str:
     return f"Only the page has plots over time, all {event_count_text}, sensors and parameters."
 
 
-def _line_of_headline(name: str, light: Fact, columns: int) -> str:
-    """Returns the line of the status light that is the headline: its first clause only, such as "Too little margin.".
-
-    The whole sentence follows below, as the headline of the screen.
-
-    Args:
-        name: name of the light, its subject, such as "motors".
-        light: the judgement of this subject, a coded finding with a level.
-        columns: number of characters in a line.
-    """
-    label_and_level = _label_and_level(name, light)
-    text = first_clause(headline(light))
-    return label_and_level + shortened(text, columns - len(label_and_level))
-
-
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     """Returns the lines of one status light of a review for the terminal.
 
-    A light that is good or not judged gets one line, without subordinate clauses if they do not fit. Any other light
-    has its whole sentence, on as many lines as that needs.
+    A light that is good or not judged gets two lines at most: if its sentence needs more, it is shortened to one line,
+    without remarks and subordinate clauses that do not fit. Any other light has its whole sentence, on as many lines as
+    that needs.
 
     Args:
         name: name of the light, its subject, such as "motors".
         fact: the judgement of this subject, a coded finding with a level.
         columns: number of characters in a line.
     """
+    whole_lines = _wrapped_fact(name, fact, columns)
     may_be_shortened = fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED
-    if not may_be_shortened:
-        return _wrapped_fact(name, fact, columns)
+    if not may_be_shortened or len(whole_lines) <= MAX_LINES_OF_GOOD_LIGHT:
+        return whole_lines
     label_and_level = _label_and_level(name, fact)
     line = _shortened_line(label_and_level, fact, columns)
     # A light that needs several lines on a terminal of the usual width gets its whole sentence on a wider one, too.
@@ -484,7 +473,7 @@ def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     line_of_usual_width = _shortened_line(label_and_level, fact, min(columns, SCREEN_COLUMNS))
     # An ellipsis at the end means that even the main clause was too long and is cut off.
     is_cut_off = line.endswith("…") or line_of_usual_width.endswith("…")
-    return _wrapped_fact(name, fact, columns) if is_cut_off else [line]
+    return whole_lines if is_cut_off else [line]
 
 
 def _wrapped_fact(label: str, fact: Fact, columns: int, remark: str = "") -> list[str]:
@@ -497,13 +486,10 @@ def _wrapped_fact(label: str, fact: Fact, columns: int, remark: str = "") -> lis
         remark: text after the sentence, such as how many events of the same kind there are; empty for none.
     """
     label_and_level = _label_and_level(label, fact)
-    return wrap(
-        _with_remark(headline(fact), remark),
-        columns,
-        initial_indent=label_and_level,
-        subsequent_indent=" " * len(label_and_level),
-        break_on_hyphens=False,
-    )
+    text = _with_remark(headline(fact), remark)
+    first_line, *further_lines_of_text = wrapped_lines(text, columns - len(label_and_level))
+    indent = " " * len(label_and_level)
+    return [label_and_level + first_line, *(indent + line for line in further_lines_of_text)]
 
 
 def _shortened_line(label_and_level: str, fact: Fact, columns: int, remark: str = "") -> str:

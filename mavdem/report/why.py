@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from mavdem.loops.axis_loops import LoopsByAxis
 
 
-MAX_WITNESSES_OF_HEADLINE = 4
-"""Measurements that a headline quotes as its evidence, a choice: the list of all events has the others."""
+MAX_WITNESSES_OF_HEADLINE = 2
+"""Measurements that a headline quotes as its evidence: one, and a second that confirms it. The list of all events has
+the others."""
 
 
 def evidence_sentences(event: Fact, max_witnesses: int | None = None) -> list[Sentence]:

@@ -391,6 +391,8 @@ def test_a_heading_that_is_set_at_once_is_no_error_while_the_vehicle_turns_to_it
     setpoint = yaw - np.radians(30.0) * (TIME > 24.0)
     misses = evidence(changed(telemetry, "ATTITUDE", yaw=setpoint)).tracking["yaw"]
     assert (misses.code, misses.level) == (TrackingLight.MISSES_SETPOINT, "bad")
+    assert misses.figures["largest_error"] == approx(np.radians(30.0), rel=0.1)
+    assert misses.figures["largest_error_time"] > 24.0
 
 
 @mark.slow

@@ -121,6 +121,22 @@ def test_a_signal_with_a_single_sample_in_flight_is_left_out():
         assert (height is not None) is is_shown
 
 
+def test_a_receiver_gives_path_and_height_where_nothing_else_does():
+    """The vehicle moves 0.001° north, 111.2 m, and climbs 5 m; without a fix the position is no place."""
+    time = [10.0, 20.0, 30.0, 31.0]
+    fixes = columns(
+        time,
+        fix_type=np.array([0, 3, 3, 3]),
+        satellites_visible=12,
+        lat=np.array([1, 500_000_000, 500_010_000, 500_010_000]),
+        lon=np.array([1, 80_000_000, 80_000_000, 80_000_000]),
+        alt=np.array([0, 600_000, 605_000, 605_000]),
+    )
+    history = history_of(changed(HOVER.telemetry(), "GPS_RAW_INT", **fixes))
+    assert_allclose(history.satellite_height.values, [0.0, 5.0, 5.0], atol=1e-6)
+    assert_allclose(history.position.values[:2], [[0, 0, 0], [111.2, 0, -5.0]], atol=0.1)
+
+
 def test_voltages_are_named_by_their_battery():
     time = HOVER.stamps(1.0)
     telemetry = changed(HOVER.telemetry(), "SYS_STATUS", **columns(time, voltage_battery=16000))

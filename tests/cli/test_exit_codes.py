@@ -78,6 +78,8 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "track {logs} --out f --time-limit 1000001": "1<=x<=1000000",
         "track {logs} --out f --memory-limit 1000001": "from 256 to 1000000",
         "fly hover_blower": "--out",
+        "info --wrong": "No such option '--wrong'. Try ",
+        "info --vehicel 1": "'--vehicle'",
         "fly nowhere --out f.tlog": "nowhere",
         "fly hover_blower --rrd f.png": ".rrd",
         "fly hover_blower --out f.tlog --duration 2": "Invalid value for --duration:",

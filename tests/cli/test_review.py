@@ -158,7 +158,7 @@ def test_a_screen_lists_the_modes_while_the_event_of_its_headline_lasted():
     assert re.findall(r"(?m)^([0-9.]+) s .* Mode Return", screen) == ["90.0", "102.0"]
 
 
-def test_the_light_of_the_headline_has_only_its_first_clause():
+def test_the_light_of_the_headline_refers_to_it():
     """The terminal would otherwise show one sentence twice."""
     assessment = assess(read_log(SLOW))
     trim = Fact(
@@ -172,7 +172,7 @@ def test_the_light_of_the_headline_has_only_its_first_clause():
     )
     judgement = replace(assessment.judgement, headline=trim, lights={"motors": trim})
     screen = review_screen(replace(assessment, judgement=judgement), columns=200)
-    assert "\nmotors     watch    Yaw trim 13 %.\n" in screen
+    assert "\nmotors     watch    See the headline.\n" in screen
     assert f"\n{trim.sentence}\n" in screen
 
 

@@ -39,3 +39,9 @@ def test_a_reason_that_several_lights_share_is_stated_once():
     )
     assert (shown_lights["motors"], shown_lights["power"]) == (grounded, other_fact)
     assert shown_lights["wind"].sentence == "Not judged."
+
+
+def test_a_reason_that_the_headline_states_is_not_repeated():
+    grounded = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=ONLY_MULTIROTORS)
+    shown_lights = lights_with_reason_once({"motors": grounded}, ONLY_MULTIROTORS)
+    assert shown_lights["motors"].sentence == "Not judged."

@@ -88,6 +88,8 @@ TURN_MARGIN_SECONDS = 2.0
 class SetpointErrors(NamedTuple):
     """How far a response is from the setpoint of some time before, for each of D delays."""
 
+    times: Array
+    """When they are compared (N,), s since boot."""
     setpoints: Array
     """The setpoints (N,)."""
     errors: Array
@@ -153,6 +155,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         A fact with these figures:
 
         - ``angle_error``, the ``error_limit`` from which it is bad, and the mean error ``offset_angle``, rad;
+        - ``largest_error``, rad, and ``largest_error_time``, when it was, s since boot;
         - ``delay``, s; None if the smallest error is at an end of the ``DELAYS``, so that the flight does not show it;
         - ``rate_error``, rad/s;
         - ``ratio`` and ``frequency``, Hz, of the largest response of the angle to its setpoint;
@@ -176,7 +179,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     angle_segments = segments
     if signals.axis not in TILT_AXES:
         angle_segments = _segments_without_turns(setpoint, segments)
-    setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, angle_segments, DELAYS)
+    times, setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, angle_segments, DELAYS)
     if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown_tracking
     rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
@@ -184,6 +187,8 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     best_delay = np.argmin(rms_errors)
     is_delay_measured = 0 < best_delay < len(DELAYS) - 1
     angle_error = rms_errors[best_delay]
+    absolute_errors = abs(errors_by_delay[best_delay])
+    worst_sample = np.argmax(absolute_errors)
     # How far the setpoint moves, rad: the larger, the larger an error may be.
     if signals.axis in TILT_AXES:
         movement = float(setpoints.std())
@@ -206,6 +211,8 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         angle_error=angle_error,
         error_limit=limits.bad,
         offset_angle=np.mean(errors_by_delay[best_delay]),
+        largest_error=absolute_errors[worst_sample],
+        largest_error_time=times[worst_sample],
         delay=DELAYS[best_delay] if is_delay_measured else None,
         overshoot=rating.overshoot,
         rate_error=rate_error,
@@ -400,7 +407,7 @@ def _rate_error(signals: Signals, segments: Segments) -> float | None:
         return None
     no_delay = np.zeros(1)
     body_rate = signals.attitude.rate_series
-    _, errors = _setpoint_errors(rate_setpoints[0], body_rate, segments, no_delay)
+    errors = _setpoint_errors(rate_setpoints[0], body_rate, segments, no_delay).errors
     return np.sqrt(np.mean(np.square(errors))) if errors.size else None
 
 
@@ -420,8 +427,9 @@ def _setpoint_errors(
         delays: (D,) s.
 
     Returns:
-        N setpoints in the segments, and the errors of the response after each of the D delays.
+        N setpoints in the segments with their times, and the errors of the response after each of the D delays.
     """
+    times = [np.zeros(0)]
     setpoints = [np.zeros(0)]
     errors = [np.zeros((len(delays), 0))]
     for segment in segments:
@@ -432,9 +440,12 @@ def _setpoint_errors(
         if len(response_in_segment.time) <= 1:
             continue
         segment_errors = _errors_in_segment(setpoint_in_segment, response_in_segment, delays)
+        times.append(segment_errors.times)
         setpoints.append(segment_errors.setpoints)
         errors.append(segment_errors.errors)
-    return SetpointErrors(np.concatenate(setpoints), np.concatenate(errors, axis=1))
+    return SetpointErrors(
+        np.concatenate(times), np.concatenate(setpoints), np.concatenate(errors, axis=1)
+    )
 
 
 def _errors_in_segment(setpoint: TimeSeries, response: TimeSeries, delays: Array) -> SetpointErrors:
@@ -446,18 +457,20 @@ def _errors_in_segment(setpoint: TimeSeries, response: TimeSeries, delays: Array
         delays: (D,) s, by which the response is compared with an earlier setpoint.
 
     Returns:
-        The setpoints (N,) at the N samples, and the errors (D, N) of the responses for each delay.
+        The setpoints (N,) at the N samples with their times, and the errors (D, N) of the responses for each delay.
     """
     if len(setpoint.time) >= len(response.time):
         # The response is the slower one: each of its samples is compared with the setpoint a delay before, (D, N).
         times_of_setpoints = response.time - delays[:, None]
         delayed_setpoints = np.interp(times_of_setpoints, setpoint.time, setpoint.values)
         setpoints = np.interp(response.time, setpoint.time, setpoint.values)
-        return SetpointErrors(setpoints, errors=response.values - delayed_setpoints)
+        errors = response.values - delayed_setpoints
+        return SetpointErrors(response.time, setpoints, errors)
     # The setpoint is the slower one: each of its samples is compared with the response a delay after it, (D, N).
     times_of_responses = setpoint.time + delays[:, None]
     delayed_responses = np.interp(times_of_responses, response.time, response.values)
-    return SetpointErrors(setpoint.values, errors=delayed_responses - setpoint.values)
+    errors = delayed_responses - setpoint.values
+    return SetpointErrors(setpoint.time, setpoint.values, errors)
 
 
 def _response_peak(

@@ -148,8 +148,7 @@ class Timeline(NamedTuple):
         """The charts over time in the arrangement of a page: roll and pitch, then height, motors, battery and wind.
 
         The first ``FULL_WIDTH_CHARTS`` stand below each other over the whole width. The others stand in up to
-        ``MAX_COLUMNS`` columns, so that the page is shorter. Roll and pitch are left out if their setpoints were not
-        recorded: an angle alone does not show how well the vehicle follows.
+        ``MAX_COLUMNS`` columns, so that the page is shorter.
         """
         charts = self._charts_by_importance()
         full_width_count = FULL_WIDTH_CHARTS
@@ -198,17 +197,11 @@ class Timeline(NamedTuple):
 
     def _charts_by_importance(self) -> Charts:
         """Returns the charts over time in the order of a page: roll and pitch, height, motors, battery and wind."""
-        return (*self._tilt_charts_with_setpoint(), *self.flight_charts, *self.wind_charts)
-
-    def _tilt_charts_with_setpoint(self) -> list[Chart]:
-        """Returns the charts of the angles of roll and pitch, without an axis whose setpoint was not recorded."""
-        charts_with_setpoint = []
-        for axis in TILT_AXES:
-            charts = self.axis_charts.get(axis, ())
-            # The first chart of an axis shows its angle, with a second line for the setpoint.
-            if charts and len(charts[0].lines) > 1:
-                charts_with_setpoint.append(charts[0])
-        return charts_with_setpoint
+        # The first chart of an axis shows its angle, with a second line for the setpoint if that was recorded.
+        tilt_charts = [
+            self.axis_charts[axis][0] for axis in TILT_AXES if self.axis_charts.get(axis)
+        ]
+        return (*tilt_charts, *self.flight_charts, *self.wind_charts)
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
         """Adds to charts of this flight what all its charts have in common: marks, time axis and the strip of modes.
@@ -359,7 +352,9 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
     measured_heights = list(_lines_of_columns(history.barometer_height, ["barometer"], [MEASURED]))
     measured_heights += _lines_of_columns(history.satellite_height, ["satellites"], [COMMAND])
     estimated_height = list(_lines_of_columns(history.height, ["estimate"]))
-    chart = over_time("Height", "m", [*measured_heights, *estimated_height])
+    # Without the autopilot's height, no zero at the take-off is known.
+    title = "Height" if estimated_height else "Height above the first fix"
+    chart = over_time(title, "m", [*measured_heights, *estimated_height])
     limits = _height_limits(measured_heights, estimated_height)
     yield chart._replace(y=chart.y._replace(limits=limits))
     motors = history.motors

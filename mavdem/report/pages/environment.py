@@ -9,7 +9,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup, escape
 
-from mavdem.report.blocks import HARD_SPACE, Table
+from mavdem.report.blocks import HARD_SPACE, Table, with_unbroken_units
 from mavdem.report.charts.chart import Chart
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, MODE_COLOURS, PREDICTED
 from mavdem.report.template_cache import CompiledTemplates
@@ -22,12 +22,6 @@ _UNSAFE_CHARACTERS = re.compile(
 
 _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 """A percent sign after a number, with the space before it if there is one."""
-
-_SPACE_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:k?m|m?s|min|h|k?Hz|V|A|dB|kg|MB)\b)")
-"""The space between a number and its unit, such as that in "22.1 s" and "5 m/s"."""
-
-_SPACE_BEFORE_NUMBER = re.compile(r"(?<=\bmotor) (?=\d)", re.IGNORECASE)
-"""The space between what is counted and its number, such as that in "motor 2"."""
 
 _INTERVAL = re.compile(r"\(\S+ to \S+\)")
 """An interval after a figure, such as "(23 to 35)"."""
@@ -70,7 +64,7 @@ def environment() -> Environment:
     jinja.tests["table"] = lambda block: isinstance(block, Table)
     jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
     jinja.filters["prose"] = _prose_as_html
-    jinja.filters["with_unbroken_units"] = _with_unbroken_units
+    jinja.filters["with_unbroken_units"] = lambda html: Markup(with_unbroken_units(html))
     jinja.filters["with_unbroken_intervals"] = _with_unbroken_intervals
     jinja.filters["css_string"] = _css_string
     jinja.filters["evidence_text"] = evidence_text
@@ -107,18 +101,6 @@ def _css_string(text: str) -> Markup:
         for character in text
     ]
     return Markup('"' + "".join(characters) + '"')
-
-
-def _with_unbroken_units(html: Markup) -> Markup:
-    """Returns text whose numbers stay on a line with their unit, or with the "motor" that they are the number of.
-
-    It is for large print and narrow places, in which a line has few words.
-
-    Args:
-        html: text of a page.
-    """
-    with_units = _SPACE_BEFORE_UNIT.sub(HARD_SPACE, html)
-    return Markup(_SPACE_BEFORE_NUMBER.sub(HARD_SPACE, with_units))
 
 
 def _with_unbroken_intervals(html: Markup) -> Markup:

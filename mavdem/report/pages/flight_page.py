@@ -215,7 +215,7 @@ def log_page(
         chapters = _log_chapters(name, assessment, contents, timeline, advice)
         head = Head(
             assessment.headline.level,
-            lights=lights_with_reason_once(assessment.lights),
+            lights=lights_with_reason_once(assessment.lights, assessment.headline),
             events=events,
             timeline=timeline,
             analysis=assessment.analysis,
