@@ -1,6 +1,7 @@
 """A made-up hover for tests: a vehicle whose every signal is a known function of time, sampled as a stream would."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -209,12 +210,30 @@ def log_of(telemetry):
     return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
 
 
+class EvidenceOnDemand(Evidence):
+    """Evidence that measures learnability and condition when they are used: many lights use one of them or none."""
+
+    def __init__(self, log, signals, learnability=None, condition=None, **parameters):
+        super().__init__(log, signals, learnability, condition, **parameters)
+        # What is not given is measured by the property of its name, which an attribute would hide.
+        if learnability is None:
+            del self.__dict__["learnability"]
+        if condition is None:
+            del self.__dict__["condition"]
+
+    @cached_property
+    def learnability(self):
+        return learnability_of(self.signals)
+
+    @cached_property
+    def condition(self):
+        return measure_condition(self.signals)
+
+
 def evidence_of(signals, **parameters):
-    """What a log of these ``signals`` alone shows, of which something else may be ``known``."""
-    found = Evidence(
-        log_of(signals.telemetry), signals, learnability_of(signals), measure_condition(signals)
-    )
-    return replace(found, **parameters)
+    """Returns what a log of these signals alone shows; ``parameters`` are fields of the evidence that are known."""
+    fields = {"log": log_of(signals.telemetry)} | parameters
+    return EvidenceOnDemand(signals=signals, **fields)
 
 
 def overtake(draw, kept):

@@ -55,6 +55,7 @@ def test_every_file_that_is_no_python_is_installed():
         assert there == {path for pattern in patterns for path in (ROOT / package).glob(pattern)}
 
 
+@mark.slow
 @mark.parametrize(
     "words",
     [
@@ -229,6 +230,7 @@ def test_no_module_but_its_own_needs_an_extra(tmp_path):
     assert "flight.rrd" not in written
 
 
+@mark.slow
 def test_an_environment_of_another_checkout_is_refused_and_stays(tmp_path):
     (tmp_path / "pyvenv.cfg").touch()
     (tmp_path / "checkout").write_text("/another/checkout\n")

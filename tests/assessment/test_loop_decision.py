@@ -358,6 +358,7 @@ def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
         assert decision.action.code is GainFact.LOWER_GAINS
 
 
+@mark.slow
 def test_a_vehicle_that_must_be_repaired_keeps_its_diagnosis_and_gets_no_gains():
     crashed = Fact(Ending.CRASHED, time=20.0)
     decision = decision_on_roll(made_up(2.5), doubts=(crashed,))

@@ -62,6 +62,7 @@ def test_a_dataset_has_what_else_a_flight_has():
     assert data.attrs["dt"] == flight.dt
 
 
+@mark.slow
 def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
     system = learned.to_control(model="dem")
     assert system.input_labels[0] == "motor_1_us" and system.output_labels == [

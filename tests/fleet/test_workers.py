@@ -273,6 +273,7 @@ def test_a_cluster_that_cannot_read_logs_is_reported(monkeypatch, client, code):
     )
 
 
+@mark.slow
 def test_a_log_that_killed_workers_of_a_cluster_has_a_row(monkeypatch):
     from distributed import KilledWorker
 

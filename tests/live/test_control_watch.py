@@ -93,6 +93,7 @@ def lost():
     return replayed_with_messages(Leaving())
 
 
+@mark.slow
 def test_a_loss_of_control_is_alarmed_within_a_second_and_before_a_motor_at_its_limit(lost):
     [alarm] = alarms(lost)
     loss = alarm.figures["reason"]

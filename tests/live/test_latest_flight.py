@@ -59,6 +59,7 @@ def lights_of(log):
     return assess(log, axis="roll", options=Options(with_model=False)).lights
 
 
+@mark.slow
 @mark.parametrize("first_weak_motor, second_weak_motor", [(2, None), (None, 2)])
 def test_of_two_flights_of_a_boot_the_second_is_judged_as_if_it_were_alone(
     first_weak_motor, second_weak_motor

@@ -25,6 +25,7 @@ class Unplaced(Flight):
         return []
 
 
+@mark.slow
 def test_without_a_local_position_the_global_one_shows_distance_and_height():
     """The vehicle moves by 1e-4 degrees of latitude, 11 m, and climbs by 10 m; before that no position is known."""
     positions = [
@@ -60,6 +61,7 @@ def test_a_vehicle_without_a_position_of_its_own_is_searched_where_satellites_sa
     assert lost[:3] == (approx(47.15), approx(8.5), 0.0)
 
 
+@mark.slow
 def test_a_vehicle_is_not_searched_where_it_was_in_a_flight_before_a_reboot():
     """After the reboot no position comes; until it flies again, the last one is where the vehicle lies."""
     fix = message("GPS_RAW_INT", fix_type=3, lat=470000000, lon=85_000_000)
@@ -135,6 +137,7 @@ def test_no_distance_is_shown_where_the_take_off_was_not_seen():
     assert status.is_flying and status.displacement_from_takeoff is None
 
 
+@mark.slow
 def test_a_vehicle_that_was_met_in_flight_is_so_far_from_its_home_position():
     """The take-off was not seen. The vehicle is 1e-4 degrees of latitude, 11 m, from home, and 10 m above it."""
     flight = Unplaced(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(start=12.0, end=19.0)

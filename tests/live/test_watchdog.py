@@ -213,6 +213,7 @@ def test_a_version_that_came_once_says_what_the_vibration_of_px4_is(version, is_
     assert light.is_good is is_known
 
 
+@mark.slow
 def test_the_estimator_is_judged_in_flight_as_in_a_log():
     """From 12 s to 15 s the innovation test ratio of the position is 1.6, above its limit of 1."""
     reports = {
@@ -363,6 +364,7 @@ def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
     }
 
 
+@mark.slow
 def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     """PX4 warns of a low battery (charge state 2), then of a critical one (3), while its voltage has no limit."""
     states = {
@@ -490,6 +492,7 @@ def test_a_restart_on_the_ground_is_no_alarm():
     assert not facts_about(replayed, ReportedEvent.RESTARTED_IN_FLIGHT)
 
 
+@mark.slow
 @mark.parametrize("gap", [3.0, 10.0, 30.0])
 @mark.parametrize("autopilots", [("PX4", "ARDUPILOTMEGA"), ("ARDUPILOTMEGA", "PX4")])
 def test_a_vehicle_lost_in_flight_that_starts_again_on_the_ground_has_not_restarted_in_flight(
@@ -1136,6 +1139,7 @@ def test_a_light_that_warns_has_words_beside_its_level():
     assert motors.level is Level.BAD and motors.figure
 
 
+@mark.slow
 def test_a_take_off_ends_what_is_said_of_a_vehicle_on_the_ground(hot, monkeypatch):
     """The review, which decides why nothing is learned, comes twice a second."""
     stream = hot.stream

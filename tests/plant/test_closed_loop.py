@@ -178,6 +178,7 @@ def test_nothing_asked_is_nothing_steered():
     assert still.reference_share(KNOWN_PLANT) < 0.05
 
 
+@mark.slow
 def test_messages_of_several_rates_count_at_the_slowest():
     """And what is lost of them is not made up."""
     identified = cross_spectra([sent(fly(3).rate, 4), sent(fly(3).output, 10)], STARTS)

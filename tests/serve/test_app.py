@@ -316,6 +316,7 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     assert served.get(f"/compare?a={a}&b={served.add('c.ulg', 'damaged')}").status == 200
 
 
+@mark.slow
 def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_again(served):
     """The baseline of another vehicle stays; a search and a flight's document have one level of the motors."""
     sound, other = served.add("sound.ulg", "One."), served.add("other.ulg", "Known by id.")

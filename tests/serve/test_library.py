@@ -305,6 +305,7 @@ def test_logs_outlive_a_lost_index(tmp_path):
     assert entry.received == approx(before.received, abs=60)
 
 
+@mark.slow
 def test_a_library_whose_folder_is_moved_lists_each_flight_once_with_its_rows(tmp_path):
     """The folder of the library is renamed between two runs of the server."""
     with serving(tmp_path / "before") as server:

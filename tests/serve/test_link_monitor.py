@@ -502,6 +502,7 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
         assert "No space left" in server.get("/").text
 
 
+@mark.slow
 def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkeypatch):
     """Frames that arrived, but were not processed yet, are recorded at the end."""
     has_begun = Event()
@@ -569,6 +570,7 @@ def test_only_the_vehicle_that_was_chosen_is_followed(idle, monkeypatch):
     assert session.stream.status().no_model_reason.subject == "4:1" and session._keeps_vehicle
 
 
+@mark.slow
 @mark.parametrize("end", ["in the session", "after the session", "no file", "no move"])
 def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle, monkeypatch, end):
     """Nor where the next recording cannot be created."""

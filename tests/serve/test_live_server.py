@@ -132,6 +132,7 @@ def test_only_this_machine_is_answered_and_the_port_is_free_at_the_end():
     assert not server._thread.is_alive()
 
 
+@mark.slow
 def test_with_a_token_the_link_that_is_printed_signs_a_browser_in_to_read():
     rights = Rights("0123456789abcdef", is_local=False)
     with live_server(rights=rights) as server:

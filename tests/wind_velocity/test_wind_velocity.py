@@ -395,6 +395,7 @@ def test_what_is_no_free_flight_is_refused():
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 
 
+@mark.slow
 def test_quick_tilts_between_slow_samples_do_not_make_a_flight_a_held_vehicle():
     time = np.arange(0, 60, 0.01)
     phase = time % 1.2
