@@ -1,12 +1,33 @@
-"""What a recorded setpoint of the body rate consists of: the attitude controller's correction, and its feed-forward."""
+"""What a recorded setpoint of the body rate consists of: the attitude controller's correction, and its feed-forward.
+
+Both autopilots may add the rate of change of the angle's setpoint to the setpoint of the body rate:
+
+- ArduPilot does on all axes if ``ATC_RATE_FF_ENAB`` is set
+  (``AC_AttitudeControl::attitude_controller_run_quat``).
+- PX4 does for yaw wherever a yaw rate is demanded, as by the stick or in missions: ``AttitudeControl::update`` of
+  ``mc_att_control`` adds the ``yaw_sp_move_rate`` of the attitude setpoint. No parameter says so, but the recorded rate
+  setpoint contains it.
+"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.dataset.segments import Segments
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.ingest.vocabulary import wrapped_angle
+from mavdem.loops.controllers import Controller
+from mavdem.loops.welch import resampled_signals
+
+RATE_FEEDFORWARD_PARAMETER = "ATC_RATE_FF_ENAB"
+"""ArduPilot's parameter that adds the derivative of the attitude's setpoint to the setpoint of the rate."""
+
+MIN_PIECE_SECONDS = 1.0
+"""Least length of a piece of flight in which setpoints are compared, s: a choice."""
 
 MIN_COEFFICIENT = 0.5
 """Least regression coefficient of a part for a rate setpoint to contain it: nearer to 1 than to 0."""
@@ -54,3 +75,44 @@ def rate_setpoint_parts(
         has_feedforward=bool(feedforward > MIN_COEFFICIENT),
         has_correction=bool(correction > MIN_COEFFICIENT),
     )
+
+
+def has_rate_feedforward(
+    signals: Signals, segments: Segments, controller: Controller | None
+) -> bool:
+    """Returns whether the autopilot adds the derivative of the angle's setpoint to the setpoint of the body rate.
+
+    Of ArduPilot the parameter says so. PX4 may do it for yaw only, and there the recorded setpoints decide.
+
+    Args:
+        signals: logged time series of the axis, with its setpoints.
+        segments: segments of settled flight.
+        controller: controller of the axis; None if it is not known.
+
+    Returns:
+        False also for a PX4 vehicle of which a setpoint was not recorded.
+    """
+    if signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER):
+        return True
+    if signals.telemetry.autopilot != "PX4" or signals.axis != "yaw" or controller is None:
+        return False
+    if signals.rate_and_setpoint is None or signals.angle_setpoint is None:
+        return False
+    # The angle comes with the rate, without which there is no rate setpoint.
+    assert signals.attitude is not None
+    series = (
+        signals.rate_and_setpoint.setpoint,
+        unwrapped(signals.attitude.angle_series),
+        unwrapped(signals.angle_setpoint),
+    )
+    resampled = resampled_signals(series, segments, MIN_PIECE_SECONDS, MIN_SLOW_MOTION_RATE)
+    if resampled is None:
+        return False
+    pieces = [AttitudePiece(*piece) for piece in resampled.pieces]
+    parts = rate_setpoint_parts(resampled.rate, pieces, controller.angle_gain)
+    return parts.has_feedforward
+
+
+def unwrapped(angle: TimeSeries) -> TimeSeries:
+    """Returns an angle without its steps from π to -π, rad, so that it can be interpolated."""
+    return replace(angle, values=np.unwrap(angle.values))

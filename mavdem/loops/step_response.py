@@ -25,6 +25,7 @@ from mavdem.dataset.signals import (
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.dem.engine.linalg import normal_draws
+from mavdem.dem.engine.model import scalar_recursion
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponseFact
 from mavdem.immutable import ImmutableResult
@@ -37,7 +38,12 @@ from mavdem.loops.impulse_response import (
     estimate_impulse_response,
 )
 from mavdem.loops.margins import Complex
-from mavdem.loops.rate_setpoint import AttitudePiece, rate_setpoint_parts
+from mavdem.loops.rate_setpoint import (
+    AttitudePiece,
+    has_rate_feedforward,
+    rate_setpoint_parts,
+    unwrapped,
+)
 from mavdem.loops.resonance import DEFAULT_ANGLE_GAIN, MAX_FREQUENCY_RATIO, controller_if_known
 from mavdem.loops.step_characteristics import rise_times, step_characteristics
 from mavdem.loops.welch import (
@@ -265,13 +271,24 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
     """
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} attitude")
-    series = [unwrapped(signals.angle_setpoint), unwrapped(signals.attitude.angle_series)]
-    return _measured_step_response(signals, "attitude", series, segments, MIN_SLOW_MOTION_RATE)
-
-
-def unwrapped(angle: TimeSeries) -> TimeSeries:
-    """Returns an angle without its steps from π to -π, rad, so that it can be interpolated."""
-    return replace(angle, values=np.unwrap(angle.values))
+    attitude = signals.attitude
+    series = [unwrapped(signals.angle_setpoint), unwrapped(attitude.angle_series)]
+    feedforward_gain = None
+    if signals.axis == "yaw":
+        # How fast the heading turns beyond the body rate, because the vehicle rolls and pitches at once.
+        turn_by_tilt = attitude.euler_rate - attitude.rate
+        series.append(replace(attitude.rate_series, values=turn_by_tilt))
+        controller = controller_if_known(signals)
+        if controller is not None and has_rate_feedforward(signals, segments, controller):
+            feedforward_gain = controller.angle_gain
+    return _measured_step_response(
+        signals,
+        "attitude",
+        series,
+        segments,
+        MIN_SLOW_MOTION_RATE,
+        feedforward_gain=feedforward_gain,
+    )
 
 
 def _measured_step_response(
@@ -281,6 +298,7 @@ def _measured_step_response(
     segments: Segments,
     min_rate: float,
     rate_loop: Loop | None = None,
+    feedforward_gain: float | None = None,
 ) -> StepResponse | Fact:
     """Measures the step response of the rate or the attitude loop of one axis.
 
@@ -292,11 +310,14 @@ def _measured_step_response(
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         loop: "rate" or "attitude".
-        series: setpoint, response and, for the rate loop, the angle and its setpoint as far as they were recorded.
+        series: setpoint, response and, for the rate loop, the angle and its setpoint as far as they were recorded; for
+            the yaw angle, the rate by which tilting turns the heading.
         segments: segments of the flight to use.
         min_rate: lowest accepted rate of messages, Hz.
         rate_loop: the identified loop, whose step is used if the rate is too fast for its messages; ``None`` if it is
             not known.
+        feedforward_gain: gain of the attitude controller, 1/s, if the derivative of the angle's setpoint is added to
+            the setpoint of the rate; None if it is not.
 
     Returns:
         The step response; or the reason why there is none: messages are too slow or too few, or the setpoint hardly
@@ -330,6 +351,10 @@ def _measured_step_response(
         pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
     else:
         pieces = [_with_setpoint_within_half_turn(piece) for piece in pieces]
+        if signals.axis == "yaw":
+            pieces = [
+                _without_turn_by_tilt(piece, sampling_rate, feedforward_gain) for piece in pieces
+            ]
     timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
@@ -352,13 +377,46 @@ def _with_setpoint_within_half_turn(piece: Array) -> Array:
     The two angles were unwrapped separately, so that they may differ by whole turns.
 
     Args:
-        piece: angle setpoint and angle in its rows (2, N), rad.
+        piece: angle setpoint and angle in its first rows (2 or more, N), rad.
 
     Returns:
-        A piece (2, N) with the shifted setpoint.
+        The piece with the shifted setpoint.
     """
-    setpoint, angle = piece
-    return np.array([angle + wrapped_angle(setpoint - angle), angle])
+    setpoint, angle, *others = piece
+    return np.array([angle + wrapped_angle(setpoint - angle), angle, *others])
+
+
+def _without_turn_by_tilt(
+    piece: Array, sampling_rate: float, feedforward_gain: float | None
+) -> Array:
+    """Removes from the heading, and from its setpoint, the part that is due to roll and pitch.
+
+    A vehicle that rolls and pitches at once turns its heading ψ by d, the integral of ψ' − r, although the body rate r
+    of yaw is 0. The controller sees d as a disturbance of the heading. Where manoeuvres about all axes repeat together,
+    d moves with the setpoint s, and would count as response to it. With the gain K of the attitude controller and the
+    response G of the rate to its setpoint K (s − ψ), the remaining heading is
+
+        ψ − d = G / iω · K (s − ψ) = T (s − d),    T = G K / (iω + G K)
+
+    so that ψ − d responds to s − d like the loop. Feed-forward adds iω s, but not iω d, to the setpoint of the rate.
+    Then ψ − d responds to s − K / (iω + K) · d in the same way.
+
+    Args:
+        piece: setpoint and heading, rad, and ψ' − r, rad/s, in its rows (3, N).
+        sampling_rate: rate of the samples, Hz.
+        feedforward_gain: the gain K, 1/s, if there is feed-forward; None without it.
+
+    Returns:
+        A piece (2, N) of setpoint and heading without that part, rad.
+    """
+    setpoint, heading, rate_by_tilt = piece
+    turn_by_tilt = np.cumsum(rate_by_tilt) / sampling_rate
+    turn_in_setpoint = turn_by_tilt
+    if feedforward_gain is not None:
+        # The low-pass K / (iω + K) over one sample, during which its input is constant.
+        decay = np.exp(-feedforward_gain / sampling_rate)
+        turn_in_setpoint = scalar_recursion(decay, (1 - decay) * turn_by_tilt, start=0.0)
+    return np.array([setpoint - turn_in_setpoint, heading - turn_by_tilt])
 
 
 def _decimation_factor(sampling_rate: float, min_rate: float, spectra: WelchSpectra) -> int:

@@ -10,10 +10,10 @@ from pytest import mark
 
 from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.signals import Signals
-from mavdem.loops.attitude_response import has_rate_feedforward
+from mavdem.loops.rate_setpoint import has_rate_feedforward
 
 HOVER = Hover(hovering=30.0)
-YAW_GAIN = made_up().controller.angle_gain
+CONTROLLER = made_up().controller
 
 
 def flight_by_yaw(*, with_feedforward):
@@ -22,7 +22,7 @@ def flight_by_yaw(*, with_feedforward):
     time = telemetry.messages["ATTITUDE"]["time"]
     heading_setpoint = 0.002 * default_rng(1).standard_normal(len(time)).cumsum()
     heading = np.interp(time - 0.2, time, heading_setpoint)
-    rate_setpoint = YAW_GAIN * (heading_setpoint - heading)
+    rate_setpoint = CONTROLLER.angle_gain * (heading_setpoint - heading)
     if with_feedforward:
         rate_setpoint = rate_setpoint + np.gradient(heading_setpoint, time)
     telemetry = changed(telemetry, "ATTITUDE", yaw=heading, yawspeed=np.gradient(heading, time))
@@ -38,9 +38,9 @@ def test_the_feedforward_of_yaw_shows_in_the_rate_setpoint_of_px4(with_feedforwa
     telemetry = replace(flight_by_yaw(with_feedforward=with_feedforward), autopilot="PX4")
     signals = Signals(telemetry).for_axis("yaw")
     segments = settled_flight(signals)
-    assert has_rate_feedforward(signals, segments, made_up()) is with_feedforward
-    # Roll is never fed forward, and without a loop the angle's gain is not known.
-    assert not has_rate_feedforward(signals.for_axis("roll"), segments, made_up())
+    assert has_rate_feedforward(signals, segments, CONTROLLER) is with_feedforward
+    # Roll is never fed forward, and without a controller the angle's gain is not known.
+    assert not has_rate_feedforward(signals.for_axis("roll"), segments, CONTROLLER)
     assert not has_rate_feedforward(signals, segments, None)
 
 

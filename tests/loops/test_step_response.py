@@ -16,6 +16,7 @@ from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponseFact
 from mavdem.ingest.vocabulary import IGNORE_ATTITUDE
+from mavdem.loops import step_response
 from mavdem.loops.attitude_response import predicted_attitude_response
 from mavdem.loops.identified_step import predicted_step, step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
@@ -106,6 +107,35 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     assert slower.code is StepResponseFact.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
     faster = measured_step.comparison(FREQUENCY, loop(90.0, damping=0.1)[2])
     assert faster.code is StepResponseFact.MEASUREMENT_DOUBTED
+
+
+def body_yaw(setpoint, turn_by_tilt, angle_gain, *, has_feedforward):
+    """Returns the angle that a loop yaws the body by, where tilting turns the heading besides, at 200 Hz."""
+    feedforward = 200 * np.gradient(setpoint) if has_feedforward else np.zeros(len(setpoint))
+    angles, angle, rate = [], 0.0, 0.0
+    for wanted, turn, added in zip(setpoint, turn_by_tilt, feedforward, strict=True):
+        # The rate follows its setpoint with a lag of 0.1 s.
+        rate += 0.05 * (angle_gain * (wanted - angle - turn) + added - rate)
+        angle += rate / 200
+        angles.append(angle)
+    return np.array(angles)
+
+
+@mark.parametrize("has_feedforward", [True, False])
+def test_a_turn_of_the_heading_by_tilt_is_no_response_to_the_setpoint_of_yaw(has_feedforward):
+    """Without it, the rest of the heading answers the rest of the setpoint as the loop does."""
+    setpoint = 0.1 * lfilter([0.01], [1.0, -0.99], steered(5))[:4000]
+    rate_by_tilt = 20 * np.gradient(np.roll(setpoint, 60))
+    turn_by_tilt = np.cumsum(rate_by_tilt) / 200
+    body = body_yaw(setpoint, turn_by_tilt, 2.0, has_feedforward=has_feedforward)
+    piece = np.array([setpoint, body + turn_by_tilt, rate_by_tilt])
+    gain = 2.0 if has_feedforward else None
+    remaining_setpoint, remaining_angle = step_response._without_turn_by_tilt(piece, 200, gain)
+    no_turn = np.zeros(len(setpoint))
+    answer = body_yaw(remaining_setpoint, no_turn, 2.0, has_feedforward=has_feedforward)
+    undisturbed = body_yaw(setpoint, no_turn, 2.0, has_feedforward=has_feedforward)
+    assert remaining_angle == approx(body)
+    assert (remaining_angle - answer).std() < 0.05 * (remaining_angle - undisturbed).std()
 
 
 @mark.slow

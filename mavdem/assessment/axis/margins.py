@@ -14,7 +14,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import LoopFact, ResponseFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import MAX_AT_LIMIT_SHARE
-from mavdem.loops.attitude_response import has_rate_feedforward, predicted_attitude_response
+from mavdem.loops.attitude_response import predicted_attitude_response
 from mavdem.loops.axis_loops import (
     MARGIN_TARGETS,
     Loop,
@@ -26,6 +26,7 @@ from mavdem.loops.injected_signal import injected_loop
 from mavdem.loops.loop_construction import at_limit_share
 from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.measured_response import MIN_RESPONSE_FIT
+from mavdem.loops.rate_setpoint import has_rate_feedforward
 from mavdem.loops.resonance import (
     MAX_LOOP_FREQUENCY,
     Resonance,
@@ -231,7 +232,7 @@ def _contradicting_attitude(
     measured_response = attitude_step_response(signals, segments)
     if isinstance(measured_response, Fact):
         return None
-    has_feedforward = has_rate_feedforward(signals, segments, loop)
+    has_feedforward = has_rate_feedforward(signals, segments, loop.controller)
     predicted_response = predicted_attitude_response(loop, has_feedforward=has_feedforward)
     comparison = response_comparison(
         measured_response, loop, loop.attitude.frequency, predicted_response

@@ -14,10 +14,11 @@ from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
 from mavdem.loops.advice import Advice, AdviceByAxis
-from mavdem.loops.attitude_response import has_rate_feedforward, predicted_attitude_response
+from mavdem.loops.attitude_response import predicted_attitude_response
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identified_step import step_from_frequency_response
 from mavdem.loops.margins import Complex, OpenLoop
+from mavdem.loops.rate_setpoint import has_rate_feedforward
 from mavdem.loops.step_response import (
     StepResponse,
     attitude_step_response,
@@ -99,7 +100,8 @@ def _responses_of_axis(
     measured_rate = rate_step_response(signals, segments, loop)
     measured_attitude = attitude_step_response(signals, segments)
     # The response of the attitude depends on whether the controller feeds the rate of the setpoint forward.
-    has_feedforward = has_rate_feedforward(signals, segments, loop)
+    controller = None if loop is None else loop.controller
+    has_feedforward = has_rate_feedforward(signals, segments, controller)
     if loop is None:
         rate_response = LoopResponse(measured_rate)
         attitude_response = LoopResponse(measured_attitude)
