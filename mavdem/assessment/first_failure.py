@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mavdem.assessment.attitude_losses import LOST_ANGLE
+from mavdem.assessment.command_rise import command_rise
 from mavdem.assessment.commanded_overturn import commanded_overturn
 from mavdem.assessment.failure_by_commands import (
     LossContext,
@@ -134,6 +135,9 @@ def _failure_before_loss(
     cause = failure_by_commands(signals, boot, loss_context)
     if cause is None and loss.code is MotionEvent.HIT:
         return lowered_throttle(signals, boot, onset)
+    if cause is not None and cause.code is FailedFirst.THRUST_SPENT_FIRST:
+        rise = command_rise(signals, boot, end_time=cause.start_time)
+        return cause if rise is None else cause.replace(**rise._asdict())
     if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
     # An autopilot that wrongly assumes a landing switches all motors off in the air.
