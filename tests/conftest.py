@@ -14,6 +14,8 @@ from filelock import FileLock
 from hypothesis import settings
 from pytest import Module, MonkeyPatch, fixture, hookimpl
 
+TESTS = Path(__file__).parent
+
 # What is imported and collected stays, and the collector would walk over it again and again: a quarter of the start.
 gc.disable()
 # Read when NumPy and SciPy are imported, here and in every process that a test starts: for small matrices more threads
@@ -61,10 +63,16 @@ def pytest_make_collect_report(collector):
 
 
 @hookimpl(wrapper=True)
-def pytest_collection_modifyitems(config):
-    """Hypothesis collects the constants of all modules, as values to try, and keeps them in files."""
+def pytest_collection_modifyitems(config, items):
+    """Puts files of this folder first: they have some of the longest tests, of all figures, pictures and texts.
+
+    At the end one worker would run them while the others have nothing left. Hypothesis collects the constants of all
+    modules, as values to try, and keeps them in files.
+    """
     with one_at_a_time(config, "constants"):
-        return (yield)
+        result = yield
+    items.sort(key=lambda item: item.path.parent != TESTS)
+    return result
 
 
 def pytest_collection_finish():

@@ -57,7 +57,7 @@ STEERED = {
 """A flight whose gains lack margin."""
 
 STILL = {key: value for key, value in STEERED.items() if key != "excitation"} | {
-    "duration": 40.0,
+    "duration": 34.0,
     "vehicle": {"model": "iris"},
     "wind": [{"kind": "gaussian", "sd": 1.0, "s": 0.3}],
 }
