@@ -34,6 +34,7 @@ from mavdem.facts.motors import motor_number
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, MakePage, reading_failure
 from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import Loop
 from mavdem.motors.balance import balance_of_steady_flight
@@ -81,17 +82,11 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
         except Exception as error:
             if len(log.vehicles) == 1:
                 raise
-            rows.append(
-                FlightRow.without_flight(
-                    str(path),
-                    reading_failure(error),
-                    system=telemetry.system,
-                    component=telemetry.component,
-                )
-            )
+            rows.append(_row_of_failed_vehicle(path, telemetry, error))
             continue
         # All rows of a vehicle are of the same flight, so the first tells whether there is one to show.
-        if vehicle_rows[0].has_flight and make_page is not None:
+        has_flight = vehicle_rows[0].has_flight
+        if has_flight and make_page is not None:
             page_name = f"{key[:PAGE_KEY_LETTERS]}-{telemetry.system}-{telemetry.component}.html"
             pages[page_name] = make_page(path.name, assessment)
             vehicle_rows = [replace(row, page=f"{PAGES}/{page_name}") for row in vehicle_rows]
@@ -99,6 +94,22 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
     if not rows:
         rows = [FlightRow.without_flight(str(path), Fact(ReadingFact.NO_VEHICLE))]
     return LogRows(rows, pages)
+
+
+def _row_of_failed_vehicle(path: Path, telemetry: Telemetry, error: Exception) -> FlightRow:
+    """Returns the row of one vehicle of a log whose assessment failed, with the error as its status.
+
+    Args:
+        path: path of the log.
+        telemetry: messages of the vehicle, which give its MAVLink ids.
+        error: the error that ended the assessment.
+    """
+    return FlightRow.without_flight(
+        str(path),
+        reading_failure(error),
+        system=telemetry.system,
+        component=telemetry.component,
+    )
 
 
 def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
@@ -115,9 +126,6 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         The rows, in the order of the axes.
     """
     assert assessment.analysis is not None and assessment.evidence is not None
-    # Columns on the motors do not depend on the axis, so that the signals of any one will do.
-    any_axis = AXES[0]
-    signals = assessment.evidence.signals.for_axis(any_axis, inputs="motors")
     judgement = assessment.judgement_values | {
         "headline": assessment.stated_headline,
         "headline_fact": assessment.headline,
@@ -126,19 +134,18 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     columns = {
         "file": file,
         "headline_rank": headline_rank,
-        "component": signals.telemetry.component,
+        "component": assessment.evidence.signals.telemetry.component,
         "failed_motor": failed_motor(assessment),
         **_flown_columns(assessment),
     }
     if not assessment.has_settled_flight:
         return [_row_without_flight(assessment, judgement, columns)]
-    columns |= _balance_columns(signals)
+    # Columns on the motors do not depend on the axis, so that the signals of any one will do.
+    any_axis = AXES[0]
+    signals = assessment.evidence.signals.for_axis(any_axis, inputs="motors")
+    columns |= _balance_columns(signals) | _geometry_columns(signals)
     if assessment.wind is not None:
         columns |= wind_columns(assessment.wind)
-    if signals.motors is not None:
-        geometry = signals.motors.geometry
-        columns["positions"] = geometry.positions or None
-        columns["spins"] = geometry.spins or None
     rows = []
     for axis, analysis in assessment.analyses.items():
         report = analysis.report_values | judgement
@@ -270,6 +277,19 @@ def _balance_columns(signals: Signals) -> JsonValues:
     }
 
 
+def _geometry_columns(signals: Signals) -> JsonValues:
+    """Returns the columns with the positions and directions of rotation of the motors; empty without motor outputs.
+
+    Args:
+        signals: logged time series of the vehicle, with its motor outputs.
+    """
+    if signals.motors is None:
+        return {}
+    geometry = signals.motors.geometry
+    # A geometry that is not known is empty, and its columns None.
+    return {"positions": geometry.positions or None, "spins": geometry.spins or None}
+
+
 def wind_columns(wind: WindVelocity) -> JsonValues:
     """Returns the columns of wind and drag.
 
@@ -277,10 +297,13 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
         wind: estimate of the wind, its direction in degrees.
 
     Returns:
-        Mean speed, m/s, with both ends of its 90 % interval, and direction, rad, with the half width of its own, where
-        they are identifiable. In calm air, where the velocity may have been 0, the speed is None, and the interval that
-        of the vector mean. The drag has four coefficients: linear along body x and y, 1/s,
-        then quadratic, 1/m.
+        By name of the column:
+
+        - ``wind_speed``, m/s, with both ends of its 90 % interval, if the speed is identifiable. In calm air, where the
+          velocity may have been 0, the speed is None, and the interval is that of the speed of the mean wind vector;
+        - ``wind_direction``, rad, with the half width of its interval, if the direction is identifiable;
+        - ``drag``, four coefficients with the half widths of their intervals: linear along body x and y, 1/s, then
+          quadratic, 1/m.
     """
     columns = JsonValues()
     if wind.speed_identifiable:
@@ -365,7 +388,8 @@ def step_columns(response: LoopResponse | None) -> JsonValues:
     }
     for name, (estimate, low, high) in estimates.items():
         columns[name] = estimate
-        columns[f"{name}_interval"] = (high - low) / 2
+        half_width = (high - low) / 2
+        columns[f"{name}_interval"] = half_width
     return columns
 
 

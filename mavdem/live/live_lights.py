@@ -24,7 +24,7 @@ AWAITED_QUANTITIES = {
 
 
 def lights_before_model(
-    reason: Fact,
+    no_model_reason: Fact,
     rates: Mapping[str, float],
     watch_facts: Mapping[str, Fact],
     no_wind_reason: Fact | None,
@@ -36,7 +36,7 @@ def lights_before_model(
     no alarm so far, or why the part is not judged. The caller replaces the lights that are judged without a model.
 
     Args:
-        reason: why there is no judgement of a model.
+        no_model_reason: why there is no judgement of a model.
         rates: rates of attitude and motor messages, Hz, by message name.
         watch_facts: for each quantity that is watched on the followed vehicle, by its name: since when, or why it is
             not.
@@ -46,88 +46,94 @@ def lights_before_model(
     Returns:
         A fact for each light, by name, in the order in which they are shown.
     """
-    lights = dict(unjudged(reason).lights)
+    # Every light that is not replaced below states why there is no model.
+    lights = dict(unjudged(no_model_reason).lights)
     for light, quantity in AWAITED_QUANTITIES.items():
-        lights[str(light)] = _awaited_light(quantity, watch_facts, reason)
-    lights[str(Light.MOTORS)] = _motors_light(watch_facts, reason)
-    lights[str(Light.MARGINS)] = _margins_light(watch_facts, reason, margins_awaited)
+        lights[str(light)] = _awaited_light(quantity, watch_facts, no_model_reason)
+    lights[str(Light.MOTORS)] = _motors_light(watch_facts, no_model_reason)
+    lights[str(Light.MARGINS)] = _margins_light(watch_facts, no_model_reason, margins_awaited)
     if no_wind_reason is not None:
         lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=no_wind_reason)
     elif watch_facts:
         # Messages come, and nothing prevents an estimate of the wind.
         lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=Fact(WatchFact.WIND_AWAITED))
-    if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
+    if no_model_reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # The figure "reason" is the fact which messages are too slow for a model. It becomes the light on the messages,
         # with the level that it has for a log.
-        lights[str(Light.LOG)] = reason.figures["reason"].replace(Level.WATCH)
+        lights[str(Light.LOG)] = no_model_reason.figures["reason"].replace(Level.WATCH)
     elif min(fastest_rates(rates)) >= MIN_STREAM_RATE:
         lights[str(Light.LOG)] = _fast_enough_fact(rates)
     return lights
 
 
 def _awaited_light(
-    quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], reason: Fact
+    quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], no_model_reason: Fact
 ) -> Fact:
-    """Returns the light of a quantity that is judged in settled flight (after the climb-out): why it is not judged yet.
+    """Returns why a quantity is not judged yet that will be judged in settled flight (after the climb-out), as a fact.
 
     Args:
         quantity: one of ``AWAITED_QUANTITIES``.
         watch_facts: since when each quantity is watched, or why it is not, by its name.
-        reason: why there is no model.
+        no_model_reason: why there is no model.
     """
-    why_not_judged = _reason_not_watched(quantity, watch_facts, reason)
-    if why_not_judged is None:
-        # What is watched will be judged in settled flight, the tracking after some seconds of it.
-        why_not_judged = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
-        if quantity is WatchedQuantity.TRACKING:
-            why_not_judged = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
-    return Fact(Unjudged.NOT_JUDGED, reason=why_not_judged)
+    why_not_watched = _reason_not_watched(quantity, watch_facts, no_model_reason)
+    if why_not_watched is not None:
+        return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
+    if quantity is WatchedQuantity.TRACKING:
+        # How well the vehicle follows its setpoints is judged over several seconds.
+        settled_flight_awaited = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
+    else:
+        settled_flight_awaited = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
+    return Fact(Unjudged.NOT_JUDGED, reason=settled_flight_awaited)
 
 
 def _reason_not_watched(
-    quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], reason: Fact
+    quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], no_model_reason: Fact
 ) -> Fact | None:
-    """Returns why a quantity of the vehicle is not watched for faults at present; None if it is.
+    """Returns why a quantity of the vehicle is not watched for faults at present, as a fact; None if it is watched.
 
     Args:
         quantity: what may be watched, such as the vibration.
-        watch_facts: since when each quantity is watched, or why it is not, by its name; empty before the first
-            messages.
-        reason: why no model of the vehicle is learned, such as that no messages come.
+        watch_facts: a fact for each quantity, by its name. Its figure "reason" is why the quantity is not watched, or
+            None if it is. There are no such facts before the first messages of the vehicle.
+        no_model_reason: why no model of the vehicle is learned, such as that no messages come.
     """
     if not watch_facts:
-        # What prevents a model before the first messages prevents everything else too.
-        return reason
+        # Without messages nothing can be watched, for the reason that there is no model either.
+        return no_model_reason
     watch_fact = watch_facts.get(quantity)
     if watch_fact is None:
         # Just after the first messages it is not known yet which messages come.
         return Fact(RowsFact.RATES_BEING_MEASURED)
-    # None for a quantity that is watched.
-    stated_reason: Fact | None = watch_fact.figures["reason"]
-    return stated_reason
+    reason: Fact | None = watch_fact.figures["reason"]
+    return reason
 
 
-def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
+def _motors_light(watch_facts: Mapping[str, Fact], no_model_reason: Fact) -> Fact:
     """Returns the light (judgement) of the motors as long as there was no alarm about them.
 
     It states that no motor was at its limit so far, or if not even that is watched, why the motors are not judged.
 
     Args:
         watch_facts: since when each quantity is watched, or why it is not, by its name.
-        reason: why there is no model.
+        no_model_reason: why there is no model.
 
     Returns:
         The fact. Its figure ``reason`` is why a loss of thrust would not be detected; None if it would be.
     """
-    why_not_watched = _reason_not_watched(WatchedQuantity.MOTOR_LIMITS, watch_facts, reason)
+    why_not_watched = _reason_not_watched(
+        WatchedQuantity.MOTOR_LIMITS, watch_facts, no_model_reason
+    )
     if why_not_watched is not None:
         return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
-    why_loss_undetectable = _reason_not_watched(WatchedQuantity.MOTORS, watch_facts, reason)
+    why_loss_undetectable = _reason_not_watched(
+        WatchedQuantity.MOTORS, watch_facts, no_model_reason
+    )
     return Fact(WatchFact.NO_MOTOR_AT_LIMIT, reason=why_loss_undetectable)
 
 
 def _margins_light(
-    watch_facts: Mapping[str, Fact], reason: Fact, margins_awaited: Fact | None
+    watch_facts: Mapping[str, Fact], no_model_reason: Fact, margins_awaited: Fact | None
 ) -> Fact:
     """Returns the light (judgement) of the control loops' stability margins as long as there was no alarm about them.
 
@@ -136,21 +142,21 @@ def _margins_light(
 
     Args:
         watch_facts: since when each quantity is watched, or why it is not, by its name.
-        reason: why there is no model.
+        no_model_reason: why there is no model.
         margins_awaited: the light where setpoints of the body rate will show the margins; None elsewhere.
 
     Returns:
         The fact. Its figure ``reason`` is why the margins themselves are not known.
     """
-    why_not_watched = _reason_not_watched(WatchedQuantity.OSCILLATION, watch_facts, reason)
+    why_not_watched = _reason_not_watched(WatchedQuantity.OSCILLATION, watch_facts, no_model_reason)
     if why_not_watched is not None:
         return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
     if margins_awaited is not None:
         return margins_awaited
-    why_margins_unknown = reason
-    if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
-        # The fact which messages are too slow for a model is stated as a log's review states it.
-        slow_messages = reason.figures["reason"]
+    why_margins_unknown = no_model_reason
+    if no_model_reason.code is RowsFact.LIVE_RATES_TOO_LOW:
+        # The figure "reason" is the fact which messages are too slow for a model, as the review of a log states it.
+        slow_messages = no_model_reason.figures["reason"]
         why_margins_unknown = Fact(MarginsLight.MARGINS_UNKNOWN, reason=slow_messages)
     return Fact(WatchFact.NO_OSCILLATION, reason=why_margins_unknown)
 

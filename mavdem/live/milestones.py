@@ -86,18 +86,10 @@ class Milestones:
         if self._has_model or not has_model:
             return
         self._has_model = True
-        seconds_since_takeoff: float | None = now - takeoff_time
-        if not isfinite(now - takeoff_time):
-            # The take-off was not seen.
-            seconds_since_takeoff = None
-        self._log(
-            Fact(
-                SessionFact.FIRST_MODEL,
-                clock=now,
-                axis=self._axis,
-                duration=seconds_since_takeoff,
-            )
-        )
+        seconds_since_takeoff = now - takeoff_time
+        # The report has no duration if the take-off was not seen.
+        duration = seconds_since_takeoff if isfinite(seconds_since_takeoff) else None
+        self._log(Fact(SessionFact.FIRST_MODEL, clock=now, axis=self._axis, duration=duration))
 
     def update(
         self, learning: FlightLearning, status: SessionStatus, now: float, boot: int = 0
@@ -134,15 +126,18 @@ class Milestones:
             self._landing_to_report = None
 
     def _note_restart(self, boot: int) -> None:
-        """Notes that the autopilot has restarted: where it did so in flight, the end of that flight is not known.
+        """Notes that the autopilot has restarted. If the vehicle flew, the judgement of that flight says it was lost.
+
+        How the flight ended is not known then: the messages of the new boot begin some time after the restart.
 
         Args:
-            boot: number of the new boot.
+            boot: number of the new boot, which counts from 0 for the first one that the session received.
         """
         self._boot = boot
-        if self._latest_verdict is not None and self._was_flying:
+        if self._was_flying and self._latest_verdict is not None:
             self._latest_verdict = self._latest_verdict._replace(is_lost_in_air=True)
-        # Just after a restart it is not known whether the vehicle flies; that is no landing.
+        # Just after a restart it is not known whether the vehicle flies. Without this reset the next update would take
+        # the change from flying to not flying for a landing.
         self._was_flying = False
 
     def _update_verdict(self, status: SessionStatus) -> None:
@@ -229,57 +224,81 @@ class Milestones:
         now: float,
         physical: Physical | None,
     ) -> None:
-        """Reports what the flight has shown: after a landing its verdict; then wind, physical parameters and margins.
-
-        What is not known is None, with the reason if there is one. Nothing is reported if the vehicle has not flown,
-        and no row has been learned from, since the last report; nor of a lost vehicle without parameters.
+        """Reports what the latest flight has shown, unless this was reported already.
 
         Args:
-            learning: counts the rows that were learned from, and has the unit of the inputs.
+            learning: counts the rows (samples of the flight) that the model has learned from.
             status: status of the session, with the judgement of the model and the wind.
             now: present time on the boot clock, s.
             physical: the latest physical parameters; None without any.
         """
-        if learning.learned_rows <= self._reported_rows and not self._has_flown:
+        has_learned_more = learning.learned_rows > self._reported_rows
+        if not self._has_flown and not has_learned_more:
             return
         self._has_flown = False
         self._reported_rows = learning.learned_rows
-        is_lost = status.loss is not None
-        if is_lost and physical is None:
-            # The loss was an alarm, and nobody asks what else a flight has shown that was over before it was known.
+        if status.loss is not None and physical is None:
+            # The loss of the vehicle was an alarm. A flight that ended before any result was known has shown no more.
             return
-        # The autopilot has restarted on the ground before the end of the flight was received.
-        is_lost_in_air = (
-            self._latest_verdict is not None
-            and self._latest_verdict.is_lost_in_air
-            and not status.is_flying
-        )
-        verdict = None
-        is_reported_at_landing = status.has_landed and not status.is_over
-        is_end_reported = is_lost or is_lost_in_air
-        if is_reported_at_landing and not is_end_reported and self._latest_verdict is not None:
-            # The end of a session reports the verdicts in lines of their own, and a loss was an alarm.
-            verdict = self._latest_verdict.judgement.headline
+        self._log(self._flight_fact(learning, status, now, physical))
+
+    def _flight_fact(
+        self,
+        learning: FlightLearning,
+        status: SessionStatus,
+        now: float,
+        physical: Physical | None,
+    ) -> Fact:
+        """Returns what the latest flight has shown as a fact: how it ended, wind, physical parameters and margins.
+
+        Args:
+            learning: learning that has the unit of the inputs.
+            status: status of the session, with the judgement of the model and the wind.
+            now: present time on the boot clock, s.
+            physical: the latest physical parameters; None without any.
+
+        Returns:
+            The fact, with a figure for each result. What is not known is None, with the reason if there is one.
+        """
         margins = status.overall_judgement.lights.get(Light.MARGINS)
         longest_delay = status.latency.longest
-        self._log(
-            Fact(
-                SessionFact.FLIGHT_LEARNED,
-                clock=now,
-                axis=self._axis,
-                is_flying=status.is_flying or not status.has_landed,
-                is_lost=is_lost,
-                is_lost_in_air=is_lost_in_air,
-                verdict=verdict,
-                is_fitted=physical is not None,
-                margins_follow=self.margins_follow,
-                **_margin_figures(margins),
-                **self._wind_figures(status),
-                shortfall=status.shortfall if physical is None else None,
-                delay=longest_delay if isfinite(longest_delay) else None,
-                **_parameter_figures(learning, physical),
-            )
+        return Fact(
+            SessionFact.FLIGHT_LEARNED,
+            clock=now,
+            axis=self._axis,
+            is_flying=status.is_flying or not status.has_landed,
+            is_lost=status.loss is not None,
+            is_lost_in_air=self._is_lost_in_air(status),
+            verdict=self._headline_at_landing(status),
+            is_fitted=physical is not None,
+            margins_follow=self.margins_follow,
+            **_margin_figures(margins),
+            **self._wind_figures(status),
+            shortfall=status.shortfall if physical is None else None,
+            delay=longest_delay if isfinite(longest_delay) else None,
+            **_parameter_figures(learning, physical),
         )
+
+    def _is_lost_in_air(self, status: SessionStatus) -> bool:
+        """Returns whether the autopilot restarted in the latest flight, and the vehicle has not been seen to fly since.
+
+        It may have restarted on the ground: then the end of the flight was not received.
+        """
+        verdict = self._latest_verdict
+        return verdict is not None and verdict.is_lost_in_air and not status.is_flying
+
+    def _headline_at_landing(self, status: SessionStatus) -> Fact | None:
+        """Returns the headline of the latest flight (its worst problem, or that there was none) if it has just landed.
+
+        Returns:
+            The headline; None where others report it: an alarm reports the loss of the vehicle, and the end of the
+            session the headlines of all flights.
+        """
+        has_landed_in_session = status.has_landed and not status.is_over
+        is_lost = status.loss is not None or self._is_lost_in_air(status)
+        if self._latest_verdict is None or is_lost or not has_landed_in_session:
+            return None
+        return self._latest_verdict.judgement.headline
 
     def _wind_figures(self, status: SessionStatus) -> dict[str, Any]:
         """Returns the wind of the flight as figures of a fact: its mean, or why it is not known.
@@ -341,9 +360,11 @@ def _parameter_figures(learning: FlightLearning, physical: Physical | None) -> d
         "input_unit": "",
     }
     if learning.row_format is not None and learning.row_format.input_units:
+        # All inputs have the same unit.
         figures["input_unit"] = learning.row_format.input_units[0]
     if physical is None:
         return figures
+    # The half width of an interval is infinite for a parameter that is not identifiable.
     effect, effect_error = physical.mean_effect()
     if np.isfinite(effect_error):
         figures["effect"] = effect

@@ -164,7 +164,7 @@ class LiveStream:
 
     @property
     def followed_vehicle(self) -> Component | None:
-        """The vehicle; None before it is known."""
+        """The vehicle from whose messages rows are made; None before one is chosen."""
         return self._vehicles.followed
 
     @property
@@ -195,12 +195,12 @@ class LiveStream:
 
     @property
     def row_format(self) -> RowFormat | None:
-        """What the rows of the latest segment are; None before any."""
+        """Names and units of the values in the rows since their latest interruption; None before any row."""
         return self._rows.row_format
 
     @property
     def sample_count(self) -> int:
-        """Number of the vehicle's samples of attitude and motor outputs so far."""
+        """Number of samples of attitude and motor outputs of the followed vehicle so far."""
         return self._rows.sample_count
 
     @property
@@ -225,7 +225,7 @@ class LiveStream:
 
     @property
     def _phase(self) -> FlightPhase:
-        """Whether the vehicle flies."""
+        """The phase of flight of the followed vehicle: whether it flies, and since when."""
         return self._review.phase
 
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
@@ -292,13 +292,13 @@ class LiveStream:
         stream.process_without_rows(self._stamp, [frame])
         for event in stream.drain_events():
             fact = event.fact
-            is_warning = isinstance(fact.code, ReportedEvent) and not fact.is_good
+            is_autopilot_warning = isinstance(fact.code, ReportedEvent) and not fact.is_good
             is_alarm = fact.code in OTHER_VEHICLE_CODES
-            if is_warning or is_alarm:
-                alarm_of_other = Fact(
-                    WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, reason=fact
+            if is_autopilot_warning or is_alarm:
+                # The reported fact names the vehicle. Its figure "reason" is what happened to it.
+                self._add_event(
+                    Fact(WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, reason=fact)
                 )
-                self._add_event(alarm_of_other)
 
     @property
     def is_flying(self) -> bool:
@@ -316,7 +316,13 @@ class LiveStream:
         return self._phase.takeoff_time
 
     def pop_withdrawal_time(self) -> float | None:
-        """Returns the time since which settled rows were of a landing or a loss of control, s of this boot, or None."""
+        """Returns since when rows that counted as free flight were of a landing or a loss of control, and forgets it.
+
+        Such a phase is recognised some time after it began. What was learned from its rows is to be withdrawn.
+
+        Returns:
+            The time when it began, s of this boot; None if there was none since the last call.
+        """
         return self._phase.pop_withdrawal_time()
 
     def latest_row(self) -> FormattedRow | None:
@@ -480,30 +486,34 @@ class LiveStream:
 
         Returns:
             The message and when it was received, UNIX s; before it, once, the earlier messages of the vehicle. Empty
-            for a damaged frame, a copy of an earlier one, a message that nothing needs, or another sender. The
-            ``STATUS_MESSAGES`` and ``IMU_MESSAGES`` are without their stamp.
+            for a damaged frame, a copy of an earlier one, a message that nothing needs, or another sender.
         """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES
         message = decode_message(frame) if is_intact else None
+        # Damaged frames and copies are counted, too.
         is_new = sender.count_frame(frame, self._stamp)
         if not is_new or not is_intact:
             return []
         if message is not None:
             sender.add_message(message)
-            if message.name in (*STATUS_MESSAGES, *IMU_MESSAGES, HOME_MESSAGE):
-                # Some of them have the stamp of another clock, or one that they had before.
-                message = message._replace(stamp=0.0)
+        # This may choose the vehicle to follow, also by a frame whose message nothing needs.
         self._vehicles.update(sender)
-        reason = self._vehicles.not_followed_reason
         if message is None:
             return []
-        if reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET:
+        message = _without_foreign_stamp(message)
+        if self._is_choice_awaited:
             self._early_messages.append(_EarlyMessage(sender, self._stamp, message))
             return []
         if sender is not self._vehicles.followed:
             return []
         return [*self._pop_early_messages(sender), (message, self._stamp)]
+
+    @property
+    def _is_choice_awaited(self) -> bool:
+        """Whether no vehicle has been received that can be followed."""
+        reason = self._vehicles.not_followed_reason
+        return reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET
 
     def _pop_early_messages(self, sender: Component) -> list[tuple[Message, float]]:
         """Returns what a vehicle sent before it was chosen to be followed, once; later calls return nothing.
@@ -524,27 +534,49 @@ class LiveStream:
     def _process_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
         """Passes a message of the followed vehicle to all objects that need it, and yields the rows that it completes.
 
-        Attitude, setpoints and motor outputs are used only if they have a time stamp of their own, since rows need
-        exact times. Slow messages about state and phase are kept for the periodic review. After each message the next
-        step of that review is performed if it is due, which may end the flight, and with it the segment of rows.
+        Slow messages about state and phase are kept for the periodic review. After each message the next step of that
+        review is performed if it is due, which may end the flight, and with it the segment of rows.
 
         Args:
             timed: the message, with its time in s of the boot clock.
         """
         message = timed.message
+        if timed.has_own_stamp:
+            yield from self._process_fast_message(message, timed.time)
+        self._process_slow_message(message, timed.time)
+        if message.name in KEPT_MESSAGES:
+            self._review.recent_messages.add(message.name, timed.time, message.values)
+        self._review.proceed(self._clock.now, self._rows)
+        self._rows.end_segment_unless_free()
+
+    def _process_fast_message(self, message: Message, time: float) -> Iterator[AlignedRow]:
+        """Processes an attitude, setpoint or motor output, and yields the rows that it completes; ignores all others.
+
+        Args:
+            message: the message. Its time is exact, as rows need it: the message has a stamp of its own.
+            time: time on the boot clock, s.
+        """
         name = message.name
-        time = timed.time
-        if name in ATTITUDE_MESSAGES and timed.has_own_stamp:
+        if name in ATTITUDE_MESSAGES:
             yield from self._process_attitude(message, time)
-        elif name == SETPOINT_MESSAGE and timed.has_own_stamp:
+        elif name == SETPOINT_MESSAGE:
             self._review.watchdog.add_message(message, time)
             self._pose.add_setpoint(time, tilt_setpoint(message))
-        elif name in MOTOR_MESSAGES and timed.has_own_stamp:
+        elif name in MOTOR_MESSAGES:
             port, outputs = port_outputs(message)
             # Each port gets a stream, so that a hostile sender could fill the memory with ever new port numbers.
             if port < MAX_PORTS:
                 yield from self._add_sample(name, port, time, outputs)
-        elif name in IMU_MESSAGES:
+
+    def _process_slow_message(self, message: Message, time: float) -> None:
+        """Processes a message about the motion and state of the vehicle that rows do not need; ignores all others.
+
+        Args:
+            message: the message.
+            time: time on the boot clock, s, of its stamp or of other messages around it.
+        """
+        name = message.name
+        if name in IMU_MESSAGES:
             self._review.watchdog.control.add_message(message, time)
         elif name in ESTIMATOR_FLAG_MESSAGES:
             self.wind.estimator_flags = message.values[0]
@@ -554,42 +586,45 @@ class LiveStream:
             home = home_position(message.values, self._stamp)
             # Where the message has no position, the one before stays.
             self._home = home or self._home
-        if name in (BAROMETER_MESSAGE, RECEIVER_MESSAGE):
+        elif name in (BAROMETER_MESSAGE, RECEIVER_MESSAGE):
             self._update_takeoff_distance(message)
-        if name in KEPT_MESSAGES:
-            self._review.recent_messages.add(name, time, message.values)
-        self._review.proceed(self._clock.now, self._rows)
-        self._rows.end_segment_unless_free()
 
     def _update_takeoff_distance(self, message: Message) -> None:
-        """Updates where the vehicle is from its take-off: height by barometer, distance by satellites.
+        """Updates height and distance of the vehicle from its take-off, by barometer and by satellites.
 
-        They replace the position that the autopilot estimates if it reboots in flight, since that begins at 0 again.
+        The position that the autopilot estimates begins at 0 again if the autopilot reboots in flight. Air pressure and
+        satellites do not, and then take its place.
 
         Args:
-            message: a SCALED_PRESSURE with the pressure, or a GPS_RAW_INT with the position.
+            message: a SCALED_PRESSURE with the air pressure, or a GPS_RAW_INT with the position by satellites.
         """
         if message.name == BAROMETER_MESSAGE:
             pressure = message.values[0]
             self._takeoff_place.add_pressure(pressure)
         else:
-            fix = fix_position(message.values, self._stamp)
-            if fix is not None:
-                self._takeoff_place.add_fix(fix)
-                self._note_fix(fix)
-        self._takeoff_place.note_phase(
-            is_flying=self.is_flying, is_takeoff_seen=isfinite(self.takeoff_time)
-        )
+            satellite_position = fix_position(message.values, self._stamp)
+            # Without enough satellites the message has no position.
+            if satellite_position is not None:
+                self._takeoff_place.add_fix(satellite_position)
+                self._note_fix(satellite_position)
+        # The place of the take-off is the last one on the ground, which depends on whether the vehicle flies now.
+        is_takeoff_seen = isfinite(self.takeoff_time)
+        self._takeoff_place.note_phase(is_flying=self.is_flying, is_takeoff_seen=is_takeoff_seen)
 
     def _note_fix(self, fix: GlobalPosition) -> None:
-        """Takes a position by satellites as the last one, unless the autopilot sends a better one of its own."""
-        own_position = self.last_position
-        is_own_position_recent = (
-            own_position is not None
-            and own_position.height is not None
-            and self._stamp - own_position.reception <= SILENCE_SECONDS
+        """Takes a position by satellites as the latest one, unless the autopilot sends an estimate of its own.
+
+        Args:
+            fix: latitude and longitude by satellites, with the time at which they were received.
+        """
+        latest = self.last_position
+        # Only the estimate of the autopilot has a height above the home position.
+        is_recent_estimate = (
+            latest is not None
+            and latest.height is not None
+            and self._stamp - latest.reception <= SILENCE_SECONDS
         )
-        if not is_own_position_recent:
+        if not is_recent_estimate:
             self._note_position(fix)
 
     def _note_position(self, position: GlobalPosition) -> None:
@@ -611,22 +646,17 @@ class LiveStream:
         return self._latest_position if is_of_boot or is_of_flight else None
 
     def _process_velocity(self, message: Message, time: float) -> None:
-        """Passes a velocity to the estimator of the wind and, with a position, to the pose and the search for drift.
+        """Uses the velocity in a message for the estimate of the wind, and the position in it for the vehicle's pose.
 
         Args:
-            message: one of ``VELOCITY_MESSAGES``: velocity down, north and east in its unit; in LOCAL_POSITION_NED, in
-                m/s, the position north, east and down, m, follows; in GLOBAL_POSITION_INT relative altitude, latitude
-                and longitude.
+            message: a decoded message of velocity. Its first three values are the velocity down, north and east, in
+                the unit of the message. A position follows in two of them: in LOCAL_POSITION_NED north, east and down,
+                m; in GLOBAL_POSITION_INT height above home, latitude and longitude.
             time: time on the boot clock, s.
         """
         velocity = message.values[:3]
         position = message.values[3:]
-        first_wind = None
-        if self._review.watchdog.loss is None:
-            first_wind = self.wind.add_velocity(message.name, time, velocity)
-        else:
-            # A vehicle out of control, or on the ground, does not lean into the wind.
-            self.wind.stop()
+        self._estimate_wind(message.name, time, velocity)
         if message.name == "LOCAL_POSITION_NED":
             self._pose.add_position(time, position, is_flying=self.is_flying)
             _, north, east = velocity
@@ -637,6 +667,20 @@ class LiveStream:
             if new_position is not None:
                 self._note_position(new_position)
                 self._pose.add_global_position(time, new_position, is_flying=self.is_flying)
+
+    def _estimate_wind(self, message_name: str, time: float, velocity: Numbers) -> None:
+        """Adds a velocity to the estimate of the wind, which is reported as an event the first time there is one.
+
+        Args:
+            message_name: name of the message that has the velocity, which decides its unit.
+            time: time on the boot clock, s.
+            velocity: velocity down, north and east, in the unit of the message.
+        """
+        if self._review.watchdog.loss is not None:
+            # The wind follows from how far the vehicle leans. Out of control it does not lean into the wind.
+            self.wind.stop()
+            return
+        first_wind = self.wind.add_velocity(message_name, time, velocity)
         if first_wind is not None:
             self._add_event(first_wind)
 
@@ -732,13 +776,12 @@ class LiveStream:
         motors = inputs.motors
         # Motor commands as fractions of their range.
         commands = motors.scale.fraction(np.array(outputs)).tolist()
-        lean = UNKNOWN_LEAN
-        pose = self._pose.pose
-        if pose is not None:
-            roll, pitch, _ = pose.angles
-            lean = (roll, pitch)
+        roll_and_pitch = UNKNOWN_LEAN
+        if self._pose.pose is not None:
+            roll, pitch, _ = self._pose.pose.angles
+            roll_and_pitch = (roll, pitch)
         new_alarms = self.motor_alarms.add_sample(
-            time, self.boot, motors, commands, self._pose.heading, lean
+            time, self.boot, motors, commands, self._pose.heading, roll_and_pitch
         )
         for fact in new_alarms:
             self._add_event(fact)
@@ -787,3 +830,16 @@ class LiveStream:
             fact = fact.replace(reason=fault)
         reception_time = self._stamp
         self._events.append(Event(reception_time, fact))
+
+
+def _without_foreign_stamp(message: Message) -> Message:
+    """Returns a message without its stamp (0) if the stamp may not be the time of the message on the boot clock.
+
+    Messages of state, IMU and home position may have the stamp of another clock, or that of an earlier message.
+
+    Args:
+        message: the message as it was received.
+    """
+    if message.name in (*STATUS_MESSAGES, *IMU_MESSAGES, HOME_MESSAGE):
+        return message._replace(stamp=0.0)
+    return message

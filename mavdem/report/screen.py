@@ -21,7 +21,9 @@ from mavdem.assessment.axis.findings import (
     model_findings,
     next_step_for_model,
 )
+from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.vehicle_verdict import VehicleVerdict
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Fact, Level
@@ -105,26 +107,22 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 
 
 def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
-    """Returns the findings of a log: warnings, the model or why there is none, the vehicle's condition, and the wind.
+    """Returns the report of a log without its headline and next step, which ``analysis_blocks`` puts around it.
 
-    Warnings come from status lights (the judgement of one subject each, such as the motors) and from alarms. If no full
-    model was learned, sentences on the vehicle's condition take its place, and on which kind of model the message rates
-    of the log allow (its tier).
+    In this order: subjects to be watched or bad, such as the motors; the model or why there is none; alarms about
+    motors; the condition of the vehicle if there is no full model; the physical parameters of all axes; in a simulated
+    log, how close they are to the truth; and the wind.
 
     Args:
         analysis: the analysis of one axis of the vehicle, with the model if one was learned.
-        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
-
-    Returns:
-        The report without its headline and next step.
+        assessment: all results on a vehicle of the log: events, judgement, loops and wind.
     """
     blocks: Blocks = [*judgement_sentences(assessment.judgement).lights]
     blocks += _learned_blocks(analysis)
-    for alarm in analysis.alarms:
-        if not alarm.is_weak:
-            blocks.append(Sentence(str(alarm.fact), lead="Motors:"))
+    blocks += _motor_alarm_sentences(analysis)
     has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
     if not has_full_model:
+        # The first section says which kind of model the message rates of the log allow.
         blocks += render_section("tier", analysis.tier)
         blocks += render_section("condition", analysis.condition)
     # Overrides are findings, such as an oscillation, that make all figures of the flight doubtful.
@@ -132,7 +130,25 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
     blocks += vehicle_blocks(analysis.axes, is_doubtful=is_flight_doubtful)
     if analysis.truth is not None:
         blocks += truth_blocks(analysis.truth)
-    return [*blocks, *air_blocks(assessment)]
+    blocks += air_blocks(assessment)
+    return blocks
+
+
+def _motor_alarm_sentences(analysis: LogAnalysis) -> list[Sentence]:
+    """Returns a sentence for each change of the motors in flight that an alarm reports, except losses of thrust.
+
+    Such a change is that a motor recovered, or that the steady torque on the vehicle is another one.
+
+    Args:
+        analysis: the analysis of one axis of the vehicle, with the alarms in the order of time.
+    """
+    sentences = []
+    for alarm in analysis.alarms:
+        # A motor that lost thrust is reported by the judgement of the motors.
+        has_lost_thrust = alarm.is_weak
+        if not has_lost_thrust:
+            sentences.append(Sentence(str(alarm.fact), lead="Motors:"))
+    return sentences
 
 
 def instance_blocks(assessment: Assessment) -> Blocks:
@@ -265,24 +281,44 @@ def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> lis
     if has_headline_above and assessment.flight_of_headline is not None:
         # Several flights were assessed together. This fact says in which of them the event in the headline was.
         facts.append(assessment.flight_of_headline)
-    if assessment.flight_verdicts:
-        worst_flight, *other_flights = assessment.flight_verdicts
-        facts.append(Fact(SessionFact.FLIGHT_OF_RECORDING, number=worst_flight.number))
-        if not has_headline_above:
-            facts.append(worst_flight.fact)
-        facts += [verdict.fact for verdict in other_flights]
-    if assessment.vehicle_verdicts:
-        worst_vehicle, *other_vehicles = assessment.vehicle_verdicts
-        facts.append(
-            Fact(
-                SessionFact.VEHICLE_OF_RECORDING,
-                name=worst_vehicle.name,
-                names=[verdict.name for verdict in other_vehicles],
-                count=len(assessment.vehicle_verdicts),
-            )
-        )
-        facts += [verdict.fact for verdict in other_vehicles]
+    facts += _flight_facts(assessment.flight_verdicts, has_headline_above=has_headline_above)
+    facts += _vehicle_facts(assessment.vehicle_verdicts)
     return [Sentence(fact.sentence) for fact in facts]
+
+
+def _flight_facts(verdicts: Sequence[FlightVerdict], *, has_headline_above: bool) -> list[Fact]:
+    """Returns which flight of a recording is reported, and how the others were judged, as facts.
+
+    Args:
+        verdicts: the judgement of each flight, the worst first, which is reported; empty for a single flight.
+        has_headline_above: whether the judgement of the worst flight stands above already, as the headline.
+    """
+    if not verdicts:
+        return []
+    worst_flight, *other_flights = verdicts
+    facts = [Fact(SessionFact.FLIGHT_OF_RECORDING, number=worst_flight.number)]
+    if not has_headline_above:
+        facts.append(worst_flight.fact)
+    facts += [verdict.fact for verdict in other_flights]
+    return facts
+
+
+def _vehicle_facts(verdicts: Sequence[VehicleVerdict]) -> list[Fact]:
+    """Returns which vehicle of a recording is reported, and how the others were judged, as facts.
+
+    Args:
+        verdicts: the judgement of each vehicle, the worst first, which is reported; empty for a single vehicle.
+    """
+    if not verdicts:
+        return []
+    worst_vehicle, *other_vehicles = verdicts
+    reported_vehicle = Fact(
+        SessionFact.VEHICLE_OF_RECORDING,
+        name=worst_vehicle.name,
+        names=[verdict.name for verdict in other_vehicles],
+        count=len(verdicts),
+    )
+    return [reported_vehicle, *(verdict.fact for verdict in other_vehicles)]
 
 
 def warnings_of_lights(judgement: Judgement, light_names: Sequence[Light]) -> list[Sentence]:
@@ -329,27 +365,22 @@ def remarks_on_wind(judgement: Judgement) -> list[Sentence]:
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
     """Returns the judgement of a flight as sentences without tables, for a narrow column of a dashboard.
 
-    They come in this order: the headline, status lights that warn, the grade of the model for each purpose, the next
-    step for the user, and warnings about the model.
+    They come in this order: the headline, subjects to be watched or bad (such as the motors), the grade of the model
+    for each purpose, the next step for the user, and warnings about the model.
 
     Args:
         findings: grades of the model by purpose with their reasons, and warnings.
         judgement: headline, status lights and next step; None if there is none, and then these are left out.
     """
-    blocks = Blocks()
-    sentences = None
-    if judgement is not None:
-        sentences = judgement_sentences(judgement)
-        blocks.append(sentences.headline)
-        blocks += sentences.lights
+    grades = []
     for purpose, grade, reason in findings.purposes:
         lead = f"{purpose.capitalize()}: {grade}."
-        blocks.append(Sentence(reason.sentence_and_remedy, lead))
-    if sentences is not None:
-        blocks.append(sentences.next_step)
-    for fact in findings.warnings:
-        blocks.append(warning(fact))
-    return blocks
+        grades.append(Sentence(reason.sentence_and_remedy, lead))
+    warnings = [warning(fact) for fact in findings.warnings]
+    if judgement is None:
+        return [*grades, *warnings]
+    sentences = judgement_sentences(judgement)
+    return [sentences.headline, *sentences.lights, *grades, sentences.next_step, *warnings]
 
 
 def flight_title(flights: Flights, simulation_fact: Fact | None = None) -> Sentence:
@@ -524,6 +555,23 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     """
     if held_out is None:
         return []
+    sentences = render_section(
+        "prediction",
+        windows=len(held_out),
+        quartiles=held_out.error_ratio_quartiles,
+        worse=held_out.worse_shares,
+        coverage=held_out.coverage,
+    )
+    return [_forecast_error_table(labels, held_out), *sentences]
+
+
+def _forecast_error_table(labels: Labels, held_out: HeldOut) -> Table:
+    """Returns the table of forecast errors: a row for each method, the best first, and a column for each output.
+
+    Args:
+        labels: names and units of the outputs, such as the roll angle in rad, which is shown in degrees.
+        held_out: errors of the forecasts of each method, over windows that no model was trained on.
+    """
     units = [display_unit(unit) for unit in labels.output_units]
     output_headers = []
     for name, unit in zip(labels.output_names, units, strict=True):
@@ -539,15 +587,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
         rows.append([name, *errors, rounded(forecast.error_ratio)])
     windows = counted(len(held_out), "held-out window")
     first_header = f"RMSE, {held_out.seconds:.2g} s ahead, {windows}"
-    table = Table([first_header, *output_headers, "error ratio"], rows)
-    sentences = render_section(
-        "prediction",
-        windows=len(held_out),
-        quartiles=held_out.error_ratio_quartiles,
-        worse=held_out.worse_shares,
-        coverage=held_out.coverage,
-    )
-    return [table, *sentences]
+    return Table([first_header, *output_headers, "error ratio"], rows)
 
 
 def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> Blocks:
@@ -561,14 +601,7 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
     Returns:
         The table, and a sentence for each reason.
     """
-    rows = []
-    for axis, estimates in axes.items():
-        cells = _axis_cells(estimates)
-        model = UNKNOWN_FIGURE
-        if estimates.physical is not None:
-            model = estimates.physical.model
-        if any(cell != UNKNOWN_FIGURE for cell in cells):
-            rows.append([axis, *cells, model])
+    rows = _axis_rows(axes)
     blocks = Blocks()
     if rows:
         blocks.append(Table(_axis_header(axes), rows))
@@ -588,6 +621,22 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
         axes_without_parameters, attrgetter("sentence_and_remedy")
     )
     return blocks + reasons_with_advice
+
+
+def _axis_rows(axes: Mapping[str, AxisEstimates]) -> list[list[str]]:
+    """Returns the rows of the table of physical parameters: axis, figures (:func:`_axis_cells`), name of the model.
+
+    Args:
+        axes: physical parameters and wind torque by axis; an axis without any figure has no row.
+    """
+    rows = []
+    for axis, estimates in axes.items():
+        figures = _axis_cells(estimates)
+        is_any_figure_known = any(figure != UNKNOWN_FIGURE for figure in figures)
+        model = UNKNOWN_FIGURE if estimates.physical is None else estimates.physical.model
+        if is_any_figure_known:
+            rows.append([axis, *figures, model])
+    return rows
 
 
 def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
@@ -632,14 +681,27 @@ def _axis_cells(estimates: AxisEstimates) -> list[str]:
     physical = estimates.physical
     if physical is None:
         return [UNKNOWN_FIGURE] * 4
+    wind_torque_cell = UNKNOWN_FIGURE
+    if estimates.resolved_wind is not None:
+        wind_torque_cell = rounded(TORQUE_UNIT.scale * estimates.resolved_wind.sd)
+    return [*_parameter_cells(physical), wind_torque_cell]
+
+
+def _parameter_cells(physical: Physical) -> list[str]:
+    """Returns mean effectiveness, rate damping and motor time constant (ms) of an axis with their 90 % intervals.
+
+    Args:
+        physical: the estimated parameters of the axis, each with its status, such as biased.
+
+    Returns:
+        Three cells, such as "8.1 ± 0.4"; "(biased)" follows where the closed loop biases an estimate.
+    """
     half_widths = physical.interval()
-    mean_effect, mean_effect_half_width = physical.mean_effect()
+    effect, effect_half_width = physical.mean_effect()
     milliseconds_per_second = 1e3
     # The keys are the names of the parameters in ``physical.status``, where "lag" is the motor time constant.
     parameter_texts = {
-        "effect": plus_minus(
-            TORQUE_UNIT.scale * mean_effect, TORQUE_UNIT.scale * mean_effect_half_width
-        ),
+        "effect": plus_minus(TORQUE_UNIT.scale * effect, TORQUE_UNIT.scale * effect_half_width),
         "damping": plus_minus(physical.damping, half_widths.damping),
         "lag": plus_minus(
             milliseconds_per_second * physical.lag, milliseconds_per_second * half_widths.lag
@@ -649,11 +711,6 @@ def _axis_cells(estimates: AxisEstimates) -> list[str]:
     for name, text in parameter_texts.items():
         is_biased = physical.status[name] is Status.BIASED
         cells.append(f"{text} (biased)" if is_biased else text)
-    wind_torque = estimates.resolved_wind
-    if wind_torque is None:
-        cells.append(UNKNOWN_FIGURE)
-    else:
-        cells.append(rounded(TORQUE_UNIT.scale * wind_torque.sd))
     return cells
 
 
@@ -675,14 +732,14 @@ def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -
     if have_all_same_status:
         # The other parameters follow from the effectiveness, so that its reason is the cause of theirs.
         reasons = {"effect": reasons["effect"]}
+    # Parameters with the same reason share a text.
     parameters_by_reason = dict[str, list[str]]()
     for name, reason in reasons.items():
-        if reason is not None:
-            text = reason.sentence_and_remedy
-            if is_doubtful:
-                text = reason.sentence
-            parameter_and_status = f"{PARAMETERS[name]} {physical.status[name]}"
-            parameters_by_reason.setdefault(text, []).append(parameter_and_status)
+        if reason is None:
+            continue
+        reason_text = reason.sentence if is_doubtful else reason.sentence_and_remedy
+        parameter_and_status = f"{PARAMETERS[name]} {physical.status[name]}"
+        parameters_by_reason.setdefault(reason_text, []).append(parameter_and_status)
     texts = []
     for reason_text, parameters in parameters_by_reason.items():
         texts.append(f"{listed(parameters).capitalize()}: {reason_text}")
@@ -702,11 +759,9 @@ def detail_blocks(learned: Learned) -> Blocks:
     simulation_fit = learned.simulation_fit
     objective_increase = 0.0
     if simulation_fit is not None:
-        # The objective of the fit is the sum of its terms, each of which has a value for every iteration.
-        terms = list(simulation_fit.terms.values())
-        objective_at_start = sum(term[0] for term in terms)
-        objective_at_end = sum(term[-1] for term in terms)
-        objective_increase = objective_at_end - objective_at_start
+        # Each term of the objective has a value for every iteration of the fit.
+        terms = simulation_fit.terms.values()
+        objective_increase = sum(term[-1] - term[0] for term in terms)
     learning = render_section(
         "learning",
         learned=learned,

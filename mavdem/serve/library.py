@@ -319,13 +319,15 @@ class Library:
         Raises:
             Refusal: the disk is full.
         """
+        # Relative to the library's folder.
         stored_path = Path(LOGS, digest, stored_file_name(name))
         with self.transaction() as db:
             former_entry = find_by_digest(db, digest)
+            if former_entry is not None and former_entry.stage != Stage.FAILED:
+                incoming_path.unlink()
+                return former_entry
             if former_entry is not None:
-                if former_entry.stage != Stage.FAILED:
-                    incoming_path.unlink()
-                    return former_entry
+                # The new entry takes the place of the one whose log could not be read.
                 db.execute("delete from entries where digest = ?", [digest])
             entry = LibraryEntry(
                 new_id() if former_entry is None else former_entry.id,
@@ -339,12 +341,22 @@ class Library:
             insert_entry(db, entry)
             # The file is moved before the transaction ends: an entry without its log would be worse than a log without
             # its entry, which the next start adds again.
-            folder = (self.folder / stored_path).parent
-            folder.mkdir(exist_ok=True)
-            os.replace(incoming_path, self.folder / stored_path)
-            sync_folder(folder)
-            sync_folder(self.folder / LOGS)
+            self._move_into_library(incoming_path, self.folder / stored_path)
         return entry
+
+    def _move_into_library(self, incoming_path: Path, stored_path: Path) -> None:
+        """Moves a received file to its place in the library, and waits until the move itself is on the disk.
+
+        Args:
+            incoming_path: path of the file, in the folder for incoming files.
+            stored_path: its path in the library, in a folder of its own, which may not exist yet.
+        """
+        log_folder = stored_path.parent
+        log_folder.mkdir(exist_ok=True)
+        os.replace(incoming_path, stored_path)
+        # A rename survives a power failure once the folders are on the disk too.
+        sync_folder(log_folder)
+        sync_folder(self.folder / LOGS)
 
     def add_fleet_logs(self) -> None:
         """Adds entries to the index for logs that the command ``mavdem track`` has read since the last call.
@@ -632,6 +644,7 @@ class Library:
         """
         assigned_vehicle = self._vehicle_by_given_name(plain_name(name))
         with self.transaction() as db:
+            # The fleet has a row for each axis of the flight. All name the same vehicle, so that one of them will do.
             rows = [row for row in self.flight_rows([entry]) if row.vehicle == entry.vehicle]
             if not rows or rows[0].vehicle_basis not in (SYSTEM_ID_BASIS, GIVEN_BASIS):
                 raise Refusal(RefusalReason.VEHICLE_IDENTIFIED, name=entry.name)
@@ -895,14 +908,14 @@ class Library:
             limits: the limits of time and memory within which it was read.
         """
         columns = self._columns_of_outcome(entry, outcome)
-        results = self.results_folder(entry)
-        if (results / PAGE_FILE).is_file():
+        is_failed = columns["stage"] == Stage.FAILED
+        if not is_failed:
             # What the reading process has reported in this file is among the columns now.
-            (results / PROGRESS).unlink(missing_ok=True)
-        # Two such logs stay: one that its uploader wants to keep, and one that is not itself the cause, since its file
-        # could not be opened, or a package that its format needs is missing (the ending "source").
+            (self.results_folder(entry) / PROGRESS).unlink(missing_ok=True)
+        # Two logs that cannot be read stay: one that its uploader wants to keep, and one that is not itself the cause,
+        # since its file could not be opened, or a package that its format needs is missing (the ending "source").
         keeps_log = entry.keep or outcome.ended == "source"
-        removes_log = columns["stage"] == Stage.FAILED and not keeps_log
+        removes_log = is_failed and not keeps_log
         if removes_log:
             # The log has no path any more, but paths in the index must be unique, so the id is stored as one.
             columns |= {"size": 0, "path": entry.id}
@@ -928,23 +941,36 @@ class Library:
         Returns:
             New values by the names of the columns. The server's claim (``claimed``) is cleared.
         """
-        results = self.results_folder(entry)
         columns = self.progress_columns(entry) | {"claimed": ""}
-        if not (results / PAGE_FILE).is_file():
+        has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
+        if not has_page:
             return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
         (first_row,) = rows_with_assigned_vehicles(self.db, outcome.rows[:1])
         if first_row.vehicle_basis == GIVEN_BASIS:
             # A user has assigned a vehicle to the flight.
             columns |= {"vehicle": first_row.vehicle, "vehicle_basis": GIVEN_BASIS}
+        # So far this column names the recordings that can be made on request, separated by commas.
+        recordings = columns.get("files", "")
+        file_columns = self._columns_of_result_files(entry, recordings)
+        return columns | {"stage": Stage.DONE, "problem": ""} | file_columns
+
+    def _columns_of_result_files(self, entry: LibraryEntry, recordings: str) -> JsonValues:
+        """Returns the columns of the index on the result files of a log: their size, and which can be downloaded.
+
+        Args:
+            entry: the log, which was read.
+            recordings: names of recordings that can be made on request, separated by commas; they can be downloaded
+                too.
+
+        Returns:
+            ``kept``, bytes of all results, and ``files``, names of the downloads, separated by commas.
+        """
         # The progress file is no result, and is removed next.
-        paths = [path for path in results.iterdir() if path.name != PROGRESS]
-        # Names of the result files that users may download, which those that a comparison reads are not.
+        paths = [path for path in self.results_folder(entry).iterdir() if path.name != PROGRESS]
+        # Two files are only for comparisons of flights.
         names = {path.name for path in paths} - {SERIES_FILE, PARAMETERS_FILE}
-        # So far the column names the recordings that can be made on request.
-        names.update(name for name in columns.get("files", "").split(",") if name)
-        return columns | {
-            "stage": Stage.DONE,
-            "problem": "",
+        names.update(name for name in recordings.split(",") if name)
+        return {
             "kept": sum(path.stat().st_size for path in paths),
             "files": ",".join(sorted(names)),
         }

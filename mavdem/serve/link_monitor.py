@@ -49,18 +49,18 @@ If it was last in the air, what was recorded is added to the library then, and t
 """
 
 MAX_SILENT_PAGES_IN_AIR = 120
-"""Such pages after which the session is over of a vehicle that was last in the air, 10 min in all: a choice.
+"""Pages in a row without a message after which the session of a vehicle is over that was last in the air: 10 min.
 
-Most links that are lost in flight come back, since the vehicle returns or lands by itself, for which its battery lasts
-some minutes. Until then the flight goes on, with its take-off, its lights and the reference of its motors.
+A choice. Most links that are lost in flight come back, since the vehicle returns or lands by itself, for which its
+battery lasts some minutes. Until then the flight goes on, with its take-off, its judgement and the reference of its
+motors.
 """
 
 MAX_SILENT_PAGES_AFTER_LANDING = 3
-"""Such pages after which the session is over of a vehicle that has landed, 15 s in all: a choice.
+"""Pages in a row without a message after which the session of a vehicle is over that has landed: 15 s, a choice.
 
-It was switched off, or its next flight gets a session of its own.
-
-An autopilot that reboots, or a radio that fades, is mostly back before.
+The vehicle was switched off, or its next flight gets a session of its own. An autopilot that reboots, or a radio that
+fades, is mostly back before.
 """
 
 NO_VEHICLE_CODES = frozenset(
@@ -133,6 +133,21 @@ class _StoredFlight(NamedTuple):
     session: LiveSession | None = None
     """Its session, if that is over and shown until another vehicle comes; otherwise None."""
 
+    @classmethod
+    def of_entry(
+        cls, entry: LibraryEntry, vehicle: Component, session: LiveSession | None = None
+    ) -> Self:
+        """Returns the flight of a recording that was just added to the library, without a verdict.
+
+        Args:
+            entry: the recording in the library.
+            vehicle: the vehicle of the flight.
+            session: its session, if that is over; None while it goes on.
+        """
+        linked_vehicle = _LinkedVehicle.of_component(vehicle)
+        page = PageLink(entry.name, _page_address(entry))
+        return cls(linked_vehicle, entry.id, page, session=session)
+
     @property
     def forbids_flight(self) -> bool:
         """Whether the library's verdict on it is that the vehicle must not fly before something is done."""
@@ -141,12 +156,11 @@ class _StoredFlight(NamedTuple):
 
     @property
     def is_verdict_awaited(self) -> bool:
-        """Whether the library has still to judge it."""
-        verdict = self.verdict
-        if verdict is None:
+        """Whether the library will judge its recording, but has not done so when the verdict was looked up last."""
+        if self.verdict is None:
             return True
-        is_unjudged = verdict.code is SessionFact.RECORDING_NOT_JUDGED
-        return is_unjudged and verdict.figures["kind"] is RecordingState.BEING_READ
+        is_unjudged = self.verdict.code is SessionFact.RECORDING_NOT_JUDGED
+        return is_unjudged and self.verdict.figures["kind"] is RecordingState.BEING_READ
 
 
 class _FlightState:
@@ -204,6 +218,54 @@ class _FlightState:
             return
         if self._is_armed_since_restart and _is_on_ground(status):
             self.has_restarted = True
+
+
+class _Silence:
+    """For how long the vehicle of a session has been silent, counted in pages: one is made every ``PAGE_SECONDS``.
+
+    Attributes:
+        page_count: number of pages of the session that were made in a row without a new frame of the vehicle.
+        is_in_air: whether the vehicle was in the air when its messages ended, and nothing shows that the flight is
+            over.
+    """
+
+    def __init__(self) -> None:
+        """Begins with a session that has not received anything."""
+        self.page_count = 0
+        self.is_in_air = False
+        self._frames_at_last_page = 0
+
+    def count_page(self, session: LiveSession) -> None:
+        """Counts a page of the session if no new frame of the vehicle came since the last one; otherwise begins anew.
+
+        Args:
+            session: the running session, which records what it receives.
+        """
+        recording = session.intake.recording
+        # If writing the recording fails, the session ends before its next page.
+        assert recording is not None
+        vehicle = session.stream.followed_vehicle
+        # Frames of another vehicle on the same link do not count: it has its turn once the followed one is silent.
+        frame_count = recording.frame_count if vehicle is None else vehicle.frame_count
+        # Before the first frame the session waits for a vehicle without a limit.
+        is_silent = frame_count > 0 and frame_count == self._frames_at_last_page
+        self.page_count = self.page_count + 1 if is_silent else 0
+        self._frames_at_last_page = frame_count
+        # Where the vehicle is depends on messages, too. Updated with the count, it never belongs to an earlier silence.
+        self.is_in_air = session.status.link_loss is not None
+
+    def is_too_long(self, *, has_landed: bool) -> bool:
+        """Returns whether the session is over because of the silence.
+
+        Args:
+            has_landed: whether the latest flight of the vehicle has ended with a landing.
+        """
+        longest = MAX_SILENT_PAGES
+        if self.is_in_air:
+            longest = MAX_SILENT_PAGES_IN_AIR
+        elif has_landed:
+            longest = MAX_SILENT_PAGES_AFTER_LANDING
+        return self.page_count >= longest
 
 
 class LinkMonitor:
@@ -278,13 +340,11 @@ class LinkMonitor:
         self._incoming: _IncomingRecording | None = None
         # The recording of the next session, where it has messages of its vehicle already.
         self._next_recording: _IncomingRecording | None = None
-        # The flight of the running session.
+        # The flight of the running session, and for how long its vehicle has been silent.
         self._flight = _FlightState()
-        # Whether the vehicle was in the air when its messages ended, and nothing shows that the flight is over.
-        self._is_missed_in_air = False
+        self._silence = _Silence()
+        # Set when the server ends.
         self._is_stopping = ThreadEvent()
-        self._silent_pages = 0
-        self._frames_at_last_page = 0
         # Number of datagrams that the link had lost at the end of the latest session.
         self._lost_datagrams = 0
         self._thread = Thread(target=self._run_sessions, daemon=True)
@@ -373,10 +433,11 @@ class LinkMonitor:
         """
         try:
             self._update_page(session)
+            no_time_limit = None
             run_session(
                 session,
                 lambda: self._is_over() or session.successor is not None,
-                None,
+                no_time_limit,
                 NEWS_SECONDS,
                 self._watch_session,
             )
@@ -447,10 +508,8 @@ class LinkMonitor:
 
     def _forget_former_session(self) -> None:
         """Resets what the monitor has noted of a session, such as its silence and the state of its flight."""
-        self._silent_pages = 0
-        self._frames_at_last_page = 0
         self._flight = _FlightState()
-        self._is_missed_in_air = False
+        self._silence = _Silence()
         self._stored_part = None
 
     def _vehicle_of_next_session(self, session: LiveSession) -> Component | None:
@@ -493,19 +552,25 @@ class LinkMonitor:
             # The flight went on after a part of it was stored. Somebody may have deleted that part meanwhile.
             with suppress(Refusal):
                 self._library.replace_part(self._stored_part.entry_id, entry)
-        address = f"/f/{entry.id}"
-        self._latest_flight = PageLink("Latest flight", address)
+        self._latest_flight = PageLink("Latest flight", _page_address(entry))
         self._log_added()
-        self._report_saved_flight(address)
+        self._report_saved_flight(_page_address(entry))
         vehicle = session.stream.followed_vehicle
         if vehicle is not None and not self._is_stopping.is_set():
-            if self._stored_flight is not None:
-                self._faulty_flights.append(self._stored_flight._replace(session=None))
-            saved_flight = PageLink(entry.name, address)
-            linked_vehicle = _LinkedVehicle.of_component(vehicle)
-            self._stored_flight = self._with_verdict(
-                _StoredFlight(linked_vehicle, entry.id, saved_flight, session=session)
-            )
+            self._show_stored_flight(_StoredFlight.of_entry(entry, vehicle, session))
+
+    def _show_stored_flight(self, flight: _StoredFlight) -> None:
+        """Makes a stored flight the one whose finished session is shown until another vehicle comes.
+
+        The flight that was shown before is kept with the earlier ones: its verdict may forbid the vehicle to fly.
+
+        Args:
+            flight: the flight, with its session.
+        """
+        if self._stored_flight is not None:
+            self._faulty_flights.append(self._stored_flight._replace(session=None))
+        # This also renders the page of the finished session.
+        self._stored_flight = self._with_verdict(flight)
 
     def _store_part(self, session: LiveSession) -> None:
         """Adds what was recorded of a vehicle that is lost in the air to the library; the session goes on.
@@ -528,12 +593,9 @@ class LinkMonitor:
         path = self._library.new_incoming_path()
         recording.copy_to(path)
         entry = self._add_to_library(path, recording)
-        address = f"/f/{entry.id}"
-        self._stored_part = _StoredFlight(
-            _LinkedVehicle.of_component(vehicle), entry.id, PageLink(entry.name, address)
-        )
+        self._stored_part = _StoredFlight.of_entry(entry, vehicle)
         self._log_added()
-        self._report_saved_flight(address, is_part=True)
+        self._report_saved_flight(_page_address(entry), is_part=True)
 
     def _add_to_library(self, path: Path, recording: RawRecording) -> LibraryEntry:
         """Adds a file of a session to the library, named by the time of the first message.
@@ -643,15 +705,14 @@ class LinkMonitor:
             self._report_event(event)
 
     def _report_saved_flight(self, path: str, *, is_part: bool = False) -> None:
-        """Reports where a flight is saved.
+        """Reports the address of the page of a flight that was added to the library.
 
         Args:
-            path: path of the flight's page on this server.
-            is_part: whether its session goes on.
+            path: path of the page on this server.
+            is_part: whether only a part of the flight was added, whose session goes on.
         """
-        saved_fact = Fact(
-            LinkFact.FLIGHT_SAVED, address=self._server_address + path, is_part=is_part
-        )
+        address = self._server_address + path
+        saved_fact = Fact(LinkFact.FLIGHT_SAVED, address=address, is_part=is_part)
         self._report_event(Event(nan, saved_fact, reception=clock.unix_time()))
 
     def _is_over(self) -> bool:
@@ -661,12 +722,7 @@ class LinkMonitor:
         """
         if self._is_stopping.is_set() or self._flight.has_restarted:
             return True
-        longest_silence = MAX_SILENT_PAGES
-        if self._is_missed_in_air:
-            longest_silence = MAX_SILENT_PAGES_IN_AIR
-        elif self._flight.has_landed:
-            longest_silence = MAX_SILENT_PAGES_AFTER_LANDING
-        return self._silent_pages >= longest_silence
+        return self._silence.is_too_long(has_landed=self._flight.has_landed)
 
     def _watch_session(self, session: LiveSession) -> None:
         """Updates the page of the running session if it is due, and reports its status; called every ``NEWS_SECONDS``.
@@ -691,9 +747,10 @@ class LinkMonitor:
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
-        """Renders the page of the running session, after checking the disk and the vehicle's silence.
+        """Renders the page of the running session, after it has checked the disk and the silence of the vehicle.
 
-        It is called every ``PAGE_SECONDS``. What was recorded of a vehicle that was lost in the air is stored.
+        It is called every ``PAGE_SECONDS``. Once a vehicle that was in the air has been silent for a minute, what was
+        recorded of it is stored.
 
         Args:
             session: the running session, which records what it receives.
@@ -703,36 +760,11 @@ class LinkMonitor:
         """
         self._update_time = clock.monotonic()
         self._library.check_space(0)
-        self._count_silent_pages(session)
-        is_lost_for_long = self._is_missed_in_air and self._silent_pages >= MAX_SILENT_PAGES
+        self._silence.count_page(session)
+        is_lost_for_long = self._silence.is_in_air and self._silence.page_count >= MAX_SILENT_PAGES
         if is_lost_for_long and self._stored_part is None:
             self._store_part(session)
         self._render_page(session)
-
-    def _count_silent_pages(self, session: LiveSession) -> None:
-        """Counts how many pages of the session were made in a row without a new frame of the vehicle (``_is_over``).
-
-        A page is made every ``PAGE_SECONDS``, so that the count measures time. It also updates whether the vehicle was
-        in the air when its messages ended, by which more or fewer such pages end the session.
-
-        Args:
-            session: the running session, which records what it receives.
-        """
-        recording = session.intake.recording
-        # If writing the recording fails, the session ends before its next page.
-        assert recording is not None
-        vehicle = session.stream.followed_vehicle
-        # Frames of another vehicle on the same link do not count: it has its turn once the followed one is silent.
-        frame_count = recording.frame_count if vehicle is None else vehicle.frame_count
-        # Before the first frame the session waits for a vehicle without a limit.
-        is_silent = frame_count > 0 and frame_count == self._frames_at_last_page
-        if is_silent:
-            self._silent_pages += 1
-        else:
-            self._silent_pages = 0
-        self._frames_at_last_page = frame_count
-        # It is updated with the count: when messages come again, the count of the silence must not end the session.
-        self._is_missed_in_air = session.status.link_loss is not None
 
     def _render_page(self, session: LiveSession) -> None:
         """Renders the HTML page of the running session as it is now.
@@ -747,16 +779,19 @@ class LinkMonitor:
         status = session.status
         self._update_summary(session, status)
         if self._finished_page and not _awaits_vehicle(status):
-            # A vehicle has come: from now on the page is that of the running session.
-            self._finished_page = ""
-            if self._stored_flight is not None:
-                self._stored_flight = self._stored_flight._replace(session=None)
+            self._forget_finished_page()
         self._update_verdicts()
         html = self._finished_page
         if not html:
             status = self._shown_status(session)
             html = self._page_of_running_session(session, status)
         self._page = SessionPage.made_now(html, session, status, start_time)
+
+    def _forget_finished_page(self) -> None:
+        """Ends showing the page of the session before: a vehicle has come, whose session is shown from now on."""
+        self._finished_page = ""
+        if self._stored_flight is not None:
+            self._stored_flight = self._stored_flight._replace(session=None)
 
     def _update_verdicts(self) -> None:
         """Looks up the library's verdicts on what is stored: earlier flights, and the part of a flight that was lost.
@@ -782,9 +817,10 @@ class LinkMonitor:
             session: the running session.
             status: its status, as users are to see it.
         """
-        # While the link is lost in the air, the page has a link to the part of the flight that was stored.
         saved_flight = None
-        if self._stored_part is not None and status.link_loss is not None:
+        is_link_lost_in_air = status.link_loss is not None
+        if is_link_lost_in_air and self._stored_part is not None:
+            # The part of the flight that was stored can be read while the vehicle is searched.
             saved_flight = self._stored_part.saved_flight
         links = [] if self._latest_flight is None else [self._latest_flight]
         return session_page(
@@ -873,6 +909,11 @@ def _may_have_vehicle(session: LiveSession, recording_path: Path) -> bool:
     except Refusal:
         # A recording that cannot be read is kept, since its page in the library says why.
         return True
+
+
+def _page_address(entry: LibraryEntry) -> str:
+    """Returns the path of the page of a recording on this server."""
+    return f"/f/{entry.id}"
 
 
 def _recording_name(first_time: datetime) -> str:

@@ -115,6 +115,9 @@ UNKNOWN_WIND = WindEvidence(None, None, None)
 class _FlightMotion(NamedTuple):
     """Motion in the free flight of one boot, at N stamps of the attitude."""
 
+    boot: int
+    """Number of the boot; a boot lasts from one start of the autopilot to the next."""
+
     time: Array
     """Stamps (N,), s on the boot's clock."""
 
@@ -198,6 +201,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
             angles.append(angle)
     ground_motion = recorded_ground_motion(telemetry)
     if len(angles) < len(AXES) or ground_motion is None:
+        # Roll, pitch and yaw come in this order: an angle is missing only together with those after it.
         raise NotLearnable(
             NoWind.NO_VELOCITY,
             missing=AXES[len(angles) :],
@@ -205,43 +209,56 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
             recorder=telemetry.translated_from,
         )
     _require_position_source(telemetry, ground_motion)
-    motion = None
-    boot = 0
-    has_left_out_time = False
-    for candidate_boot in np.unique(ground_motion.boot).tolist():
-        candidate_motion = _free_flight(signals, angles, ground_motion, candidate_boot)
-        if candidate_motion is None:
-            continue
-        has_left_out_time |= bool(candidate_motion.left_out)
-        if motion is None or len(candidate_motion.time) > len(motion.time):
-            motion = candidate_motion
-            boot = candidate_boot
-    if motion is None or len(motion.time) < MIN_SAMPLES:
-        if has_left_out_time:
-            raise NotLearnable(
-                NoWind.ATTITUDE_NOT_FOLLOWED, angle=MAX_SETPOINT_ERROR, duration=INDEPENDENT_SECONDS
-            )
-        raise NotLearnable(
-            NoWind.NO_FLIGHT_WITH_VELOCITY,
-            airborne=_settled_seconds(signals, ground_motion),
-            name=telemetry.name_in_source("LOCAL_POSITION_NED"),
-            sampling_interval=velocity_interval(ground_motion),
-            interval_limit=MAX_VELOCITY_GAP,
-            has_receiver=has_receiver(telemetry),
-        )
+    motion = _longest_free_flight(signals, angles, ground_motion)
     velocity_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
     if velocity_is_constant and _lacks_fix(telemetry):
         # If another sensor of velocity is configured, it did not measure either.
         raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
-    _require_usable(motion, _longest_time_stuck(signals.position, boot, motion))
+    _require_usable(motion, _longest_time_stuck(signals.position, motion))
     if drag is None:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
     times_of_flight = motion.time[0], motion.time[-1]
-    drag = with_lean_on_ground(drag, signals, angles[:YAW], boot, times_of_flight)
+    roll_and_pitch = angles[:YAW]
+    drag = with_lean_on_ground(drag, signals, roll_and_pitch, motion.boot, times_of_flight)
     estimate = estimate_wind(motion.time, motion.attitude, motion.velocity, drag, motion.height)
     if estimate.speed_identifiable and estimate.speed > MAX_WIND_SPEED:
         raise NotLearnable(NoWind.BEYOND_ANY_WIND, speed=MAX_WIND_SPEED)
-    return replace(estimate, boot=boot, left_out=tuple(motion.left_out))
+    return replace(estimate, boot=motion.boot, left_out=tuple(motion.left_out))
+
+
+def _longest_free_flight(
+    signals: Signals, angles: Sequence[Attitude], ground_motion: TimeSeries
+) -> _FlightMotion:
+    """Returns the motion in the boot of a log that has most samples of free flight.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        angles: roll, pitch and yaw.
+        ground_motion: velocity and height, as :func:`recorded_ground_motion` returns them.
+
+    Raises:
+        NotLearnable: no boot has enough of it.
+    """
+    motions = []
+    for boot in np.unique(ground_motion.boot).tolist():
+        motion_of_boot = _free_flight(signals, angles, ground_motion, boot)
+        if motion_of_boot is not None:
+            motions.append(motion_of_boot)
+    longest = max(motions, key=lambda motion: len(motion.time), default=None)
+    if longest is not None and len(longest.time) >= MIN_SAMPLES:
+        return longest
+    if any(motion.left_out for motion in motions):
+        raise NotLearnable(
+            NoWind.ATTITUDE_NOT_FOLLOWED, angle=MAX_SETPOINT_ERROR, duration=INDEPENDENT_SECONDS
+        )
+    raise NotLearnable(
+        NoWind.NO_FLIGHT_WITH_VELOCITY,
+        airborne=_settled_seconds(signals, ground_motion),
+        name=signals.telemetry.name_in_source("LOCAL_POSITION_NED"),
+        sampling_interval=velocity_interval(ground_motion),
+        interval_limit=MAX_VELOCITY_GAP,
+        has_receiver=has_receiver(signals.telemetry),
+    )
 
 
 def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
@@ -355,40 +372,81 @@ def _free_flight(
     attitude = [np.interp(time, angle.time, angle.values) for angle in angles_of_boot]
     yaw = attitude[YAW]
 
-    # Times in free flight, between two velocities that are not too far apart.
     flights = _settled_flights(signals, boot, velocity_time, ground_values[:, HEIGHT])
-    is_usable = intervals.in_intervals(time, flights)
-    is_usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
-    # The time between the two velocities around each stamp of the attitude.
-    next_velocity = np.clip(np.searchsorted(velocity_time, time), 1, len(velocity_time) - 1)
-    gaps = velocity_time[next_velocity] - velocity_time[next_velocity - 1]
-    is_usable &= gaps <= MAX_VELOCITY_GAP
-
-    reset_times = velocity_time[1:][motion_resets(velocity_time, ground_values)]
-    around_resets = [(reset - MAX_VELOCITY_GAP, reset + MAX_VELOCITY_GAP) for reset in reset_times]
-    is_usable &= ~intervals.in_intervals(time, around_resets)
-
-    yaw_resets = estimate_resets(time, yaw, YAW_RESET, period=2 * np.pi)
-    # After the flight, a jump of the yaw is a fall or a spin.
-    yaw_resets &= time[1:] < np.max(flights, initial=0)
-    last_yaw_reset = np.max(time[1:][yaw_resets], initial=-np.inf)
-    is_usable &= time > last_yaw_reset + MAX_VELOCITY_GAP
-
-    is_usable &= _has_valid_velocity(signals.telemetry, boot, time)
-    is_usable &= measures_velocity(signals.telemetry, boot, time)
     motion = interpolated(time, velocity_time, ground_values[:, : HEIGHT + 1])
-    is_usable &= np.linalg.norm(motion[:, HORIZONTAL], axis=1) <= MAX_GROUND_SPEED
+    ground_speed = np.linalg.norm(motion[:, HORIZONTAL], axis=1)
+    is_usable = (
+        intervals.in_intervals(time, flights)
+        & _is_between_velocities(time, velocity_time)
+        & ~_is_near_motion_reset(time, motion_in_boot)
+        & (time > _last_yaw_reset(time, yaw, flights) + MAX_VELOCITY_GAP)
+        & _has_valid_velocity(signals.telemetry, boot, time)
+        & measures_velocity(signals.telemetry, boot, time)
+        & (ground_speed <= MAX_GROUND_SPEED)
+    )
     lost_control = intervals.intersection(flights, _intervals_of_lost_control(signals, boot))
     is_lost = intervals.in_intervals(time, lost_control)
+    # A loss of control during which nothing else was usable is not reported as left out.
     left_out = lost_control if (is_usable & is_lost).any() else []
     is_usable &= ~is_lost
     return _FlightMotion(
-        time[is_usable],
-        np.column_stack(attitude)[is_usable],
-        motion[is_usable, VELOCITY],
-        motion[is_usable, HEIGHT],
-        left_out,
+        boot,
+        time=time[is_usable],
+        attitude=np.column_stack(attitude)[is_usable],
+        velocity=motion[is_usable, VELOCITY],
+        height=motion[is_usable, HEIGHT],
+        left_out=left_out,
     )
+
+
+def _is_between_velocities(time: Array, velocity_time: Array) -> Flags:
+    """Returns at which times there is a velocity before and after, at most ``MAX_VELOCITY_GAP`` apart.
+
+    Args:
+        time: (N,) times, s.
+        velocity_time: (T,) stamps of the velocities, s, ascending; at least two.
+
+    Returns:
+        (N,) flags.
+    """
+    is_within_record = (time >= velocity_time[0]) & (time <= velocity_time[-1])
+    # Row of the first velocity after each time. Outside the record it is limited to a row that has one before it.
+    row_after = np.clip(np.searchsorted(velocity_time, time), 1, len(velocity_time) - 1)
+    gap = velocity_time[row_after] - velocity_time[row_after - 1]
+    return is_within_record & (gap <= MAX_VELOCITY_GAP)
+
+
+def _is_near_motion_reset(time: Array, ground_motion: TimeSeries) -> Flags:
+    """Returns at which times the estimator reset velocity or position ``MAX_VELOCITY_GAP`` before or after at most.
+
+    Args:
+        time: (N,) times, s.
+        ground_motion: velocity and height of one boot.
+
+    Returns:
+        (N,) flags.
+    """
+    has_reset_since_last = motion_resets(ground_motion.time, ground_motion.values)
+    around_resets = []
+    for reset_time in ground_motion.time[1:][has_reset_since_last]:
+        around_resets.append((reset_time - MAX_VELOCITY_GAP, reset_time + MAX_VELOCITY_GAP))
+    return intervals.in_intervals(time, around_resets)
+
+
+def _last_yaw_reset(time: Array, yaw: Array, flights: intervals.Intervals) -> float:
+    """Returns the time, s, of the last reset of the yaw before the end of the last flight; minus infinity without one.
+
+    After that flight, a jump of the yaw is a fall or a spin.
+
+    Args:
+        time: (N,) stamps of the yaw, s.
+        yaw: (N,) heading, rad.
+        flights: start and end of each flight, s.
+    """
+    is_reset = estimate_resets(time, yaw, YAW_RESET, period=2 * np.pi)
+    end_of_flights = np.max(flights, initial=0)
+    is_reset &= time[1:] < end_of_flights
+    return float(np.max(time[1:][is_reset], initial=-np.inf))
 
 
 def _intervals_of_lost_control(signals: Signals, boot: int) -> intervals.Intervals:
@@ -451,7 +509,7 @@ def horizontal_velocity_valid(flags: Any) -> Any:
     return flags & (VELOCITY_VALID_FLAG | STANDSTILL_ASSUMED) == VELOCITY_VALID_FLAG
 
 
-def _longest_time_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion) -> float:
+def _longest_time_stuck(position: TimeSeries | None, motion: _FlightMotion) -> float:
     """Returns the longest time for which the vehicle leaned far and did not move.
 
     A free vehicle that leans far accelerates. If it does not, something holds it, so that its lean does not show the
@@ -459,14 +517,13 @@ def _longest_time_stuck(position: TimeSeries | None, boot: int, motion: _FlightM
 
     Args:
         position: (N, k) position of the vehicle, m; None if it is not known, and then 0 is returned.
-        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        motion: motion in the flight of that boot.
+        motion: motion in the flight of one boot.
 
     Returns:
         Longest time, s, in which the lean was at least ``STUCK_LEAN``, and the position moved by less than
         ``STUCK_DISTANCE`` in each second.
     """
-    position_in_boot = series_of_boot(position, boot)
+    position_in_boot = series_of_boot(position, motion.boot)
     if position_in_boot is None:
         return 0.0
     # How far the vehicle moved along each coordinate in the second before each sample of the motion.

@@ -125,39 +125,64 @@ def doubts_on_wind(
         The figures that are not reported, each with its status and reason.
     """
     doubts = []
-    drag_uncertain = drag_sd > REPORTED_DRAG_SD
-    if drag_uncertain:
-        status = Status.BIASED
-        if remaining_sd > MAX_REMAINING_DRAG_SD:
-            status = Status.NOT_IDENTIFIABLE
-        reason = Fact(
-            WindDoubt.DRAG_UNSURE,
-            status=status,
-            relative_sd=drag_sd,
-            source=prior_source,
-            steered=steered_share,
-        )
-        doubts.append(DoubtedFigure("drag", status, reason))
-
-    status = speed_status(mean.speed, mean.low, mean.high)
-    if status is not Status.REPORTED:
-        reason = Fact(
-            WindDoubt.SPEED_UNSURE,
-            status=status,
-            low=lower_speed_bound(mean.low, mean.high),
-            high=mean.high,
-            by_drag=drag_uncertain and not is_lean_worse,
-        )
-        doubts.append(DoubtedFigure("speed", status, reason))
-
+    is_drag_uncertain = drag_sd > REPORTED_DRAG_SD
+    if is_drag_uncertain:
+        doubts.append(_drag_doubt(drag_sd, remaining_sd, steered_share, prior_source))
+    if speed_status(mean.speed, mean.low, mean.high) is not Status.REPORTED:
+        doubts.append(_speed_doubt(mean, is_by_drag=is_drag_uncertain and not is_lean_worse))
     if mean.direction_half_width > REPORTED_DIRECTION_ERROR:
-        status = Status.NOT_IDENTIFIABLE
-        if mean.direction_half_width <= MAX_DIRECTION_INTERVAL:
-            status = Status.BIASED
-        interval = np.radians(mean.direction_half_width)
-        reason = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=interval)
-        if not lower_speed_bound(mean.low, mean.high):
-            # If the wind may be calm, that is the reason, and not how the autopilot is mounted.
-            reason = reason.replace(calm=True)
-        doubts.append(DoubtedFigure("direction", status, reason))
+        doubts.append(_direction_doubt(mean))
     return doubts
+
+
+def _drag_doubt(
+    drag_sd: float, remaining_sd: float, steered_share: float, prior_source: DragSource
+) -> DoubtedFigure:
+    """Returns why an uncertain drag is not reported; the arguments are those of :func:`doubts_on_wind`."""
+    status = Status.BIASED
+    if remaining_sd > MAX_REMAINING_DRAG_SD:
+        status = Status.NOT_IDENTIFIABLE
+    reason = Fact(
+        WindDoubt.DRAG_UNSURE,
+        status=status,
+        relative_sd=drag_sd,
+        source=prior_source,
+        steered=steered_share,
+    )
+    return DoubtedFigure("drag", status, reason)
+
+
+def _speed_doubt(mean: MeanWind, *, is_by_drag: bool) -> DoubtedFigure:
+    """Returns why an uncertain speed is not reported.
+
+    Args:
+        mean: mean wind of the flight.
+        is_by_drag: whether the uncertain drag of the vehicle is the main cause, and not its uncertain lean.
+    """
+    status = speed_status(mean.speed, mean.low, mean.high)
+    reason = Fact(
+        WindDoubt.SPEED_UNSURE,
+        status=status,
+        low=lower_speed_bound(mean.low, mean.high),
+        high=mean.high,
+        by_drag=is_by_drag,
+    )
+    return DoubtedFigure("speed", status, reason)
+
+
+def _direction_doubt(mean: MeanWind) -> DoubtedFigure:
+    """Returns why an uncertain direction is not reported.
+
+    Args:
+        mean: mean wind of the flight.
+    """
+    status = Status.NOT_IDENTIFIABLE
+    if mean.direction_half_width <= MAX_DIRECTION_INTERVAL:
+        status = Status.BIASED
+    interval = np.radians(mean.direction_half_width)
+    reason = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=interval)
+    may_be_calm = lower_speed_bound(mean.low, mean.high) == 0
+    if may_be_calm:
+        # Then the calm is the reason, and not how the autopilot is mounted.
+        reason = reason.replace(calm=True)
+    return DoubtedFigure("direction", status, reason)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import default_rng
 
 from mavdem.arrays import Array, Indices
-from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor
+from mavdem.confidence import CONFIDENCE_LEVEL, INTERVAL_QUANTILES, Interval, coverage_factor
 from mavdem.wind_velocity.compass import (
     HEADING_SD,
     meteorological_direction,
@@ -237,32 +237,51 @@ def mean_wind_of_steps(winds: Array, variances: Array, step: float) -> MeanWind:
     noise_sd = np.sqrt(variances.mean(axis=0) / independent_count(len(winds), step))
     noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(means), 2))
     samples = (means + noise * noise_sd).reshape(-1, 2)
-    speeds = np.hypot(*samples.T)
-    low, high = np.quantile(speeds, INTERVAL_QUANTILES).tolist()
-
-    # The speed is the median component along the mean direction: a mean of magnitudes would be too large in calm air.
-    north, east = means.mean(axis=0)
-    projected = np.median(means @ [north, east])
-    speed = projected / max(np.hypot(north, east), MIN_SPEED)
-    speed = max(speed, 0.0)
-
-    # The angle between two winds is that of the quotient of two complex numbers, north + j east.
-    complex_mean = north + 1j * east
-    if complex_mean == 0:
-        # Still air has no direction. Any number other than 0 will do as divisor.
-        complex_mean = 1.0
-    complex_samples = samples @ [1, 1j]
-    angles_from_mean = np.angle(complex_samples / complex_mean)
-    half_width_by_samples = np.degrees(np.quantile(abs(angles_from_mean), 0.9))
-    direction_half_width = np.hypot(half_width_by_samples, coverage_factor() * HEADING_SD)
-    if half_width_by_samples > MAX_DIRECTION_OF_WIND:
+    low, high = np.quantile(np.hypot(*samples.T), INTERVAL_QUANTILES).tolist()
+    mean_wind = means.mean(axis=0)
+    angle_by_samples = np.degrees(_angle_from_mean(samples, mean_wind))
+    if angle_by_samples > MAX_DIRECTION_OF_WIND:
         # Speeds of scattered velocities are above 0 even if their mean is still air.
         low = 0.0
+    speed = _speed_along_mean(means, mean_wind)
+    north, east = mean_wind
     return MeanWind(
         speed,
         low=min(low, speed),
         high=high,
         direction=meteorological_direction(north, east),
-        direction_half_width=direction_half_width,
+        # The heading of the vehicle, by which the wind is turned to north, has an error of its own.
+        direction_half_width=np.hypot(angle_by_samples, coverage_factor() * HEADING_SD),
         noise_sd=float(np.sqrt((noise_sd**2).mean())),
     )
+
+
+def _speed_along_mean(winds: Array, mean_wind: Array) -> float:
+    """Returns the median of the components of some winds along their mean direction, m/s, at least 0.
+
+    A mean of their magnitudes would be too large in calm air.
+
+    Args:
+        winds: wind velocities, north and east (N, 2), m/s.
+        mean_wind: their mean (2,), m/s.
+    """
+    median_product = np.median(winds @ mean_wind)
+    speed = median_product / max(np.hypot(*mean_wind), MIN_SPEED)
+    return max(speed, 0.0)
+
+
+def _angle_from_mean(winds: Array, mean_wind: Array) -> float:
+    """Returns the angle, rad, within which 90 % of some winds deviate in direction from the mean wind.
+
+    Args:
+        winds: wind velocities, north and east (N, 2), m/s.
+        mean_wind: mean wind velocity (2,), m/s.
+    """
+    # The angle between two winds is that of the quotient of two complex numbers, north + j east.
+    north_and_east = [1, 1j]
+    complex_mean = complex(mean_wind @ north_and_east)
+    if complex_mean == 0:
+        # Still air has no direction. Any number other than 0 will do as divisor.
+        complex_mean = 1.0
+    angles = np.angle(winds @ north_and_east / complex_mean)
+    return float(np.quantile(abs(angles), CONFIDENCE_LEVEL))

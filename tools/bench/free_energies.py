@@ -31,6 +31,7 @@ import scipy.stats
 from mavdem import baselines, learn
 from mavdem.arrays import Array
 from mavdem.baselines import ClosedLoop
+from mavdem.dem import Learned
 from mavdem.dem.forecast.joint import LAG_CANDIDATES
 from mavdem.evaluate import Method, Window, windows
 from mavdem.experiments.outcomes import evaluate_model
@@ -108,69 +109,119 @@ def flight_figures(window: Window) -> FlightFigures:
     Raises:
         ValueError: the closed loop cannot be learned.
     """
-    train, test = window.train, window.test
-    closed_loop = baselines.closed_loop(train)
-    learned = learn(train)
-    reference = {KNOWN_INPUTS: baselines.var(train, 10), UNKNOWN_INPUTS: baselines.var(train, 4)}
-
-    joint = learned.joint
-    rows = len(train) - GIVEN_SAMPLES
-    # F̄ of the joint VAR is of samples in units of their standard deviations.
-    log_scale = np.log(joint.process.scaling.scale).sum()
-    free_energy = closed_loop.free_energy
-    free_energies = {
-        "closed loop": free_energy.log_densities[GIVEN_SAMPLES:].sum() - free_energy.complexity,
-        "joint VAR": sum(joint.terms.values()) - rows * log_scale,
-    }
-
-    plant = learned.plant
-    plant_forecast = plant.rolling_forecast_known_inputs(1, test.inputs, test.outputs)
-    log_densities = {
-        DEM_PLANT: held_out_log_density(
-            plant.one_step_predictions(learned.record), plant_forecast.mean, window
-        )
-    }
-    models: dict[str, Forecaster] = {"closed loop": closed_loop, "joint VAR": learned}
-    for name, model in models.items():
-        forecast = model.forecast_every(1, test.inputs, test.outputs)
-        log_densities[name] = held_out_log_density(model.one_step(), forecast, window)
-
-    error_ratios = {}
-    scored: dict[str, Forecaster] = {"closed loop": closed_loop, "DEM's joint model": learned}
-    for kind, steps in STEPS.items():
-        reference_errors = _relative_errors(reference[kind], kind, window)
-        for name, model in scored.items():
-            errors = _relative_errors(model, kind, window)
-            for step in steps:
-                error_ratios[name, kind, step] = errors[step] / reference_errors[step]
+    closed_loop = baselines.closed_loop(window.train)
+    learned = learn(window.train)
     return FlightFigures(
-        window.flight,
-        closed_loop.gains_known,
-        free_energies,
-        log_densities,
-        error_ratios,
-        closed_loop,
+        flight=window.flight,
+        gains_known=closed_loop.gains_known,
+        free_energies=_free_energies(closed_loop, learned),
+        log_densities=_log_densities(closed_loop, learned, window),
+        error_ratios=_error_ratios(closed_loop, learned, window),
+        closed_loop=closed_loop,
     )
 
 
-def _relative_errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, float]:
-    """Returns the relative errors of a trained model's forecasts of the held-out samples, by the forecasts' horizon.
+def _free_energies(closed_loop: ClosedLoop, learned: Learned) -> dict[str, float]:
+    """Returns the free energies F̄ of the closed loop and of the joint VAR, both in the units of the measured signals.
 
     Args:
-        model: a model that was trained on the window's training samples.
-        kind: whether the forecasts know the motors (the inputs) up to the horizon.
+        closed_loop: the plant with its controller, learned from T training samples.
+        learned: DEM's models of the same samples, among them the joint VAR of outputs and inputs.
+
+    Returns:
+        F̄, nats, by model, of the samples after the first ``GIVEN_SAMPLES``.
+    """
+    closed_loop_terms = closed_loop.free_energy
+    log_likelihood = closed_loop_terms.log_densities[GIVEN_SAMPLES:].sum()
+    joint = learned.joint
+    # The joint VAR is learned from signals divided by their standard deviations. Its log density of the signals
+    # themselves is less by the logarithm of these divisors at every sample.
+    predicted_samples = len(learned.record) - GIVEN_SAMPLES
+    log_divisors = np.log(joint.process.scaling.scale).sum()
+    return {
+        "closed loop": log_likelihood - closed_loop_terms.complexity,
+        "joint VAR": sum(joint.terms.values()) - predicted_samples * log_divisors,
+    }
+
+
+def _log_densities(closed_loop: ClosedLoop, learned: Learned, window: Window) -> dict[str, float]:
+    """Returns the log densities of the held-out samples by model, each sample predicted from all samples before it.
+
+    Args:
+        closed_loop: the plant with its controller, trained on the window's training samples.
+        learned: DEM's plant and the joint VAR, trained on the same samples.
         window: training samples of a flight, and the held-out samples after them.
 
     Returns:
-        Mean squared error relative to that of a constant forecast, the training mean, by the horizon: each forecast
-        covers this number of samples, and the next one begins after them.
+        Mean log density per held-out sample, nats, by model.
     """
-    # The evaluation needs to know of the method only that its models can forecast without the inputs, too. The model is
-    # trained already, so that name and training function are not used.
+    test = window.test
+    plant = learned.plant
+    plant_forecast = plant.rolling_forecast_known_inputs(1, test.inputs, test.outputs)
+    plant_training_predictions = plant.one_step_predictions(learned.record)
+    log_densities = {
+        DEM_PLANT: held_out_log_density(plant_training_predictions, plant_forecast.mean, window)
+    }
+    models: dict[str, Forecaster] = {"closed loop": closed_loop, "joint VAR": learned}
+    for name, model in models.items():
+        # A forecast that starts anew at every sample is a one-step prediction.
+        forecast = model.forecast_every(1, test.inputs, test.outputs)
+        log_densities[name] = held_out_log_density(model.one_step(), forecast, window)
+    return log_densities
+
+
+def _error_ratios(
+    closed_loop: ClosedLoop, learned: Learned, window: Window
+) -> dict[tuple[str, ForecastKind, int], float]:
+    """Returns the squared errors of forecasts of the held-out samples, relative to those of a joint VAR.
+
+    Args:
+        closed_loop: the plant with its controller, trained on the window's training samples.
+        learned: DEM's joint model, trained on the same samples.
+        window: training samples of a flight, and the held-out samples after them.
+
+    Returns:
+        Ratios by name of the model, kind of forecast, and number of samples from one forecast to the next.
+    """
+    # Least-squares VARs of outputs and inputs, of ten lags where the motors are known and four where they are not.
+    reference_models = {
+        KNOWN_INPUTS: baselines.var(window.train, 10),
+        UNKNOWN_INPUTS: baselines.var(window.train, 4),
+    }
+    models: dict[str, Forecaster] = {"closed loop": closed_loop, "DEM's joint model": learned}
+    ratios = {}
+    for kind, horizons in STEPS.items():
+        reference_errors = _relative_errors(reference_models[kind], kind, window)
+        for name, model in models.items():
+            errors = _relative_errors(model, kind, window)
+            for horizon in horizons:
+                ratios[name, kind, horizon] = errors[horizon] / reference_errors[horizon]
+    return ratios
+
+
+def _relative_errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, float]:
+    """Returns the squared errors of a trained model's forecasts of the held-out samples, relative to a constant's.
+
+    The held-out samples are forecast piece by piece. Each piece has as many samples as the horizon, and is forecast
+    from the measurements before it.
+
+    Args:
+        model: a model that was trained on the window's training samples.
+        kind: whether the inputs (the motors) of a piece are known to its forecast.
+        window: training samples of a flight, and the held-out samples after them.
+
+    Returns:
+        By horizon in samples: mean squared error over that of a constant forecast, the mean of the training samples.
+    """
+    # The evaluation is written for methods, which learn a model. Of this one it uses only that its models can forecast
+    # without known inputs too (``predicts``): the model is trained already.
     method = Method(name="trained", learn=learn, predicts=True)
     scores_by_kind, _ = evaluate_model(method, window, model)
     scores = scores_by_kind[kind]
-    return dict(zip(scores.steps, scores.ratio.tolist(), strict=True))
+    relative_errors = {}
+    for horizon, error_ratio in zip(scores.steps, scores.ratio, strict=True):
+        relative_errors[horizon] = float(error_ratio)
+    return relative_errors
 
 
 def free_energy_table(figures: list[FlightFigures]) -> Table:

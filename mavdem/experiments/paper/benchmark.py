@@ -277,30 +277,29 @@ def _pictures(
 ) -> tuple[Picture, ...]:
     """Returns two figures of one experiment: the forecasts, and their errors against the number of steps ahead.
 
+    A picture has a title, a caption, and the function that draws it, which is called when the report is written.
+
     Args:
         runner: runner that has the window of that experiment.
-        forecasts: (H, m) forecasts by method.
-        squared_errors: (H,) squared errors summed over the outputs, by method.
+        forecasts: by name of the method, its forecasts (H, m) of H steps and m outputs.
+        squared_errors: by name of the method, the squared errors (H,) of its forecasts, summed over the outputs.
 
     Returns:
-        Pictures that are drawn when the report is written, not here.
+        The picture of the forecasts and the picture of the errors, each with a line for every method.
     """
     window = runner.figure_window
+    # Both functions draw a panel for each entry of a dictionary by heading. There is one panel here, without a heading.
+    draw_forecasts = partial(figures.draw_forecasts, window, {"": forecasts})
+    draw_errors = partial(
+        figures.draw_lines, {"": squared_errors}, "steps ahead, n", first_x=1, scale="log"
+    )
     return (
         Picture(
-            "Forecasts of the test data",
-            f"Of {window.flight}, from the data.",
-            partial(figures.draw_forecasts, window, {"": forecasts}),
+            "Forecasts of the test data", f"Of {window.flight}, from the data.", draw_forecasts
         ),
         Picture(
             "Squared error by step",
             f"n steps ahead on {window.flight}, summed over outputs.",
-            partial(
-                figures.draw_lines,
-                {"": squared_errors},
-                "steps ahead, n",
-                first_x=1,
-                scale="log",
-            ),
+            draw_errors,
         ),
     )

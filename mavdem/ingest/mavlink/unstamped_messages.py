@@ -38,24 +38,19 @@ def assign_times_to_unstamped_messages(
         receive_times: Returns when the messages at some positions were received, s; None if that was not recorded.
     """
     timed_types = _messages_with_time(message_types, boot_times)
-    if not timed_types:
-        return
     untimed_types = _messages_without_time(message_types, boot_times)
-    if not untimed_types:
+    if not timed_types or not untimed_types:
         return
-    first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
-    # All messages get the time of the first stamped one. It stays that of the messages before it: the loop below
-    # replaces the times of all others.
+    # Here all messages get the time of the first stamped one in the stream. Those before it keep this time.
+    type_of_first_stamped = min(timed_types, key=lambda readings: int(readings.positions[0]))
+    first_stamped = type_of_first_stamped.select(slice(0, 1))
     for untimed in untimed_types:
-        untimed.set_times(0, first_type.time[:1], first_type.boot[:1])
-    # The stamped messages come in sections of the stream, each sorted by position and after the section before.
-    for readings in _merged_in_stream_order(timed_types):
-        # All messages from the begin of this section to the end of the stream get a time of this section. The next
-        # section then replaces the times of those after its own begin.
+        untimed.set_times(0, first_stamped.time, first_stamped.boot)
+    # The stamped messages come in sections of the stream, one after the other. Each section sets the times of all
+    # messages after its begin, so that those after the begin of the next section are set again by that one.
+    for section in _merged_in_stream_order(timed_types):
         for untimed in untimed_types:
-            first = int(np.searchsorted(untimed.positions, readings.positions[0]))
-            rows_before = last_rows_before(readings.positions, untimed.positions[first:])
-            untimed.set_times(first, readings.time[rows_before], readings.boot[rows_before])
+            untimed.set_times_after(section)
     if receive_times is not None:
         for reboot in _unmixed_reboots(timed_types):
             for untimed in untimed_types:
@@ -87,23 +82,41 @@ def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
     Returns:
         The restarts in the order of the boots.
     """
+    # Every message type shows the same restarts, between different messages.
     reboots: dict[int, _Reboot] = {}
     for readings in timed_types:
-        for last_row_before in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
-            first_row_after = last_row_before + 1
-            boot = int(readings.boot[first_row_after])
-            reboot = _Reboot(
+        for reboot in _reboots_of_type(readings):
+            known_reboot = reboots.get(reboot.boot, reboot)
+            reboots[reboot.boot] = _narrowed_reboot(known_reboot, reboot)
+    unmixed = []
+    for _, reboot in sorted(reboots.items()):
+        if reboot.last_position < reboot.first_position:
+            unmixed.append(reboot)
+    return unmixed
+
+
+def _reboots_of_type(readings: ClockReadings) -> list[_Reboot]:
+    """Finds the restarts of the autopilot between the messages of one type.
+
+    Args:
+        readings: Stream positions, times and boots of the messages of the type.
+
+    Returns:
+        The restarts in the order of the stream, each between two successive messages.
+    """
+    reboots = []
+    # A step of the boot number between a row and the next one is a restart.
+    for last_row_before in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
+        first_row_after = last_row_before + 1
+        reboots.append(
+            _Reboot(
                 last_position=int(readings.positions[last_row_before]),
                 first_position=int(readings.positions[first_row_after]),
                 first_time=float(readings.time[first_row_after]),
-                boot=boot,
+                boot=int(readings.boot[first_row_after]),
             )
-            # Each message type shows the same restart.
-            if boot in reboots:
-                reboot = _narrowed_reboot(reboots[boot], reboot)
-            reboots[boot] = reboot
-    reboots_in_order = [reboots[boot] for boot in sorted(reboots)]
-    return [reboot for reboot in reboots_in_order if reboot.last_position < reboot.first_position]
+        )
+    return reboots
 
 
 def _narrowed_reboot(first: _Reboot, second: _Reboot) -> _Reboot:
@@ -156,6 +169,16 @@ class _UntimedMessages(NamedTuple):
     """Rows of the m messages among them, ascending."""
     positions: StreamPositions
     """Positions of the m messages in the stream."""
+
+    def set_times_after(self, stamped: ClockReadings) -> None:
+        """Sets the time of each message to that of the last stamped one before it; of those before all, sets none.
+
+        Args:
+            stamped: Stream positions, ascending, times and boots of stamped messages, at least one.
+        """
+        first_after = int(np.searchsorted(self.positions, stamped.positions[0]))
+        stamped_rows = last_rows_before(stamped.positions, self.positions[first_after:])
+        self.set_times(first_after, stamped.time[stamped_rows], stamped.boot[stamped_rows])
 
     def set_times(self, first: int, time: Times, boot: Rows) -> None:
         """Sets the times and boots of the last m − first of these messages, from message ``first`` on.

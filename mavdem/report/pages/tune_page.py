@@ -4,7 +4,12 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.responses import Responses, advised_steps
+from mavdem.assessment.axis.responses import (
+    LoopResponse,
+    Responses,
+    StepsByLoop,
+    advised_steps,
+)
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import GainTrial, try_gains
 from mavdem.assessment.evidence import Evidence
@@ -20,7 +25,7 @@ from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
-from mavdem.report.gain_changes import gain_changes
+from mavdem.report.gain_changes import GainChanges, gain_changes
 from mavdem.report.loops import (
     compared_loops,
     is_about_loops,
@@ -80,53 +85,82 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     evidence = assessment.evidence
     # Loops are only sought in the flight of a vehicle that was judged, and so has evidence.
     assert evidence is not None
-    judgement = tuning.judgement
-    changes = gain_changes(
-        name,
-        evidence.signals.telemetry,
-        tuning.axes,
-        judgement.next_step,
-        tuning.notch_parameters,
-    )
-    if changes is not None:
-        # Gains that another flight is to confirm first are no result yet.
-        is_result = judgement.next_step.code is not NextStep.FLY_BEFORE_GAINS
-        changes = changes._replace(is_result=is_result)
-    blocks: Blocks = []
-    overview = margin_overview(tuning)
-    if overview is not None:
-        blocks.append(overview)
-    # Gains and margins have their tables in ``changes`` and ``overview``; details have a chapter at the end.
-    heading = tuning_result(tuning)
-    blocks += tune_blocks(
-        tuning, is_full=False, has_tables_elsewhere=True, headline_above=str(heading)
-    )
-    blocks += measured_margins(tuning, assessment.margins)
-    blocks += thrust_sentences(tuning)
-    blocks += _table_of_kept_gains(tuning, evidence)
+    result = tuning_result(tuning)
     gyro = gyro_chapter(assessment, timeline=None, has_spectrograms=True)
     chapters = [
         _step_chapter(tuning, assessment),
-        Chapter("Margins", blocks),
+        Chapter("Margins", _margin_blocks(tuning, assessment, evidence, result)),
         _twin_chapter(tuning, assessment),
         _open_loops_chapter(tuning, assessment),
         gyro._replace(title="Gyro noise and filters", folded=True),
         Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
     ]
-    summary: Blocks = [
-        headline_sentence(headline(heading)),
-        Sentence(str(judgement.next_step), "Next:"),
-    ]
-    is_of_other_light = heading is judgement.headline and not is_about_loops(heading, judgement)
-    if is_of_other_light and not heading.is_bad:
-        # The page is about gains: why there are none comes first, then what else the flight shows.
-        (withheld,) = render_section("tune_withheld", axes=[*tuning.axes])
-        other_result = Sentence(headline(heading), "The flight:")
-        summary = [withheld, other_result, *summary[1:]]
+    summary = _summary(tuning, result)
     summary += flight_sentences(assessment, has_headline_above=False)
-    # The row of lights is left out: this page is only about the loops, whose margins it shows in full.
-    head = Head(heading.level, lights={}, changes=changes)
+    # The row of status lights (judgements of motors, power and others) is left out: this page is about the loops only.
+    head = Head(result.level, lights={}, changes=_changes_to_load(name, tuning, evidence))
     return render_document(name, SUBTITLE, summary, chapters, head=head)
+
+
+def _summary(tuning: Tuning, result: Fact) -> Blocks:
+    """Returns the sentences at the top of the page: the result of the tuning, and what to do next.
+
+    Args:
+        tuning: the advice for each axis, with the judgement of the flight.
+        result: the most important result, which is about the loops or, if it hinders tuning, about something else.
+    """
+    judgement = tuning.judgement
+    next_step = Sentence(str(judgement.next_step), "Next:")
+    is_about_gains = result is not judgement.headline or is_about_loops(result, judgement)
+    if is_about_gains or result.is_bad:
+        return [headline_sentence(headline(result)), next_step]
+    # The page is about gains: why there are none comes first, then what else the flight shows.
+    (why_no_gains,) = render_section("tune_withheld", axes=[*tuning.axes])
+    return [why_no_gains, Sentence(headline(result), "The flight:"), next_step]
+
+
+def _changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChanges | None:
+    """Returns the parameters to load, as a table with files to download; None if no parameter is to be changed.
+
+    Args:
+        name: name of the log, by which the files are named.
+        tuning: the advice for each axis.
+        evidence: evidence of the log, with the parameters that the vehicle has now.
+    """
+    next_step = tuning.judgement.next_step
+    changes = gain_changes(
+        name, evidence.signals.telemetry, tuning.axes, next_step, tuning.notch_parameters
+    )
+    if changes is None:
+        return None
+    # Gains that another flight is to confirm first are no result yet.
+    is_result = next_step.code is not NextStep.FLY_BEFORE_GAINS
+    return changes._replace(is_result=is_result)
+
+
+def _margin_blocks(
+    tuning: Tuning, assessment: Assessment, evidence: Evidence, result: Fact
+) -> Blocks:
+    """Returns the chapter of the margins: a table of all axes, sentences on each axis, and the gains that stay.
+
+    Args:
+        tuning: the advice for each axis.
+        assessment: assessment of the log, with the margins that were measured.
+        evidence: evidence of the log, with the parameters that the vehicle has now.
+        result: the result that stands at the top of the page, and is not repeated here.
+    """
+    blocks: Blocks = []
+    overview = margin_overview(tuning)
+    if overview is not None:
+        blocks.append(overview)
+    # New gains and margins have tables of their own on this page; details have a chapter at its end.
+    blocks += tune_blocks(
+        tuning, is_full=False, has_tables_elsewhere=True, headline_above=str(result)
+    )
+    blocks += measured_margins(tuning, assessment.margins)
+    blocks += thrust_sentences(tuning)
+    blocks += _table_of_kept_gains(tuning, evidence)
+    return blocks
 
 
 def _table_of_kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:
@@ -169,19 +203,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     """
     responses = {axis: assessment.responses.get(axis, {}) for axis in tuning.axes}
     steps = advised_steps(responses, tuning.axes)
-    panels = dict[str, dict[str, Sequence[Panel]]]()
-    for axis, advice in tuning.axes.items():
-        panels[axis] = {}
-        # An axis has a rate loop and an attitude loop.
-        for loop_name in LOOP_NAMES:
-            response = responses[axis].get(loop_name)
-            if response is not None and isinstance(response.measured, StepResponse):
-                # The chart has the measured response, the predicted one, and that with the advised gains.
-                response_of_loop = {axis: {loop_name: response}}
-                panels[axis][loop_name] = step_charts(response_of_loop, steps, has_gain=False)[axis]
-            elif isinstance(advice, Advice):
-                # Without a measured response, the chart has what the identified loop predicts.
-                panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
+    panels = {axis: _step_panels(axis, tuning, responses[axis], steps) for axis in tuning.axes}
     caption = _step_caption(panels) + feedforward_remark(responses)
     if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
         caption = f"{caption} {TRIED_GAINS_MEANING}"
@@ -189,6 +211,37 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     responses_of_drawn_axes = {axis: responses[axis] for axis in responses if panels[axis]}
     reasons = _reasons_without_response(responses_of_drawn_axes)
     return Chapter("Step response", sentences_by_axes(reasons), groups)
+
+
+def _step_panels(
+    axis: str,
+    tuning: Tuning,
+    responses: Mapping[str, LoopResponse],
+    advised: StepsByLoop,
+) -> dict[str, Sequence[Panel]]:
+    """Returns the charts of the step responses of one axis, by loop: "rate" and "attitude".
+
+    A loop without a measured response and without an identified model has no chart.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        tuning: the advice for each axis, or the reason why there is none.
+        responses: responses of this axis by loop, with what was measured.
+        advised: the step responses that are predicted with the advised gains.
+    """
+    advice = tuning.axes[axis]
+    panels: dict[str, Sequence[Panel]] = {}
+    for loop_name in LOOP_NAMES:
+        response = responses.get(loop_name)
+        if response is not None and isinstance(response.measured, StepResponse):
+            # The chart has the measured response, the predicted one, and that with the advised gains.
+            response_of_loop = {axis: {loop_name: response}}
+            charts = step_charts(response_of_loop, advised, has_gain=False)
+            panels[loop_name] = charts[axis]
+        elif isinstance(advice, Advice):
+            # Without a measured response, the chart has what the identified loop predicts.
+            panels[loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
+    return panels
 
 
 def _reasons_without_response(
@@ -266,23 +319,38 @@ def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
         The chapter, with charts of each axis whose gains change; without charts if none do, or if the twin could not be
         made.
     """
-    # Gains are advised only of a vehicle that was judged, and so has evidence.
-    assert assessment.evidence is not None
-    charts_by_axis = dict[str, list[Panel]]()
-    if tuning.parameters:
-        # Either the simulated flights, or a fact (coded finding) that says why there is no twin.
-        trial = try_gains(assessment.evidence, tuning.parameters)
-        if isinstance(trial, GainTrial):
-            for axis, advice in tuning.axes.items():
-                # Instead of advice, an axis may have a reason why there is none.
-                if isinstance(advice, Advice) and advice.parameters:
-                    charts_by_axis[axis] = [*twin_charts(axis, trial)]
+    charts_by_axis = _twin_charts_by_axis(tuning, assessment)
     groups = []
     if charts_by_axis:
         # The caption says "… flies the recorded setpoints, and hovers, both in wind …".
         caption = CAPTION.format(hovers=", and hovers, both")
         groups.append(Group.of_axes(charts_by_axis, caption=caption))
     return Chapter("The twin with both sets of gains", (), groups, folded=True)
+
+
+def _twin_charts_by_axis(tuning: Tuning, assessment: Assessment) -> dict[str, list[Panel]]:
+    """Flies the twin with both sets of gains, and returns its charts for each axis whose gains change.
+
+    Args:
+        tuning: the advice for each axis, or the reason why there is none.
+        assessment: all results on the vehicle, by which the twin is made.
+
+    Returns:
+        Charts by axis; empty if no gains change, or if the twin could not be made.
+    """
+    # Gains are advised only of a vehicle that was judged, and so has evidence.
+    assert assessment.evidence is not None
+    charts_by_axis = dict[str, list[Panel]]()
+    if not tuning.parameters:
+        return charts_by_axis
+    # Either the simulated flights, or a fact (coded finding) that says why there is no twin.
+    trial = try_gains(assessment.evidence, tuning.parameters)
+    if not isinstance(trial, GainTrial):
+        return charts_by_axis
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice) and advice.parameters:
+            charts_by_axis[axis] = [*twin_charts(axis, trial)]
+    return charts_by_axis
 
 
 def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:

@@ -10,7 +10,7 @@ The criterion is the factor by which estimated variances are wrong: the exponent
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,40 +102,63 @@ class RecordErrors(NamedTuple):
 
 
 def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
-    """Estimates the variances of a record with all estimators, and returns their errors.
-
-    An estimator of a whole record gives variances only, and its states come from a Kalman filter with these variances.
-    A recursive estimator and DEM estimate states too; DEM's also use two later samples. A Kalman filter with the
-    true variances shows the error that perfect estimates would have.
+    """Estimates noise variances and states of one record with every estimator, and returns the errors of each.
 
     Args:
-        record: T samples with true states and variances.
+        record: T samples of a system, with its true states and the true variances of its measurement noise.
 
     Returns:
-        Errors by name of the estimator; infinite if it failed.
+        Errors by name of the estimator. ``TRUE_VARIANCES`` is a Kalman filter with the true variances: it shows the
+        error of the states that perfect variances would leave.
     """
     errors = {}
     for name, estimate in BATCH_ESTIMATORS.items():
-        try:
-            variances = estimate(record)
-        except LinAlgError:
-            errors[name] = RecordErrors(np.inf, np.inf)
-            continue
-        states = kalman_states_with_variances(record, variances)
-        errors[name] = _record_errors(record, variances, states)
-    for name, estimate_recursively in {**RECURSIVE_ESTIMATORS, DEM: dem_variances}.items():
-        estimates: RecursiveEstimates = estimate_recursively(record)
-        errors[name] = _record_errors(
-            record, final_variances(estimates.variances), estimates.states
-        )
-    # DEM as an online estimator gives variances only. With NaN as states, the error of its states is NaN too.
-    no_states = np.full_like(record.states, np.nan)
-    errors[ONLINE_DEM] = _record_errors(
-        record, final_variances(online_dem_variances(record)), no_states
-    )
-    true_states = kalman_states_with_variances(record, record.noise_variances)
-    errors[TRUE_VARIANCES] = _record_errors(record, record.noise_variances, true_states)
+        errors[name] = _batch_errors(record, estimate)
+    for name, estimate_recursively in RECURSIVE_ESTIMATORS.items():
+        errors[name] = _recursive_errors(record, estimate_recursively(record))
+    errors[DEM] = _recursive_errors(record, dem_variances(record))
+    online_variances = final_variances(online_dem_variances(record))
+    errors[ONLINE_DEM] = _record_errors(record, online_variances, _no_states(record))
+    optimal_states = kalman_states_with_variances(record, record.noise_variances)
+    errors[TRUE_VARIANCES] = _record_errors(record, record.noise_variances, optimal_states)
     return errors
+
+
+def _batch_errors(record: NoisyRecord, estimate: Callable[[NoisyRecord], Array]) -> RecordErrors:
+    """Returns the errors of an estimator that takes a whole record and gives one variance for each output.
+
+    Its states come from a Kalman filter with these variances.
+
+    Args:
+        record: T samples with true states and variances.
+        estimate: the estimator, which returns the variances (n,) of the measurement noise.
+
+    Returns:
+        Errors of variances and states; infinite if the estimator failed.
+    """
+    try:
+        variances = estimate(record)
+    except LinAlgError:
+        return RecordErrors(np.inf, np.inf)
+    return _record_errors(record, variances, kalman_states_with_variances(record, variances))
+
+
+def _recursive_errors(record: NoisyRecord, estimates: RecursiveEstimates) -> RecordErrors:
+    """Returns the errors of an estimator that gives variances and states at every sample.
+
+    Args:
+        record: T samples with true states and variances.
+        estimates: variances and states after each of the T samples; DEM's states use two later samples, too.
+
+    Returns:
+        Error of the variances at the end of the record, and error of the states.
+    """
+    return _record_errors(record, final_variances(estimates.variances), estimates.states)
+
+
+def _no_states(record: NoisyRecord) -> Array:
+    """Returns NaN (T, n) in the place of states, for estimators of variances only: the states' error is then NaN."""
+    return np.full_like(record.states, np.nan)
 
 
 def final_variances(history: Array) -> Array:
@@ -179,15 +202,13 @@ def online_errors(record: NoisyRecord) -> dict[str, float]:
     Returns:
         By name of the estimator, the mean over the outputs of |ln(estimated variance / true variance)|.
     """
-    # Only errors of variances are needed here. With NaN as states, the errors of the states are NaN and not used.
-    no_states = np.full_like(record.states, np.nan)
     variance_histories = {}
     for name, estimate in RECURSIVE_ESTIMATORS.items():
         variance_histories[name] = estimate(record).variances
     variance_histories[ONLINE_DEM] = online_dem_variances(record)
     log_errors = {}
     for name, history in variance_histories.items():
-        errors = _record_errors(record, final_variances(history), no_states)
+        errors = _record_errors(record, final_variances(history), _no_states(record))
         log_errors[name] = errors.log_variance_error
     return log_errors
 
@@ -387,24 +408,29 @@ def online_check(factors: Mapping[str, float]) -> Check:
 
 
 def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], records_name: str) -> list[Block]:
-    """Returns the tables of the errors of variances and states by estimator and noise, the best in white noise first.
+    """Returns two tables: by which factor estimated noise variances are wrong, and the errors of estimated states.
+
+    Each has a row for every estimator and a column for every noise; the best estimator in white noise comes first.
 
     Args:
         errors: errors by noise and estimator.
-        records_name: name of the records in the sentences.
+        records_name: which records these are, such as "Simulated", as both sentences begin.
 
     Returns:
         A sentence and the table of variances, then a sentence and the table of states.
     """
-    variance_factors: dict[str, dict[str, float]] = {}
-    state_errors: dict[str, dict[str, float]] = {}
+    # DEM as an online estimator has no states, and the filter with the true variances estimates none.
+    estimators_of_variances = (*BASELINES, DEM, ONLINE_DEM)
+    estimators_of_states = (*BASELINES, DEM, TRUE_VARIANCES)
+    variance_factors = {}
+    state_errors = {}
     for noise, errors_by_estimator in errors.items():
-        variance_factors[noise] = {}
-        for name in (*BASELINES, DEM, ONLINE_DEM):
-            variance_factors[noise][name] = errors_by_estimator[name].variance_factor
-        state_errors[noise] = {}
-        for name in (*BASELINES, DEM, TRUE_VARIANCES):
-            state_errors[noise][name] = errors_by_estimator[name].state_error
+        variance_factors[noise] = {
+            name: errors_by_estimator[name].variance_factor for name in estimators_of_variances
+        }
+        state_errors[noise] = {
+            name: errors_by_estimator[name].state_error for name in estimators_of_states
+        }
     return [
         Sentence("factor by which estimated variances of the noise are wrong.", f"{records_name}:"),
         _table_by_noise(variance_factors),
@@ -425,10 +451,10 @@ def _table_by_noise(errors: Mapping[str, Mapping[str, float]]) -> Table:
     Returns:
         The table, with errors of three significant digits.
     """
-    errors_in_first_noise = next(iter(errors.values()))
-    return table_by_estimator(
-        errors, sorted(errors_in_first_noise, key=errors_in_first_noise.__getitem__)
-    )
+    first_noise = next(iter(errors))
+    errors_in_first_noise = errors[first_noise]
+    best_first = sorted(errors_in_first_noise, key=lambda name: errors_in_first_noise[name])
+    return table_by_estimator(errors, best_first)
 
 
 def online_table(factors: Mapping[str, float]) -> list[Block]:

@@ -121,42 +121,38 @@ def run(runner: Runner) -> ExperimentResult:
     Returns:
         Checks and tables; ``numbers`` has the results of all records and windows.
     """
-    jobs = [(width, seed) for width in TRUE_WIDTHS for seed in range(RECORD_COUNT)]
-    results = runner.map_jobs(_learn_simulated, jobs)
-    simulated_results: dict[int, list[SimulatedResult]] = {width: [] for width in TRUE_WIDTHS}
-    for (width, _), result in zip(jobs, results, strict=True):
-        simulated_results[width].append(result)
+    simulated_results = {}
+    for width in TRUE_WIDTHS:
+        jobs = [(width, seed) for seed in range(RECORD_COUNT)]
+        simulated_results[width] = runner.map_jobs(_learn_simulated, jobs)
     checks = [coverage_check(simulated_results)]
     tables = _simulated_table(simulated_results)
-    recorded_results = {}
+
+    recorded_results: dict[str, list[WindowResult]] = {}
+    remarks = []
     windows = runner.recorded_windows[::WINDOW_STEP]
-    for name, settings in FLIGHT_SETTINGS.items():
-        if windows:
-            recorded_results[name] = runner.map_jobs(
-                partial(_learn_window, settings=settings), windows
-            )
-    comparisons = {
-        name: _comparison(results_of_name, windows)
-        for name, results_of_name in recorded_results.items()
-    }
-    if comparisons:
+    if windows:
+        comparisons = {}
+        for name, settings in FLIGHT_SETTINGS.items():
+            learn_window = partial(_learn_window, settings=settings)
+            recorded_results[name] = runner.map_jobs(learn_window, windows)
+            comparisons[name] = _comparison(recorded_results[name], windows)
         checks.append(learned_smoothness_check(comparisons))
         tables += _recorded_table(recorded_results, comparisons)
-    remarks = () if windows else ("Recorded flights are left out: --flights names their folder.",)
+    else:
+        remarks.append("Recorded flights are left out: --flights names their folder.")
+
+    simulated_numbers = {}
+    for width, simulated in simulated_results.items():
+        simulated_numbers[str(width)] = [result._asdict() for result in simulated]
+    recorded_numbers = {}
+    for name, recorded in recorded_results.items():
+        recorded_numbers[name] = [result._asdict() for result in recorded]
     return ExperimentResult(
         checks=tuple(checks),
-        numbers={
-            "simulated": {
-                str(width): [result._asdict() for result in results_of_name]
-                for width, results_of_name in simulated_results.items()
-            },
-            "recorded": {
-                name: [result._asdict() for result in results_of_name]
-                for name, results_of_name in recorded_results.items()
-            },
-        },
+        numbers={"simulated": simulated_numbers, "recorded": recorded_numbers},
         tables=tables,
-        remarks=remarks,
+        remarks=tuple(remarks),
     )
 
 
@@ -181,14 +177,14 @@ def fit_with_known_variances(record: NoisyRecord, data: Array) -> FitAt:
 
 
 def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
-    """Learns the smoothness of one record of a known system, with known noise variances.
+    """Simulates a record of a random system, and learns the smoothness s of its noise; all else of the system is known.
 
     Args:
-        job: true smoothness in sampling steps, and seed of the record.
+        job: true smoothness in sampling steps, and seed of the random record.
 
     Returns:
-        Error of ln s, and whether two intervals cover the true value: that by the curvature of F̄ (Laplace), and that
-        by the sandwich covariance.
+        Error of ln s, and whether two intervals of ln s cover the true value. One has the standard deviation by the
+        curvature of the free energy F̄ (Laplace's approximation), the other that by a sandwich covariance.
     """
     true_width, seed = job
     record = random_record(seed, true_width * SIMULATED_DT)
@@ -198,11 +194,13 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
         learned = learn_smoothness(fit_at, [width * SIMULATED_DT for width in CANDIDATE_WIDTHS])
         uncertainty = smoothness_uncertainty(learned, fit_at, data, record.dt)
     log_ratio = float(np.log(learned.smoothness / record.smoothness))
-    # Intervals are symmetric: their upper end is this quantile. The sandwich's variance is estimated from few blocks,
-    # so that Student's t takes the place of the normal distribution.
-    upper_quantile = (1 + COVERAGE) / 2
-    laplace_half_width = norm.ppf(upper_quantile) * uncertainty.laplace
-    sandwich_half_width = t.ppf(upper_quantile, uncertainty.blocks - 1) * uncertainty.sandwich
+    # Each interval is symmetric about the learned ln s. Its half width is the standard deviation times the quantile
+    # that leaves the same probability outside at either end.
+    upper_probability = (1 + COVERAGE) / 2
+    laplace_half_width = norm.ppf(upper_probability) * uncertainty.laplace
+    # The variance of the sandwich is estimated from a few blocks of the record. Student's t distribution allows for it.
+    degrees_of_freedom = uncertainty.blocks - 1
+    sandwich_half_width = t.ppf(upper_probability, degrees_of_freedom) * uncertainty.sandwich
     return SimulatedResult(
         log_ratio,
         laplace_covers=bool(abs(log_ratio) < laplace_half_width),
@@ -229,8 +227,8 @@ def _learn_window(window: Window, settings: Settings) -> WindowResult:
             partial(fit_all, model, statistics), [width * record.dt for width in CANDIDATE_WIDTHS]
         )
     return WindowResult(
-        learned.smoothness / record.dt,
-        learned.is_inside,
+        width=learned.smoothness / record.dt,
+        is_inside=learned.is_inside,
         # Without a smoothness DEM takes its default, one sampling step.
         default_error=_forecast_error(window, replace(settings, smoothness=None)),
         learned_error=_forecast_error(window, replace(settings, smoothness=learned.smoothness)),
@@ -276,17 +274,17 @@ def coverage_check(results_by_width: Mapping[int, Sequence[SimulatedResult]]) ->
     Returns:
         The check, with the coverage at each width.
     """
-    coverages = {}
+    coverage_texts = []
+    coverage_errors = []
     for width, results in results_by_width.items():
-        coverages[width] = float(np.mean([result.sandwich_covers for result in results]))
-    coverage_texts = [f"{percent(share)} at {width} dt" for width, share in coverages.items()]
-    coverage_text = ", ".join(coverage_texts)
-    coverage_errors = [abs(share - COVERAGE) for share in coverages.values()]
+        coverage = float(np.mean([result.sandwich_covers for result in results]))
+        coverage_texts.append(f"{percent(coverage)} at {width} dt")
+        coverage_errors.append(abs(coverage - COVERAGE))
     return Check(
         rule=f"the {percent(COVERAGE)} interval of s, by the sandwich, covers the true s within "
         f"{percent(MAX_COVERAGE_ERROR)} at every smoothness",
         holds=max(coverage_errors) <= MAX_COVERAGE_ERROR,
-        finding=f"the {percent(COVERAGE)} interval of s covers the true one in {coverage_text}",
+        finding=f"the {percent(COVERAGE)} interval of s covers the true one in {', '.join(coverage_texts)}",
     )
 
 
@@ -317,10 +315,13 @@ def learned_smoothness_check(comparisons: Mapping[str, Paired]) -> Check:
 def _simulated_table(
     results_by_width: Mapping[int, Sequence[SimulatedResult]],
 ) -> tuple[Block, ...]:
-    """Returns the table of the learned smoothness of simulated noise.
+    """Returns the table of the learned smoothness s of simulated noise, with a row for each true smoothness.
+
+    A row shows the median ratio of the learned to the true s over the records, the spread of this ratio, and for two
+    kinds of intervals in which part of the records they contain the true s.
 
     Args:
-        results_by_width: results by true smoothness in sampling steps.
+        results_by_width: results of all records by true smoothness, in sampling steps dt.
 
     Returns:
         A sentence and the table.
@@ -328,13 +329,18 @@ def _simulated_table(
     rows = []
     for width, results in results_by_width.items():
         log_ratios = np.array([result.log_ratio for result in results])
+        median_ratio = float(np.exp(np.median(log_ratios)))
+        # The standard deviation of the logarithm of the ratio is the ratio's relative spread.
+        relative_spread = float(log_ratios.std())
+        sandwich_coverage = float(np.mean([result.sandwich_covers for result in results]))
+        laplace_coverage = float(np.mean([result.laplace_covers for result in results]))
         rows.append(
             [
                 f"{width} dt",
-                rounded(float(np.exp(np.median(log_ratios))), 3),
-                percent(float(log_ratios.std())),
-                percent(float(np.mean([result.sandwich_covers for result in results]))),
-                percent(float(np.mean([result.laplace_covers for result in results]))),
+                rounded(median_ratio, 3),
+                percent(relative_spread),
+                percent(sandwich_coverage),
+                percent(laplace_coverage),
             ]
         )
     introduction = Sentence(
