@@ -256,25 +256,47 @@ def _satellite_height(
     """
     if signals.height is None:
         return _height_above_first_fix(signals)
-    heights_by_boot = []
+    # The last event on a doubtful height in each boot; later events replace earlier ones.
     last_events = {event.figures["boot"]: event for event in events if event.code in HEIGHT_DOUBTS}
+    heights_by_boot = []
     for boot, event_of_doubt in last_events.items():
         barometer = series_of_boot(barometer_height, boot)
-        # How much higher the barometer reads than satellites, up to a constant.
-        difference = height_difference(signals, boot)
-        if barometer is None or difference is None:
+        if barometer is None:
             continue
-        take_off = -np.inf
-        for flight_start, _ in flights_in_boot(signals, boot):
-            if flight_start <= event_of_doubt.start_time:
-                take_off = flight_start
-        difference_at_take_off = initial_difference(difference, take_off)
-        if difference_at_take_off is not None:
-            growth_since_take_off = difference.values - difference_at_take_off
-            barometer_at_fixes = np.interp(difference.time, barometer.time, barometer.values)
-            satellite_height = barometer_at_fixes - growth_since_take_off
-            heights_by_boot.append(replace(difference, values=satellite_height))
+        height = _satellite_height_in_boot(signals, barometer, boot, event_of_doubt.start_time)
+        if height is not None:
+            heights_by_boot.append(height)
     return _joined(heights_by_boot)
+
+
+def _satellite_height_in_boot(
+    signals: Signals, barometer: TimeSeries, boot: int, time_of_doubt: float
+) -> TimeSeries | None:
+    """Returns the height by satellites in one boot, shifted to agree with the barometer at a take-off.
+
+    Args:
+        signals: logged time series of the vehicle.
+        barometer: the height by the barometer in that boot (N,), m.
+        boot: number of the boot.
+        time_of_doubt: when the height became doubtful, s since boot. The take-off is the last one before.
+
+    Returns:
+        The height (G,), m, at the receiver's fixes; None if it cannot be compared with the barometer.
+    """
+    # How much higher the barometer reads than satellites, up to a constant.
+    difference = height_difference(signals, boot)
+    if difference is None:
+        return None
+    take_off = -np.inf
+    for flight_start, _ in flights_in_boot(signals, boot):
+        if flight_start <= time_of_doubt:
+            take_off = flight_start
+    difference_at_take_off = initial_difference(difference, take_off)
+    if difference_at_take_off is None:
+        return None
+    growth_since_take_off = difference.values - difference_at_take_off
+    barometer_at_fixes = np.interp(difference.time, barometer.time, barometer.values)
+    return replace(difference, values=barometer_at_fixes - growth_since_take_off)
 
 
 def _height_above_first_fix(signals: Signals) -> TimeSeries | None:

@@ -80,59 +80,112 @@ def assess_motor_health(
     Returns:
         An assessment for each flight, in their order.
     """
-    has_baseline = baseline is not None
-    candidate_flights = flights if baseline is None else baseline
     healthy = healthy_flights(flights, baseline)
+    assessor = _FlightAssessor(healthy, flights, baseline)
+    # Each assessment with the number of its flight, in the order of the dates.
     assessments: dict[int, HealthAssessment] = {}
-    faulty_healthy_flights: dict[float, HealthFigures] = {}
-    latest_evidence: dict[object, _FlightEvidence] = {}
-
-    numbers_by_date = sorted(range(len(flights)), key=lambda number: flights[number].start_time)
-    for number in numbers_by_date:
-        flight = flights[number]
-        other_healthy_flights = _without_flight(healthy, flight)
-        comparable_flights = [
-            healthy_flight
-            for healthy_flight in other_healthy_flights
-            if healthy_flight.geometry_key == flight.geometry_key
-        ]
-        comparison: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
-        if not has_baseline and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
-            # The earlier one of two flights counts as the healthy one, if nobody has named one.
-            comparable_flights = _flights_before(comparable_flights, flight)
-        unknown_reason = _unknown_reason(flight, comparable_flights, candidate_flights, comparison)
-        if unknown_reason is not None:
-            assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
-            continue
-
-        # A flight without a date has no next flight, and healthy flights are not part of the sequence.
-        is_in_sequence = flight.date is not None and len(other_healthy_flights) == len(healthy)
-        previous = latest_evidence.get(flight.geometry_key) if is_in_sequence else None
-        evidence = _flight_evidence(flight, comparable_flights, previous)
-        if is_in_sequence:
-            latest_evidence[flight.geometry_key] = evidence
-        assessment = _assessment_of_evidence(flight, evidence, comparison)
-        if assessment.health is MotorHealth.OK and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
-            # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none. How
-            # probable a fault is stays known: `mavdem diff` of these two flights states it.
-            reason = _too_few_healthy_flights(flight, candidate_flights, comparison)
-            assessment = assessment._replace(health=MotorHealth.UNKNOWN, fact=reason)
-        is_weak = evidence.change.fault_probability >= MIN_REPORTED_PROBABILITY
-        if is_weak and flight in healthy:
-            faulty_healthy_flights[evidence.change.fault_probability] = flight
-        assessments[number] = assessment
-
-    if faulty_healthy_flights and not has_baseline:
+    for number in sorted(range(len(flights)), key=lambda number: flights[number].start_time):
+        assessments[number] = assessor.assess(flights[number])
+    faulty_flights = assessor.faulty_healthy_flights
+    if faulty_flights and baseline is None:
         # The flight that is most probably faulty is no healthy flight; all are assessed again without it.
-        worst_flight = faulty_healthy_flights[max(faulty_healthy_flights)]
-        flights_without_worst = [
-            replace(flight, sound=flight.sound and flight is not worst_flight) for flight in flights
-        ]
+        worst_flight = faulty_flights[max(faulty_flights)]
+        flights_without_worst = []
+        for flight in flights:
+            is_sound = flight.sound and flight is not worst_flight
+            flights_without_worst.append(replace(flight, sound=is_sound))
         return assess_motor_health(flights_without_worst)
     return tuple(
         assessments[number]._replace(is_healthy=flight in healthy)
         for number, flight in enumerate(flights)
     )
+
+
+class _FlightAssessor:
+    """Assesses the motors in the flights of one vehicle, one after the other in the order of their dates.
+
+    The evidence of one flight is the prior of the next one with the same geometry of the motors.
+
+    Attributes:
+        faulty_healthy_flights: flights that count as healthy but probably have a weak motor, by the probability of
+            that.
+    """
+
+    def __init__(
+        self,
+        healthy: HealthFlights,
+        flights: Sequence[HealthFigures],
+        baseline: Sequence[HealthFigures] | None,
+    ) -> None:
+        """Stores with which flights all others are compared; nothing is assessed yet.
+
+        Args:
+            healthy: Healthy flights of the vehicle.
+            flights: All flights of the vehicle.
+            baseline: The healthy flights that the user chose; None if they were chosen by default.
+        """
+        self.faulty_healthy_flights: dict[float, HealthFigures] = {}
+        self._healthy = healthy
+        self._is_baseline_chosen = baseline is not None
+        self._candidate_flights = flights if baseline is None else baseline
+        # Evidence of the latest flight, by the geometry of its motors.
+        self._latest_evidence: dict[object, _FlightEvidence] = {}
+
+    def assess(self, flight: HealthFigures) -> HealthAssessment:
+        """Assesses the next flight by comparison with the healthy ones.
+
+        Args:
+            flight: The flight; none before it has a later date.
+        """
+        other_healthy_flights = _without_flight(self._healthy, flight)
+        comparable_flights = [
+            healthy_flight
+            for healthy_flight in other_healthy_flights
+            if healthy_flight.geometry_key == flight.geometry_key
+        ]
+        # Figures of every fact about the flight.
+        comparison: JsonValues = {
+            "flights": len(comparable_flights),
+            "are_chosen": self._is_baseline_chosen,
+        }
+        if not self._is_baseline_chosen and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
+            # The earlier one of two flights counts as the healthy one, if nobody has named one.
+            comparable_flights = _flights_before(comparable_flights, flight)
+        unknown_reason = _unknown_reason(
+            flight, comparable_flights, self._candidate_flights, comparison
+        )
+        if unknown_reason is not None:
+            return HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
+        is_healthy = len(other_healthy_flights) < len(self._healthy)
+        evidence = self._evidence(flight, comparable_flights, is_healthy=is_healthy)
+        fault_probability = evidence.change.fault_probability
+        if flight in self._healthy and fault_probability >= MIN_REPORTED_PROBABILITY:
+            self.faulty_healthy_flights[fault_probability] = flight
+        assessment = _assessment_of_evidence(flight, evidence, comparison)
+        if assessment.health is MotorHealth.OK and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
+            # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none. How
+            # probable a fault is stays known: `mavdem diff` of these two flights states it.
+            reason = _too_few_healthy_flights(flight, self._candidate_flights, comparison)
+            return assessment._replace(health=MotorHealth.UNKNOWN, fact=reason)
+        return assessment
+
+    def _evidence(
+        self, flight: HealthFigures, comparable_flights: HealthFlights, *, is_healthy: bool
+    ) -> _FlightEvidence:
+        """Compares a flight with healthy flights, with the evidence of the flight before it as prior.
+
+        Args:
+            flight: The flight.
+            comparable_flights: Healthy flights with the same geometry of the motors.
+            is_healthy: Whether the flight, or another log of it, is one of the healthy ones. These are no part of the
+                sequence, and neither is a flight without a date, which has no next one.
+        """
+        if is_healthy or flight.date is None:
+            return _flight_evidence(flight, comparable_flights, previous=None)
+        previous = self._latest_evidence.get(flight.geometry_key)
+        evidence = _flight_evidence(flight, comparable_flights, previous)
+        self._latest_evidence[flight.geometry_key] = evidence
+        return evidence
 
 
 def _without_flight(healthy: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:
@@ -298,14 +351,15 @@ def _assessment_of_evidence(
     change_probability = evidence.change_probability
     if change.fault_probability >= MIN_REPORTED_PROBABILITY:
         return _weak_motor(flight, change, change_probability, comparison)
-    # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     suspect_motor = None
+    # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
     if is_changed or evidence.deviation.is_unusual:
         health = MotorHealth.DRIFT
         fact = _drift_fact(flight, evidence, change_probability, comparison)
-        # A drift that a motor most likely explains names this motor as its subject. Motors are numbered from 1.
+        # A drift that a motor most likely explains names this motor as its subject.
         if fact.subject:
+            # Motors are numbered from 1.
             suspect_motor = flight.motors.index(fact.subject) + 1
     elif not evidence.would_show_weak_motor:
         return HealthAssessment(MotorHealth.UNKNOWN, _imprecise_balance(evidence, comparison))

@@ -127,7 +127,7 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
         if message["rate"] and name != PARAMETER_MESSAGE:
             rates[name] = message["rate"]
     names_by_rate = dict[str, list[str]]()
-    for name in sorted(rates, key=rates.__getitem__, reverse=True):
+    for name in sorted(rates, key=lambda name: rates[name], reverse=True):
         rate_text = "below 1 Hz"
         if rates[name] >= MIN_LISTED_RATE:
             rate_text = f"{rates[name]:.1f} Hz"
@@ -370,22 +370,34 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     )
     tables = []
     for mean_winds in mean_winds_of_tables:
-        if len(mean_winds.rows) < 2:
-            continue
-        header = [mean_winds.header, "Vector mean (m/s)"]
-        if wind.direction_identifiable:
-            header.append("From")
-        rows = []
-        for index in _evenly_spaced(len(mean_winds.rows), max_rows):
-            mean_wind = mean_winds.rows[index]
-            # Both ends of a part of time, or one height.
-            numbers = [f"{mean_wind[key]:.0f}" for key in mean_winds.keys]
-            row = ["–".join(numbers), _mean_speed_cell(mean_wind)]
-            if wind.direction_identifiable:
-                row.append(compass_text(mean_wind["direction"]))
-            rows.append(row)
-        tables.append(Table(header, rows))
+        if len(mean_winds.rows) >= 2:
+            tables.append(
+                _mean_wind_table(mean_winds, max_rows, has_direction=wind.direction_identifiable)
+            )
     return tables
+
+
+def _mean_wind_table(mean_winds: _MeanWinds, max_rows: int | None, *, has_direction: bool) -> Table:
+    """Returns a table of the mean wind over time or over height.
+
+    Args:
+        mean_winds: mean wind of each part of the flight or layer of height.
+        max_rows: most rows of the table, evenly spaced among all; None for all.
+        has_direction: whether the table has a column of the direction that the wind comes from.
+    """
+    header = [mean_winds.header, "Vector mean (m/s)"]
+    if has_direction:
+        header.append("From")
+    rows = []
+    for index in _evenly_spaced(len(mean_winds.rows), max_rows):
+        mean_wind = mean_winds.rows[index]
+        # Both ends of a part of time, or one height.
+        numbers = [f"{mean_wind[key]:.0f}" for key in mean_winds.keys]
+        row = ["–".join(numbers), _mean_speed_cell(mean_wind)]
+        if has_direction:
+            row.append(compass_text(mean_wind["direction"]))
+        rows.append(row)
+    return Table(header, rows)
 
 
 def _mean_speed_cell(mean_wind: Mapping[str, float]) -> str:
@@ -465,17 +477,17 @@ def _sentences_on_unset_parameters(
     """
     if not settings:
         return []
+    # Parameters of the linear drag, and of the quadratic drag along body x and y.
     momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
+    names = (momentum_name, f"{ballistic_prefix}X", f"{ballistic_prefix}Y")
     values_in_range = drag.autopilot_parameters(autopilot)
     names_out_of_range = []
     uncertain_names = []
-    for name in (momentum_name, f"{ballistic_prefix}X", f"{ballistic_prefix}Y"):
+    for name in names:
         if name not in values_in_range:
             names_out_of_range.append(name)
-        elif is_certain_setting(values_in_range[name]):
-            # It is to be set, unless the log has no such parameter or the vehicle has the value already.
-            continue
-        elif name not in settings:
+        elif name not in settings and not is_certain_setting(values_in_range[name]):
+            # A certain value that is not to be set has no sentence: the log has no such parameter.
             uncertain_names.append(name)
     sentences = []
     if names_out_of_range:

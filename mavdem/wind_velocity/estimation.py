@@ -1,20 +1,24 @@
 """Estimation of the wind velocity of one flight from the attitude and the velocity of the vehicle."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import half_width
+from mavdem.confidence import IntervalEstimate, half_width
+from mavdem.dataset.axes import HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.wind_velocity.advised_flight import WindErrors, advised_flight
-from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX
+from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX, SmoothedStates
 from mavdem.wind_velocity.drag_identification import (
     GUST_SECONDS,
+    DragPosterior,
     identify_drag,
     sampled_parameters,
     sampled_winds,
@@ -35,7 +39,12 @@ from mavdem.wind_velocity.mean_wind import (
     speed_interval,
     wind_profile,
 )
-from mavdem.wind_velocity.motion_grid import MAX_STEPS, flight_grid, validated_motion
+from mavdem.wind_velocity.motion_grid import (
+    MAX_STEPS,
+    MotionGrid,
+    flight_grid,
+    validated_motion,
+)
 from mavdem.wind_velocity.vehicle_drag import DRAG_PARAMETERS, Drag
 from mavdem.wind_velocity.velocity import WindVelocity, mean_air_speed
 
@@ -74,103 +83,216 @@ def estimate_wind(
         NotLearnable: the flight is too short, the vehicle was held or carried, or the velocity is not the vehicle's.
     """
     samples = validated_motion(time, attitude, velocity)
-    heights = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
-    if heights.shape != (len(time),):
-        raise ValueError(f"height must have shape ({len(time)},), not {heights.shape}")
+    heights = _validated_heights(height, len(time))[samples.usable]
     prior = Drag.validated_or_population(drag)
     with one_thread():
         coarse = flight_grid(samples, max_steps=MAX_STEPS // 2)
         fine = flight_grid(samples, max_steps=MAX_STEPS)
         posterior = identify_drag(coarse, prior)
         parameter_samples = sampled_parameters(posterior)
-        wind_samples = sampled_winds(fine, parameter_samples)
-    # The states are gust and mean wind, whose sum is the wind: N samples of it (T, N, 2), with variances by noise.
-    # Letters of einsum: time t, sample n, axis a of the wind, states i and j.
-    winds = wind_samples.states @ TOTAL_WIND_MATRIX.T
-    variances = np.einsum(
-        "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, wind_samples.covariances, TOTAL_WIND_MATRIX
-    )
-    whole_flight = mean_wind_of_steps(winds, variances, fine.step)
-    wind_velocity = winds.mean(axis=1)
-    mean_wind_velocity = wind_velocity.mean(axis=0)
-    step_heights = np.interp(fine.time, samples.time, heights[samples.usable])
-
-    # The wind is taken to be horizontal.
-    vertical_wind = np.zeros(len(wind_velocity))
-    air_velocity = fine.along_body_axes(
-        fine.velocity - np.column_stack([wind_velocity, vertical_wind])
-    )
-    air_speed = mean_air_speed(air_velocity)
-    flight_drag = Drag(
-        posterior.mean[:DRAG_PARAMETERS], posterior.covariance[:DRAG_PARAMETERS, :DRAG_PARAMETERS]
-    )
-    # Standard deviation of the drag at this air speed, relative to the drag and to the deviation before the flight.
-    drag_sd = flight_drag.relative_sd(air_speed)
-    remaining_sd = drag_sd / prior.relative_sd(air_speed)
-    # If the flight hardly reduces it, the source of the drag is still the prior's source.
-    source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
-    flight_drag = replace(flight_drag, source=source)
-    is_lean_worse = is_lean_more_uncertain(winds.mean(axis=0), parameter_samples)
+        winds = _SampledWind.from_states(sampled_winds(fine, parameter_samples), fine.step)
+    wind_of_steps = winds.velocity
+    mean_wind = mean_wind_of_steps(winds.velocities, winds.noise_variances, fine.step)
+    air_velocity = _air_velocity(fine, wind_of_steps)
+    flight_drag = _drag_of_flight(posterior, prior, mean_air_speed(air_velocity))
     doubts = doubts_on_wind(
-        whole_flight, drag_sd, remaining_sd, is_lean_worse, posterior.steered_share, prior.source
+        mean_wind,
+        flight_drag.relative_sd,
+        flight_drag.remaining_sd,
+        is_lean_more_uncertain(winds.velocities.mean(axis=0), parameter_samples),
+        posterior.steered_share,
+        prior.source,
     )
     status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
     for doubt in doubts:
         status[doubt.figure] = doubt.status
-    lowest_speed = lower_speed_bound(whole_flight.low, whole_flight.high)
-    advice = _flight_advice(whole_flight, lowest_speed, status, drag_sd, flight_drag)
-
-    gust_steps = max(round(GUST_SECONDS / fine.step), 1)
-    # Speeds (T, N) in each posterior sample, and the variance (N,) of their error by noise, the mean over the flight.
-    sampled_speeds = np.hypot(winds[..., 0], winds[..., 1])
-    noise_variance = variances.mean(axis=(0, 2))
-    gust = float(running_means(np.hypot(*wind_velocity.T)[:, np.newaxis], gust_steps).max())
-    # A gust is too short for the noise to average out.
-    gust_low, gust_high = speed_interval(
-        running_means(sampled_speeds, gust_steps).max(axis=0), noise_variance, gust
-    )
-    if not lowest_speed:
-        # Still air has no gusts. The samples have, since the speed of a scattered velocity is above 0.
-        gust_low = 0.0
-    # The mean of the speeds, unlike the speed of the mean, does not fall where the wind turns.
-    mean_speed = float(np.hypot(*wind_velocity.T).mean())
-    mean_speed_interval = speed_interval(
-        sampled_speeds.mean(axis=0),
-        noise_variance / independent_count(len(winds), fine.step),
-        mean_speed,
-    )
-    mean_speed_square = max(mean_wind_velocity @ mean_wind_velocity, MIN_SPEED)
+    lowest_speed = lower_speed_bound(mean_wind.low, mean_wind.high)
+    gust = winds.largest_gust(may_be_calm=lowest_speed == 0)
+    mean_speed = winds.mean_speed()
+    step_heights = np.interp(fine.time, samples.time, heights)
     return WindVelocity(
-        speed=whole_flight.speed,
-        speed_interval=(lowest_speed, whole_flight.high),
-        mean_speed=mean_speed,
-        mean_speed_interval=mean_speed_interval,
-        direction=whole_flight.direction,
-        direction_interval=whole_flight.direction_half_width,
-        gust=gust,
-        gust_interval=(gust_low, gust_high),
-        gust_seconds=gust_steps * fine.step,
-        turbulence_intensity=(wind_velocity @ mean_wind_velocity).std() / mean_speed_square,
+        speed=mean_wind.speed,
+        speed_interval=(lowest_speed, mean_wind.high),
+        mean_speed=mean_speed.value,
+        mean_speed_interval=mean_speed.interval,
+        direction=mean_wind.direction,
+        direction_interval=mean_wind.direction_half_width,
+        gust=gust.value,
+        gust_interval=gust.interval,
+        gust_seconds=winds.steps_of_gust * fine.step,
+        turbulence_intensity=_turbulence_intensity(wind_of_steps),
         time=fine.time,
-        velocity=wind_velocity,
-        band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
-        along=fine.along_body_axes(fine.velocity - [*mean_wind_velocity, 0.0]),
+        velocity=wind_of_steps,
+        band=winds.band,
+        along=_air_velocity(fine, wind_of_steps.mean(axis=0)),
         air_velocity=air_velocity,
-        minutes=tuple(mean_wind_by_minute(winds, variances, fine.time, fine.step)),
-        profile=tuple(wind_profile(winds, variances, step_heights, fine.step)),
-        drag=flight_drag,
+        minutes=tuple(
+            mean_wind_by_minute(winds.velocities, winds.noise_variances, fine.time, fine.step)
+        ),
+        profile=tuple(
+            wind_profile(winds.velocities, winds.noise_variances, step_heights, fine.step)
+        ),
+        drag=flight_drag.drag,
         status=status,
         reasons={doubt.figure: doubt.reason for doubt in doubts},
-        advice=advice,
+        advice=_flight_advice(mean_wind, lowest_speed, status, flight_drag),
     )
+
+
+def _validated_heights(height: Array | None, count: int) -> Array:
+    """Returns the heights (count,) of a flight, m; zeros if they are not known.
+
+    Raises:
+        ValueError: there are not as many heights as samples.
+    """
+    heights = np.zeros(count) if height is None else np.asarray(height, np.float64)
+    if heights.shape != (count,):
+        raise ValueError(f"height must have shape ({count},), not {heights.shape}")
+    return heights
+
+
+def _air_velocity(motion: MotionGrid, wind: Array) -> Array:
+    """Returns the velocity of a vehicle relative to the air, along body x and y (T, 2), m/s.
+
+    Args:
+        motion: velocity over ground and attitude at T steps.
+        wind: wind velocity, north and east, of each step (T, 2) or of all (2,), m/s. It is taken to be horizontal.
+    """
+    relative_velocity = motion.velocity.copy()
+    relative_velocity[:, HORIZONTAL] -= wind
+    return motion.along_body_axes(relative_velocity)
+
+
+@dataclass(frozen=True)
+class _SampledWind:
+    """The wind at T time steps of a flight, for each of N samples of drag and lean from their posterior.
+
+    The spread over the samples is the error of the wind by uncertain drag and lean. The error by noise is extra.
+    """
+
+    velocities: Array
+    """Wind velocity in each sample, north and east (T, N, 2), m/s."""
+
+    noise_variances: Array
+    """Variance of the error of each component by noise (T, N, 2), (m/s)²."""
+
+    step: float
+    """Time step, s."""
+
+    @classmethod
+    def from_states(cls, smoothed: SmoothedStates, step: float) -> Self:
+        """Returns the wind by the states of the smoother, which are the gust and the mean wind: the wind is their sum.
+
+        Args:
+            smoothed: states (T, N, 4) and their covariances, for N samples of the parameters.
+            step: time step, s.
+        """
+        # Letters of einsum: time t, sample n, axis a of the wind, states i and j.
+        variances = np.einsum(
+            "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, smoothed.covariances, TOTAL_WIND_MATRIX
+        )
+        return cls(smoothed.states @ TOTAL_WIND_MATRIX.T, variances, step)
+
+    @cached_property
+    def velocity(self) -> Array:
+        """The estimated wind velocity (T, 2), m/s: the mean over the samples."""
+        return self.velocities.mean(axis=1)
+
+    @property
+    def band(self) -> Array:
+        """Half widths (T, 2) of the 90 % band of both components, m/s."""
+        return half_width(self.noise_variances.mean(axis=1) + self.velocities.var(axis=1))
+
+    @cached_property
+    def _speeds(self) -> Array:
+        """Wind speed (T, N) in each sample, m/s."""
+        return np.hypot(self.velocities[..., 0], self.velocities[..., 1])
+
+    @property
+    def _noise_variance_of_flight(self) -> Array:
+        """Variance (N,) of the error by noise along one direction, (m/s)²: the mean over the flight."""
+        return self.noise_variances.mean(axis=(0, 2))
+
+    def mean_speed(self) -> IntervalEstimate:
+        """Returns the mean over the flight of the wind speed, m/s, with its interval.
+
+        Unlike the speed of the mean wind velocity, it does not fall where the wind turns.
+        """
+        mean_speed = float(np.hypot(*self.velocity.T).mean())
+        # The noise averages out over the flight.
+        noise_variance = self._noise_variance_of_flight / independent_count(
+            len(self.velocities), self.step
+        )
+        low, high = speed_interval(self._speeds.mean(axis=0), noise_variance, mean_speed)
+        return IntervalEstimate(mean_speed, low, high)
+
+    @property
+    def steps_of_gust(self) -> int:
+        """Number of time steps over which the wind speed is averaged for a gust, at least 1."""
+        return max(round(GUST_SECONDS / self.step), 1)
+
+    def largest_gust(self, *, may_be_calm: bool) -> IntervalEstimate:
+        """Returns the largest mean wind speed over the duration of a gust, m/s, with its interval.
+
+        Args:
+            may_be_calm: whether still air is likely, too. It has no gusts, so that the interval then begins at 0. That
+                of the samples does not, since the speed of a scattered velocity is above 0.
+        """
+        speeds = np.hypot(*self.velocity.T)[:, np.newaxis]
+        gust = float(running_means(speeds, self.steps_of_gust).max())
+        sampled_gusts = running_means(self._speeds, self.steps_of_gust).max(axis=0)
+        # A gust is too short for the noise to average out.
+        low, high = speed_interval(sampled_gusts, self._noise_variance_of_flight, gust)
+        return IntervalEstimate(gust, 0.0 if may_be_calm else low, high)
+
+
+def _turbulence_intensity(velocity: Array) -> float:
+    """Returns the turbulence intensity of a wind: the standard deviation along its mean direction, over its mean speed.
+
+    Args:
+        velocity: wind velocity, north and east (T, 2), m/s.
+    """
+    mean_velocity = velocity.mean(axis=0)
+    # The product with the mean velocity is the wind along the mean direction, times the mean speed.
+    mean_speed_square = max(mean_velocity @ mean_velocity, MIN_SPEED)
+    return float((velocity @ mean_velocity).std() / mean_speed_square)
+
+
+class _DragOfFlight(NamedTuple):
+    """The drag of a vehicle by one flight, and how well this flight determines it."""
+
+    drag: Drag
+    """The drag with its covariance."""
+
+    relative_sd: float
+    """Standard deviation of the drag force at the mean air speed of the flight, relative to the force."""
+
+    remaining_sd: float
+    """This standard deviation, relative to the one before the flight: 1 if the flight shows nothing of the drag."""
+
+
+def _drag_of_flight(posterior: DragPosterior, prior: Drag, air_speed: float) -> _DragOfFlight:
+    """Returns the drag of a vehicle by its flight.
+
+    Args:
+        posterior: posterior of drag and other parameters, given the motion of the flight.
+        prior: the drag before the flight.
+        air_speed: mean air speed of the flight, m/s.
+    """
+    drag_rows = slice(DRAG_PARAMETERS)
+    drag = Drag(posterior.mean[drag_rows], posterior.covariance[drag_rows, drag_rows])
+    relative_sd = drag.relative_sd(air_speed)
+    remaining_sd = relative_sd / prior.relative_sd(air_speed)
+    # If the flight hardly reduces the error, the source of the drag is still the prior's source.
+    source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
+    return _DragOfFlight(replace(drag, source=source), relative_sd, remaining_sd)
 
 
 def _flight_advice(
     mean_wind: MeanWind,
     lowest_speed: float,
     status: Mapping[str, Status],
-    drag_sd: float,
-    drag: Drag,
+    drag: _DragOfFlight,
 ) -> Fact | None:
     """Returns what to fly so that the wind is known better, if its speed or direction is not reported.
 
@@ -180,8 +302,7 @@ def _flight_advice(
         mean_wind: mean wind of the whole flight.
         lowest_speed: lower end of the 90 % interval of its speed, m/s; 0 if the air may be still.
         status: status of "speed" and "direction".
-        drag_sd: relative standard deviation of the drag at the air speed of the flight.
-        drag: the drag by this flight, with the lean.
+        drag: the drag by this flight, with its error.
 
     Returns:
         The advice as a fact; None if both are known well enough, or no flight would help much.
@@ -199,6 +320,6 @@ def _flight_advice(
         speed_error=(mean_wind.high - lowest_speed) / 2,
         direction_error=direction_error,
         noise_sd=mean_wind.noise_sd,
-        drag_sd=drag_sd,
+        drag_sd=drag.relative_sd,
     )
-    return advised_flight(errors, drag)
+    return advised_flight(errors, drag.drag)

@@ -4,7 +4,7 @@ The overshoot is taken from the measured step response. If the flight shows none
 setpoint at some frequency is called what it is, and not an overshoot.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from mavdem.assessment.limits import Limits
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS, coverage_factor
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flight_states import POSITION_CONTROL_MODES
-from mavdem.dataset.intervals import complement, intersection
+from mavdem.dataset.intervals import Intervals, complement, intersection
 from mavdem.dataset.segments import Segment, Segments, in_segments, segments_without_modes
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
@@ -176,22 +176,14 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     if signals.attitude is None or setpoint is None:
         return unknown_tracking
     angle = signals.attitude.angle_series
-    angle_segments = segments
-    if signals.axis not in TILT_AXES:
-        angle_segments = _segments_without_turns(setpoint, segments)
-    times, setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, angle_segments, DELAYS)
-    if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
+    is_tilt = signals.axis in TILT_AXES
+    angle_segments = segments if is_tilt else _segments_without_turns(setpoint, segments)
+    compared = _setpoint_errors(setpoint, angle, angle_segments, DELAYS)
+    if len(compared.setpoints) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown_tracking
-    rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
-    # The index of the delay with the smallest error. At an end of the range, the delay may be outside of it.
-    best_delay = np.argmin(rms_errors)
-    is_delay_measured = 0 < best_delay < len(DELAYS) - 1
-    angle_error = rms_errors[best_delay]
-    absolute_errors = abs(errors_by_delay[best_delay])
-    worst_sample = np.argmax(absolute_errors)
     # How far the setpoint moves, rad: the larger, the larger an error may be.
-    if signals.axis in TILT_AXES:
-        movement = float(setpoints.std())
+    if is_tilt:
+        movement = float(compared.setpoints.std())
         limits = _error_limits(movement, ANGLE_ERROR_LIMITS)
     else:
         movement = _yaw_movement(setpoint, angle_segments)
@@ -200,20 +192,21 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     peak = None
     if movement > MIN_SETPOINT_DEVIATION:
         peak = _response_peak(setpoint, angle, angle_segments)
+    error_figures = _error_figures(compared)
     reached_turn = reached_rate(signals, segments)
     rating = _tracking_rating(
-        signals, angle_segments, limits.level(angle_error), reached_turn, peak
+        signals,
+        angle_segments,
+        error_level=limits.level(error_figures["angle_error"]),
+        turn=reached_turn,
+        peak=peak,
     )
     tracking = Fact(
         rating.code,
         rating.level,
         axis=signals.axis,
-        angle_error=angle_error,
+        **error_figures,
         error_limit=limits.bad,
-        offset_angle=np.mean(errors_by_delay[best_delay]),
-        largest_error=absolute_errors[worst_sample],
-        largest_error_time=times[worst_sample],
-        delay=DELAYS[best_delay] if is_delay_measured else None,
         overshoot=rating.overshoot,
         rate_error=rate_error,
         ratio=None if peak is None else peak.ratio,
@@ -226,6 +219,31 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         reached_rate=reached_turn.rate,
         at_limit_share=reached_turn.at_limit_share,
     )
+
+
+def _error_figures(compared: SetpointErrors) -> dict[str, Any]:
+    """Returns the errors of an angle behind its setpoint as figures of a fact, after the delay with the smallest error.
+
+    Args:
+        compared: errors of N samples, rad, for each of the ``DELAYS``; N is at least 1.
+
+    Returns:
+        By name: the RMS ``angle_error``, the mean ``offset_angle`` and the ``largest_error``, rad; the
+        ``largest_error_time``, s since boot; and the ``delay``, s, None if it is not measured.
+    """
+    rms_errors = np.sqrt(np.mean(np.square(compared.errors), axis=1))
+    best_delay = np.argmin(rms_errors)
+    # At an end of the range of delays, the smallest error may be outside of it.
+    is_delay_measured = 0 < best_delay < len(DELAYS) - 1
+    errors = compared.errors[best_delay]
+    worst_sample = np.argmax(abs(errors))
+    return {
+        "angle_error": rms_errors[best_delay],
+        "offset_angle": np.mean(errors),
+        "largest_error": abs(errors[worst_sample]),
+        "largest_error_time": compared.times[worst_sample],
+        "delay": DELAYS[best_delay] if is_delay_measured else None,
+    }
 
 
 def _error_limits(movement: float, least_limits: Limits) -> Limits:
@@ -296,8 +314,8 @@ def _rating_of_large_response(
     Returns:
         Code and level, with the overshoot if it was measured.
     """
+    # Either the step response, or the fact that says why there is none.
     step_response = attitude_step_response(signals, segments)
-    # Without a step response this is the fact that says why.
     if not isinstance(step_response, Fact):
         overshoot = step_response.overshoot.value
         if overshoot > MAX_OVERSHOOT:
@@ -353,19 +371,27 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
     """
     segments_without_turns = []
     for segment in segments:
-        is_of_boot = setpoint.boot == segment.boot
-        time = setpoint.time[is_of_boot]
-        yaw = setpoint.values[is_of_boot]
-        # The change from each sample to the next; after the last sample there is none.
-        changes = np.abs(np.diff(yaw, append=yaw[-1:]))
-        is_jump = changes > YAW_JUMP
-        turn_starts = time[is_jump]
-        turn_ends = turn_starts + changes[is_jump] / SLOWEST_TURN + TURN_MARGIN_SECONDS
-        # Turns overlap if the heading is set again during a turn.
-        turns = list(zip(turn_starts.tolist(), turn_ends.tolist(), strict=True))
+        turns = _turns_to_new_headings(setpoint.of_boot(segment.boot))
         for start, end in intersection([(segment.start, segment.end)], complement(turns)):
             segments_without_turns.append(Segment(segment.boot, start, end))
     return tuple(segments_without_turns)
+
+
+def _turns_to_new_headings(setpoint: TimeSeries) -> Intervals:
+    """Returns the intervals, s, in which a vehicle turns to a heading that was set in one jump.
+
+    They overlap if the heading is set again during a turn.
+
+    Args:
+        setpoint: setpoint of yaw in one boot, rad, unwrapped.
+    """
+    yaw = setpoint.values
+    # The change from each sample to the next; after the last sample there is none.
+    changes = np.abs(np.diff(yaw, append=yaw[-1:]))
+    is_jump = changes > YAW_JUMP
+    starts = setpoint.time[is_jump]
+    ends = starts + changes[is_jump] / SLOWEST_TURN + TURN_MARGIN_SECONDS
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:

@@ -72,44 +72,54 @@ def wind_page(
     """
     wind = wind_evidence.estimate
     assert wind is not None
-    # The first block is the sentence with the estimate, and the others say what limits it.
-    estimate_sentence, *limitations = wind_blocks(
-        wind_evidence, remarks=[*remarks_on_prior, *remarks_on_wind(assessment.judgement)]
-    )
-    assert isinstance(estimate_sentence, Sentence)
-    warnings_of_flight = flight_warning(assessment.judgement)
-    summary: Blocks = [
-        headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
-        *warnings_of_flight,
-        *limitations,
-    ]
     timeline = _wind_timeline(wind_evidence, assessment)
-    has_rose = wind.speed_identifiable and wind.direction_identifiable
-    rose = Group.side_by_side([rose_of_wind(wind) if has_rose else None])
-    evidence = assessment.evidence
-    autopilot = "" if evidence is None else evidence.signals.telemetry.autopilot
-    chapter = Chapter(
-        "By direction, time and height, and the drag",
-        [*wind_tables(wind), *drag_blocks(wind.drag, autopilot, parameters)],
-        [rose] if has_rose else [],
-        is_side_by_side=True,
-        downloads=[*parameter_downloads(drag_files, f"{PurePath(name).stem}.drag", "Drag:")],
-    )
     head = Head(
-        # The edge is about the wind, but a green one would call a flight sound that ended in a crash, or a speed known
-        # that may be biased.
-        level=(
-            _wind_level(wind_evidence, assessment)
-            if not warnings_of_flight and wind.status["speed"] is Status.REPORTED
-            else Level.UNKNOWN
-        ),
+        level=_page_level(wind_evidence, assessment),
         # The page is about the wind alone: the levels of motors, power and the like are not shown.
         lights={},
         timeline=timeline,
         timeline_title="Wind over time",
         path=flown_path(timeline, MapWind.of_flight(wind)),
     )
+    evidence = assessment.evidence
+    autopilot = "" if evidence is None else evidence.signals.telemetry.autopilot
+    chapter = Chapter(
+        "By direction, time and height, and the drag",
+        [*wind_tables(wind), *drag_blocks(wind.drag, autopilot, parameters)],
+        _rose_groups(wind),
+        is_side_by_side=True,
+        downloads=[*parameter_downloads(drag_files, f"{PurePath(name).stem}.drag", "Drag:")],
+    )
+    summary = _summary(wind_evidence, assessment, remarks_on_prior)
     return render_document(name, SUBTITLE, summary, [chapter], head=head)
+
+
+def _summary(
+    wind_evidence: WindEvidence, assessment: Assessment, remarks_on_prior: Sequence[Block]
+) -> Blocks:
+    """Returns the sentences at the top of the page: the estimated wind, warnings, and then what limits the estimate.
+
+    Args:
+        wind_evidence: the estimated wind, and the wind that the autopilot estimated.
+        assessment: assessment of the log, which gives the warnings.
+        remarks_on_prior: sentences on the earlier flight whose drag was used; none without one.
+    """
+    remarks = [*remarks_on_prior, *remarks_on_wind(assessment.judgement)]
+    # The first block is the sentence with the estimate, and the others say what limits it.
+    estimate_sentence, *limitations = wind_blocks(wind_evidence, remarks=remarks)
+    assert isinstance(estimate_sentence, Sentence)
+    return [
+        headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
+        *flight_warning(assessment.judgement),
+        *limitations,
+    ]
+
+
+def _rose_groups(wind: WindVelocity) -> list[Group]:
+    """Returns the wind rose as the only group of charts; no group if speed or direction are not identifiable."""
+    if not wind.speed_identifiable or not wind.direction_identifiable:
+        return []
+    return [Group.side_by_side([rose_of_wind(wind)])]
 
 
 def page_without_wind(name: str, reason: Fact, assessment: Assessment) -> str:
@@ -123,13 +133,30 @@ def page_without_wind(name: str, reason: Fact, assessment: Assessment) -> str:
     Returns:
         The page as HTML, with the reason and what to do about it.
     """
-    summary: Blocks = [
-        headline_sentence(reason.sentence),
-        *([Sentence(reason.remedy, "Next:")] if reason.remedy else []),
-        *flight_warning(assessment.judgement),
-    ]
+    summary: Blocks = [headline_sentence(reason.sentence)]
+    if reason.remedy:
+        summary.append(Sentence(reason.remedy, "Next:"))
+    summary += flight_warning(assessment.judgement)
     head = Head(level=Level.UNKNOWN, lights={})
     return render_document(name, SUBTITLE_WITHOUT_WIND, summary, [], head=head)
+
+
+def _page_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
+    """Returns the level of the page, which colours its edge: that of the wind, or unknown.
+
+    It is unknown where a green edge would mislead: it would call a flight sound that ended in a crash, or a speed known
+    that may be biased.
+
+    Args:
+        wind_evidence: the wind that was estimated for this page; it must have an estimate.
+        assessment: assessment of the log.
+    """
+    wind = wind_evidence.estimate
+    assert wind is not None
+    is_flight_sound = not flight_warning(assessment.judgement)
+    if is_flight_sound and wind.status["speed"] is Status.REPORTED:
+        return _wind_level(wind_evidence, assessment)
+    return Level.UNKNOWN
 
 
 def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
@@ -171,6 +198,7 @@ def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timel
     if wind is None:
         return None
     timeline = history_timeline(replace(history, wind=wind))
+    # Of the charts of the flight, such as battery voltage, only the height concerns the wind.
     height_charts = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
     wind_charts = timeline.wind_charts
     if wind.estimate.speed_identifiable:
