@@ -35,6 +35,8 @@ class VibrationFigures:
     """Mean level of the first IMU, m/s²: along x, y and z for ArduPilot, one number for PX4."""
     clips: int
     """How often the accelerometer that clipped most was out of its range."""
+    imu_levels: Numbers
+    """Mean level of each IMU along the axis that vibrates most, m/s²."""
 
 
 @dataclass(frozen=True)
@@ -284,8 +286,8 @@ def _vibration_figures(signals: Signals, settled_segments: Segments) -> Vibratio
         settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
-        Mean level along each axis of the first IMU, m/s², and number of clips of the IMU that clipped most. None if
-        vibration was not recorded in settled flight.
+        Mean level along each axis of the first IMU, m/s², number of clips of the IMU that clipped most, and the level
+        of each IMU along its worst axis. None if vibration was not recorded in settled flight.
     """
     vibration = reported_vibration(signals)
     if vibration is None:
@@ -294,10 +296,13 @@ def _vibration_figures(signals: Signals, settled_segments: Segments) -> Vibratio
     if not is_settled.any():
         return None
     # Columns are the axes of the first IMU, then the axes of the others.
-    axis_count = len(vibration.axes)
-    levels_of_first_imu = vibration.levels.values[is_settled, :axis_count]
-    mean_levels = tuple(levels_of_first_imu.mean(axis=0))
-    return VibrationFigures(mean_levels, vibration.most_clips(is_settled))
+    mean_levels = vibration.levels.values[is_settled].mean(axis=0)
+    levels_of_first_imu = mean_levels[: len(vibration.axes)]
+    return VibrationFigures(
+        tuple(levels_of_first_imu),
+        vibration.most_clips(is_settled),
+        imu_levels=tuple(vibration.largest_of_axes(mean_levels)),
+    )
 
 
 def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[BatteryFigures, ...]:

@@ -37,7 +37,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 17
+SCHEMA_VERSION = 18
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -153,6 +153,8 @@ class FlightRow:
         "condition.vibration.level"
     )
     """mean vibration of the first IMU, x, y and z or one level"""
+    vibration_imus: Annotated[Numbers, with_unit("m/s²")] | None = None
+    """mean vibration of each IMU along the axis that vibrates most"""
     clips: OptionalInteger = report_column("condition.vibration.clips")
     """times that an accelerometer was out of range"""
     motors: Names | None = report_column("condition.hover.motors")
@@ -291,6 +293,8 @@ class FlightRow:
     """good, watch, bad or unknown"""
     failed_motor: OptionalInteger = None
     """number of the motor that the log by itself blames, from 1, if its motors' light is bad"""
+    watched_motor: OptionalInteger = None
+    """number of the motor that the log by itself warns of, from 1, if its motors' light is watch"""
     overrides: Names = ()
     """what makes the flight itself doubtful: oscillation, motors, saturation, trim or data"""
     error_ratio: Number = report_column("forecast_over_constant_mean")

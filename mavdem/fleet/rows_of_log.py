@@ -135,7 +135,8 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         "file": file,
         "headline_rank": headline_rank,
         "component": assessment.evidence.signals.telemetry.component,
-        "failed_motor": failed_motor(assessment),
+        "failed_motor": motor_of_light(assessment, Level.BAD),
+        "watched_motor": motor_of_light(assessment, Level.WATCH),
         **_flown_columns(assessment),
     }
     if not assessment.has_settled_flight:
@@ -144,6 +145,9 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     any_axis = AXES[0]
     signals = assessment.evidence.signals.for_axis(any_axis, inputs="motors")
     columns |= _balance_columns(signals) | _geometry_columns(signals)
+    vibration = assessment.analysis.condition.vibration
+    if vibration is not None:
+        columns["vibration_imus"] = vibration.imu_levels
     if assessment.wind is not None:
         columns |= wind_columns(assessment.wind)
     rows = []
@@ -204,18 +208,21 @@ def _loop_columns(assessment: Assessment, axis: str) -> JsonValues:
     return columns
 
 
-def failed_motor(assessment: Assessment) -> int | None:
-    """Returns the number, from 1, of the motor that a log blames by itself, for a crash or a loss of thrust.
+def motor_of_light(assessment: Assessment, level: Level) -> int | None:
+    """Returns the number, from 1, of the motor that the motors' status light of a log is about, if it has a level.
+
+    A bad light blames the motor for a crash or a loss of thrust; a light with the level watch warns of it.
 
     Args:
         assessment: assessment of one vehicle of the log.
+        level: the level that the light must have.
 
     Returns:
-        The number; None if the judgement of the motors is not bad, or is not about one motor.
+        The number; None if the light has another level, or is not about one motor.
     """
-    # The status light of the motors: a fact with a level, whose subject is the motor that it is about.
+    # The status light is a fact with a level, whose subject is the motor that it is about.
     motors_light = assessment.lights[Light.MOTORS]
-    if motors_light.level is not Level.BAD:
+    if motors_light.level is not level:
         return None
     return motor_number(motors_light.subject)
 

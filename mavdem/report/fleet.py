@@ -319,7 +319,7 @@ def urgency_and_age(flights: Flights) -> UrgencyAndAge:
     return UrgencyAndAge(urgency, negative_time)
 
 
-def vehicle_texts(flights: Flights) -> VehicleTexts:
+def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
     """Returns the texts about one vehicle on a fleet's page: on its latest judged flight, and on all its flights.
 
     The health of a flight is the judgement of its motors by comparison with the vehicle's other flights: "ok", "drift",
@@ -327,6 +327,7 @@ def vehicle_texts(flights: Flights) -> VehicleTexts:
 
     Args:
         flights: flights of the vehicle in order of date, at least one; each has a row for each axis.
+        has_reason: whether the text on all flights ends with the reason for the latest anomaly.
     """
     health = vehicle_health(flights)
     has_anomaly = health in ANOMALOUS_HEALTHS
@@ -349,6 +350,7 @@ def vehicle_texts(flights: Flights) -> VehicleTexts:
         reason=_reason_for_latest_health(flights),
         latest_anomalous_row=latest_anomalous_row,
         is_shared=has_shared_name(flights),
+        has_reason=has_reason,
     )
     reason = ""
     present_anomaly = None

@@ -29,6 +29,12 @@ TIER_WORDS = {
 SECONDS_PER_HOUR = 3600
 """Seconds of an hour."""
 
+MINUTES_PER_HOUR = 60
+"""Minutes of an hour."""
+
+MIN_WHOLE_HOURS = 10
+"""Hours from which on a time is stated in whole hours."""
+
 MAX_REASONS = 8
 """Reasons why logs were not used that are shown, the most frequent ones."""
 
@@ -362,14 +368,25 @@ class FlownTotals(NamedTuple):
     flights: int
     """Number of flights."""
 
-    hours: float
-    """Settled flight of all of them, h."""
+    settled_time: str
+    """Settled flight of all of them, such as "2.5 h"."""
+
+    air_time: str
+    """Time in the air of all of them; empty if it is not known of any."""
 
     dates: list[datetime]
     """First and last date of a flight; empty if no date is known."""
 
     kinds: str
     """The kinds of model that the logs allow (their tiers), in words, with the number of flights of each kind."""
+
+
+def flown_time_text(seconds: float) -> str:
+    """Returns a time in the air as people read it: "48 min" of less than an hour, "2.5 h", or "35 h"."""
+    hours = seconds / SECONDS_PER_HOUR
+    if hours < 1:
+        return f"{MINUTES_PER_HOUR * hours:.0f} min"
+    return f"{hours:.2g} h" if hours < MIN_WHOLE_HOURS else f"{hours:.0f} h"
 
 
 def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
@@ -383,12 +400,14 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
     """
     flight_count = 0
     settled_seconds = 0.0
+    air_seconds = 0.0
     flights_by_tier: Counter[str] = Counter()
     dates: list[datetime] = []
     for summary in summaries:
         flown = summary.flown
         flight_count += flown.flights
         settled_seconds += flown.seconds
+        air_seconds += flown.air_seconds
         flights_by_tier.update(flown.tiers)
         # Both dates are None if the logs of the vehicle have none.
         dates += [date for date in (flown.first_date, flown.last_date) if date is not None]
@@ -401,7 +420,8 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
             kinds_of_model.append(f"{model_description} ({flights_by_tier[tier]})")
     return FlownTotals(
         flights=flight_count,
-        hours=settled_seconds / SECONDS_PER_HOUR,
+        settled_time=flown_time_text(settled_seconds),
+        air_time=flown_time_text(air_seconds) if air_seconds else "",
         dates=[min(dates), max(dates)] if dates else [],
         kinds=listed(kinds_of_model),
     )

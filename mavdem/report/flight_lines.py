@@ -33,10 +33,6 @@ DATE_LENGTH = 16
 """Letters of a date and time up to the minute, as in "2026-02-09 12:30"."""
 
 
-MOTOR_PATTERN = re.compile(r"\bmotor (\d+)", re.IGNORECASE)
-"""A motor by its number, as sentences name it."""
-
-
 class FlightLine(NamedTuple):
     """The line of one flight."""
 
@@ -182,24 +178,21 @@ def _suspect_motors(flight: AxisRows) -> str:
     """Returns the numbers of the motors to inspect after a flight, as the text of a table cell such as "2 and 4".
 
     These are motors that failed in the flight, or that seem weak in comparison with other flights. If there are none,
-    but the motors were judged as bad or to be watched, they are those that the headline of the flight names, such as a
-    motor that was at its limit.
+    it is the motor that the log by itself warns of, such as one that was at its limit.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
-    motors = set()
+    suspect_motors = set()
+    watched_motors = set()
     for row in flight:
-        if row.failed_motor is not None:
-            motors.add(row.failed_motor)
-        if row.suspect_motor is not None:
-            motors.add(row.suspect_motor)
-    are_motors_warned_of = light_level(flight, Light.MOTORS) in (Level.BAD, Level.WATCH)
-    if not motors and are_motors_warned_of:
-        headline = log_row(flight).headline or ""
-        numbers_in_headline = MOTOR_PATTERN.findall(headline)
-        motors.update(int(number) for number in numbers_in_headline)
-    return listed(sorted(motors))
+        suspect_motors |= {row.failed_motor, row.suspect_motor}
+        watched_motors.add(row.watched_motor)
+    # None stands for no motor.
+    suspect_motors.discard(None)
+    watched_motors.discard(None)
+    motors = suspect_motors or watched_motors
+    return listed(sorted(motor for motor in motors if motor is not None))
 
 
 def _notes_on_flight(flight: AxisRows) -> str:
@@ -235,12 +228,12 @@ def _notes_on_flight(flight: AxisRows) -> str:
     return text
 
 
-def _settled_seconds(flight: AxisRows) -> str:
-    """Returns the cell with the duration of settled flight, s; empty if it is not known or the log was not read."""
+def _flight_seconds(flight: AxisRows) -> str:
+    """Returns the cell with the time in the air, s; empty if it is not known or the log was not read."""
     row = log_row(flight)
-    if row.duration is None or not row.is_read:
+    if row.flight_time is None or not row.is_read:
         return ""
-    return rounded(row.duration, 3)
+    return rounded(row.flight_time, 3)
 
 
 def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> str:
@@ -288,7 +281,7 @@ COLUMNS = {
     "lights": Column("lights", _warning_lights, "9rem", "lights"),
     "motor": Column("text", _suspect_motors, "4.4rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),
-    "settled (s)": Column("number", _settled_seconds, "4.4rem"),
+    "time (s)": Column("number", _flight_seconds, "4.4rem"),
     "wind (m/s)": Column("number", _wind_text, "6rem"),
 }
 """Columns of the table of flights, by their headers."""

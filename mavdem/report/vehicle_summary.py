@@ -43,7 +43,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "11"
+SUMMARY_VERSION = "12"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -67,6 +67,9 @@ class FlownFlights(NamedTuple):
 
     seconds: float
     """Time of settled flight, s."""
+
+    air_seconds: float
+    """Time in the air, s, of the flights of which it is known."""
 
     first_date: datetime | None
     """Date of the first flight; None where no flight has a date."""
@@ -288,8 +291,8 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
         flights: rows of each flight, one for each axis, in the order of date.
 
     Returns:
-        Number of flights, total duration, s, first and last date, and numbers by tier (the kind of model that a log
-        allows) and by health of the motors.
+        Number of flights, total time in settled flight and in the air, s, first and last date, and numbers by tier (the
+        kind of model that a log allows) and by health of the motors.
     """
     counted_flights: Flights = flights
     is_one_vehicle = name != UNKNOWN and not has_shared_name(flights)
@@ -297,17 +300,20 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
         counted_flights = distinct_flights([list(flight) for flight in flights])
     dates = []
     durations = []
+    flight_times = []
     for flight in counted_flights:
         date = log_row(flight).past_date
         if date is not None:
             dates.append(date)
         # An axis may lack data for a part of the flight, so that the longest of its rows has the duration.
         durations.append(max(row.duration or 0.0 for row in flight))
+        flight_times.append(log_row(flight).flight_time or 0.0)
     return FlownFlights(
         flights=len(counted_flights),
         duplicates=len(flights) - len(counted_flights),
         simulated=sum(bool(log_row(flight).simulated) for flight in counted_flights),
         seconds=sum(durations),
+        air_seconds=sum(flight_times),
         first_date=min(dates, default=None),
         last_date=max(dates, default=None),
         tiers=Counter(best_tier(flight) for flight in counted_flights),

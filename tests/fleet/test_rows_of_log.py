@@ -109,7 +109,8 @@ def test_a_row_has_effect_and_wind_torque_only_if_they_are_identifiable():
 def test_the_motor_that_a_crash_is_blamed_on_is_in_its_row(level, motor):
     lost = Fact(Ending.CONTROL_LOST, level, subject="motor 2 (rear left)")
     assessment = partial_record(Assessment, lights={Light.MOTORS: lost})
-    assert module.failed_motor(assessment) == motor
+    assert module.motor_of_light(assessment, Level.BAD) == motor
+    assert module.motor_of_light(assessment, level) == 2
 
 
 @mark.slow

@@ -26,6 +26,7 @@ def flight_row(vehicle, number, axis="roll", **changed):
         "axis": axis,
         "tier": "a",
         "duration": 60.0 + number,
+        "flight_time": 90.0 + number,
         "lean_roll": 0.0,
         "lean_pitch": 0.0,
         "motors": MOTORS,

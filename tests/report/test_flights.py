@@ -163,7 +163,9 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
     assert "2 flights of 1 vehicle (1 more log has a flight of these)" in plain_text(
         fleet_blocks(rows)
     )
-    assert "2026-01-05 to 2026-01-06, 11 min settled" in plain_text(fleet_blocks(rows))
+    assert "2026-01-05 to 2026-01-06, 3 min in the air, 11 min settled" in plain_text(
+        fleet_blocks(rows)
+    )
     counts = fleet_counts(rows)
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
 

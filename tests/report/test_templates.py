@@ -69,7 +69,9 @@ def test_a_screen_reads_as_its_golden_file(name, request):
 
 
 def test_the_vibration_of_the_condition_says_of_which_imu_it_is_and_leaves_clips_to_the_light():
-    condition = Condition(duration=60.0, vibration=VibrationFigures((37.3, 33.4, 48.0), clips=12))
+    condition = Condition(
+        duration=60.0, vibration=VibrationFigures((37.3, 33.4, 48.0), 12, (48.0,))
+    )
     text = plain_text(render_section("condition", condition))
     vibration = "37.3, 33.4 and 48.0 m/s² along x, y and z, the mean of IMU 1 in settled flight."
     assert vibration in text and "clip" not in text

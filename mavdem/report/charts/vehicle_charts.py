@@ -77,6 +77,17 @@ TITLES_OF_DEVIATIONS = TRIM_TITLE, TRIM_WITHOUT_LEAN_TITLE
 
 VIBRATION_TITLE = "Vibration, first IMU (m/s²)"
 VIBRATION_LEVEL_TITLE = "Vibration level, first IMU (m/s²)"
+IMU_VIBRATION_TITLE = "Vibration of each IMU, worst axis (m/s²)"
+IMU_VIBRATION_LEVEL_TITLE = "Vibration level of each IMU (m/s²)"
+
+TITLES_OF_VIBRATION_LEVELS = VIBRATION_LEVEL_TITLE, IMU_VIBRATION_LEVEL_TITLE
+"""Titles of the charts of the one level that PX4 measures of an IMU."""
+
+TITLES_OF_VIBRATIONS = VIBRATION_TITLE, IMU_VIBRATION_TITLE, *TITLES_OF_VIBRATION_LEVELS
+"""Titles of the charts of vibration, which have a line at the limit."""
+
+MAX_IMUS = 3
+"""IMUs of an autopilot, at most."""
 
 Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
@@ -137,7 +148,7 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
         if _known_flight_count(estimates) < 2:
             continue
         lines = [*_lines_of_estimates(estimates, suspect_motor)]
-        if title in (VIBRATION_TITLE, VIBRATION_LEVEL_TITLE):
+        if title in TITLES_OF_VIBRATIONS:
             lines.append(_vibration_limit(title, len(flights)))
         # Motors that all work equally hard deviate by 0, where a horizontal line is drawn.
         levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
@@ -159,7 +170,7 @@ def _vibration_limit(title: str, flight_count: int) -> Line:
     # Imported here, since judgements take a second to import, for which the process that tracks flights does not wait.
     from mavdem.assessment.lights.vibration import ARDUPILOT_LEVELS, PX4_LEVELS
 
-    limit = PX4_LEVELS.watch if title == VIBRATION_LEVEL_TITLE else ARDUPILOT_LEVELS.watch
+    limit = PX4_LEVELS.watch if title in TITLES_OF_VIBRATION_LEVELS else ARDUPILOT_LEVELS.watch
     flight_numbers = np.arange(flight_count, dtype=np.float64)
     return Line(f"watch above {limit:g}", LIMITED, flight_numbers, np.full(flight_count, limit))
 
@@ -261,11 +272,7 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
         Title with the unit, and the estimates of each line by its name.
     """
     yield _motor_deviations(flights)
-    vibration = _estimates_of_column(flights, "vibration", 3)
-    yield VIBRATION_TITLE, dict(zip("xyz", vibration, strict=True))
-    # Some firmware has a single level in the place of three components.
-    (level,) = _estimates_of_column(flights, "vibration", 1)
-    yield VIBRATION_LEVEL_TITLE, {"level": level}
+    yield from _vibrations(flights)
     # How far the voltage falls in a flight shows how the battery ages.
     (voltage_at_start,) = _estimates_of_column(flights, "voltage_start", 1)
     (voltage_at_end,) = _estimates_of_column(flights, "voltage_end", 1)
@@ -285,6 +292,34 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
                 yield title, _estimates_by_axis(flights, quantity, unit)
         else:
             yield quantity.title, _estimates_by_axis(flights, quantity)
+
+
+def _vibrations(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
+    """Yields the vibration that is drawn over the flights of a vehicle: the title of each chart, and its lines.
+
+    A vehicle with several IMUs has a line for each, so that one of them that shakes loose is seen, by whose level the
+    light of the vibration is judged. With one IMU, or by rows of an earlier version, which stored the first alone, the
+    lines are its axes. PX4 measures one level of all axes of an IMU, which is not comparable with that of ArduPilot.
+
+    Args:
+        flights: rows of the vehicle's flights, one for each axis, in the order of date.
+
+    Yields:
+        Title with the unit, and the estimates of each line by its name.
+    """
+    axes = _estimates_of_column(flights, "vibration", 3)
+    (level,) = _estimates_of_column(flights, "vibration", 1)
+    if not any(len(log_row(flight).vibration_imus or ()) > 1 for flight in flights):
+        yield VIBRATION_TITLE, dict(zip("xyz", axes, strict=True))
+        yield VIBRATION_LEVEL_TITLE, {"level": level}
+        return
+    has_level = any(len(log_row(flight).vibration or ()) == 1 for flight in flights)
+    title = IMU_VIBRATION_LEVEL_TITLE if has_level else IMU_VIBRATION_TITLE
+    estimates = np.full((MAX_IMUS, len(flights), 2), np.nan)
+    for flight_index, flight in enumerate(flights):
+        imu_levels = (log_row(flight).vibration_imus or ())[:MAX_IMUS]
+        estimates[: len(imu_levels), flight_index, 0] = imu_levels
+    yield title, {f"IMU {number}": line for number, line in enumerate(estimates, start=1)}
 
 
 def _least_headrooms(flights: Sequence[AxisRows]) -> Array:

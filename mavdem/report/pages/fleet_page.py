@@ -27,7 +27,7 @@ from mavdem.report.fleet import (
     short_name,
     vehicle_label,
 )
-from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_section
+from mavdem.report.fleet_summary import fleet_blocks, flown_time_text, vehicles_with_section
 from mavdem.report.flight_lines import COLUMNS, FlightLine, flight_line
 from mavdem.report.numbers import listed
 from mavdem.report.pages.environment import environment, render_page
@@ -304,6 +304,8 @@ class VehicleSection:
     """How many lights of that flight are good and how many unknown, as in "5 good, 2 unknown"."""
     flights: int
     """Number of its flights."""
+    air_time: str
+    """Time that it was in the air, such as "2.5 h"; empty if it is not known of any flight."""
     bars: FlightBars
     """Its latest flights."""
     note: str
@@ -356,6 +358,7 @@ def _vehicle_sections(
     names_with_charts = names_with_charts[:MAX_DRAWN]
     bar_count = _bar_count(vehicles)
     latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
+    air_times = {summary.name: summary.flown.air_seconds for summary in summaries}
     urgent_count = sum(vehicle.needs_look for vehicle in vehicles.values())
     sections = []
     for name in names_by_urgency:
@@ -374,6 +377,7 @@ def _vehicle_sections(
                 file=_flight_name(latest_line, names) if latest_line is not None else "",
                 other_lights=_other_lights(vehicle.last),
                 flights=vehicle.flight_count,
+                air_time=flown_time_text(air_times[name]) if air_times[name] else "",
                 bars=_level_bars(vehicle.levels, bar_count),
                 note=_note_on_vehicle(vehicle),
                 next_step=vehicle.texts.next_step,

@@ -317,11 +317,9 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
         level = Level.UNKNOWN
     changes = [*changes]
-    text_on_all_flights = texts.all_flights
-    is_reason_in_changes = texts.reason in plain_text(changes)
-    if texts.reason and is_reason_in_changes:
-        # The text ends with ": " and the reason why the motors are judged so, which the changes below state as well.
-        text_on_all_flights = text_on_all_flights.replace(f": {texts.reason}", ".")
+    if texts.reason and texts.reason in plain_text(changes):
+        # The changes state why the motors are judged so.
+        texts = vehicle_texts(flights, has_reason=False)
     charts: list[Group] = []
     if len(flights) > 1:
         charts = vehicle_groups(flights, _addresses_of_flights(flights, values.get("entries", ())))
@@ -329,7 +327,7 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         "vehicle",
         latest_flight=texts.latest_flight,
         level=level,
-        words=text_on_all_flights,
+        words=texts.all_flights,
         next_step=texts.next_step,
         changes=changes,
         groups=charts,

@@ -297,29 +297,31 @@ const body = document.getElementById('flights').tBodies[0];
 const lines = () => [...body.rows].filter(row => row.dataset.at !== undefined);
 const cells = place => lines().map(row => row.cells[place].textContent);
 const heads = [...document.querySelectorAll('#flights th button')];
-const settled = heads.findIndex(one => one.textContent[0] === 's');
+const times = heads.findIndex(one => one.textContent.startsWith('time'));
 const type = words => {
   filter.value = words;
   filter.dispatchEvent(new Event('input'));
 };
 const found = {dates: cells(2)};
 scrollTo(0, body.getBoundingClientRect().top + scrollY);
-heads[settled].click();
-found.rising = cells(settled);
+heads[times].click();
+found.rising = cells(times);
 found.state = [...document.querySelectorAll('#flights th')].map(one => one.ariaSort);
-heads[settled].click();
-found.falling = cells(settled);
+heads[times].click();
+found.falling = cells(times);
 type('QUAD-1 fault 0199.ulg');
 found.health = cells(3);
 found.count = document.getElementById('count').textContent;
-type('time>45');
+type('time>280');
+found.longest = cells(times);
+type('colour>45');
 found.unknown = document.getElementById('count').textContent;
 type('motor:3');
 found.motor = lines().map(row => row.textContent);
 type('motor:30');
 found.otherMotor = lines().length;
 type('2026-01-07');
-found.few = cells(settled);
+found.few = cells(times);
 lines()[0].click();
 found.unfolded = body.querySelectorAll('.open').length;
 type('');
@@ -348,10 +350,11 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     # Each log stands in the table ten times.
     flight_count = 10 * sum(log[0].has_flight for log in logs)
     unused_count = 10 * len(logs) - flight_count
-    assert "Not understood: time>45." in shown_by_browser["unknown"]
+    assert min(map(float, shown_by_browser["longest"])) > 280
+    assert "Not understood: colour>45." in shown_by_browser["unknown"]
     assert shown_by_browser["motor"] and shown_by_browser["otherMotor"] == 0
     assert all("motor 3 works harder" in line for line in shown_by_browser["motor"])
-    seconds = [log[0].duration for log in logs if log[0].duration is not None]
+    seconds = [log[0].flight_time for log in logs if log[0].is_read]
     numbers = [float(cell) for cell in shown_by_browser["rising"]]
     assert numbers == sorted(numbers) and numbers[0] == approx(min(seconds), rel=0.01)
     assert float(shown_by_browser["falling"][0]) == approx(max(seconds), rel=0.01)
@@ -466,8 +469,9 @@ def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_ask
     assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 flights"
 
 
-def test_simulated_flights_count_as_in_the_headline_and_a_motor_of_the_headline_is_in_its_column():
-    bad = {"headline": "Motor 1 stopped at 3 s.", "headline_level": "bad", "light_motors": "bad"}
+def test_simulated_flights_count_as_in_the_headline_and_a_motor_that_the_log_warns_of_is_in_its_column():
+    bad = {"headline": "It stopped at 3 s.", "headline_level": "bad", "light_motors": "bad"}
+    bad["watched_motor"] = 1
     wind = {"wind_speed": 3.0, "wind_direction": 1.0}
     real = [flight_row("quad", number, **bad) for number in range(2)]
     simulated = [
