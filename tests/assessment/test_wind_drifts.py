@@ -136,6 +136,7 @@ class BlownWithoutAttitude(BlownFlight):
                 yield time, name, values
 
 
+@mark.slow
 def test_an_attitude_that_no_longer_comes_shows_no_drift():
     frames = BlownWithoutAttitude(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=64.0)
     assessment = assess(read(tlog(content for _, content in frames)))

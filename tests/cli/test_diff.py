@@ -111,6 +111,7 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
     assert reason in refused(capsys, 1, "diff", *line.split())
 
 
+@mark.slow
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     """Single logs are compared instead of fleets. Folders of results are numbered if their name is taken."""
     rows = {

@@ -172,6 +172,7 @@ def test_an_executor_that_is_gone_is_a_reason_for_no_model_and_no_error():
     assert online.no_model_reason.figures["reason"].code is OnlineFact.PROCESS_KILLED
 
 
+@mark.slow
 def test_while_another_thread_learns_no_update_waits_for_it():
     online = OnlineLearner(
         COMPLETE, dt=WINDY.dt, executor=Mock(**{"submit.return_value": Future()})

@@ -145,6 +145,7 @@ def test_a_fleet_of_another_version_opens_with_the_columns_of_this_one(fleet, ve
     assert track(out, log).read == 0
 
 
+@mark.slow
 def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_they(
     fleet, monkeypatch
 ):
@@ -222,6 +223,7 @@ def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch)
     assert table_of(tmp_path)
 
 
+@mark.slow
 def test_no_run_judges_a_vehicle_while_another_updates_pages_by_its_rows(tmp_path):
     fleet_of(tmp_path, [FULL])
     newer = replace(FULL, file="b.bin", key="b-1")
@@ -234,6 +236,7 @@ def test_no_run_judges_a_vehicle_while_another_updates_pages_by_its_rows(tmp_pat
         assert outdated_vehicles(first_run) == {FULL.vehicle}
 
 
+@mark.slow
 def test_a_run_that_waits_judges_by_the_baseline_that_was_set_meanwhile(tmp_path):
     """The second run begins while the first holds the lock and sets a baseline."""
     fleet_of(tmp_path, [FULL])
@@ -434,6 +437,7 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     assert track(out, logs).read == 1
 
 
+@mark.slow
 def test_a_missing_package_that_was_stored_as_an_error_is_tried_again(tmp_path):
     def rows_of_earlier_version(path, key, page):
         raise (

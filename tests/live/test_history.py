@@ -42,6 +42,7 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     assert history.learned_intervals == [approx((100.0, 100.99)), approx((103.0, 104.99))]
 
 
+@mark.slow
 def test_what_is_withdrawn_from_the_model_leaves_no_errors_of_predictions():
     sound = LiveHistory()
     add_flight(sound, 5.0)

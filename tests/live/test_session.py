@@ -229,6 +229,7 @@ def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle)
     )
 
 
+@mark.slow
 def test_a_successor_that_appears_late_is_not_said_to_be_found_beside_the_silent_vehicle(now):
     """Vehicle 1 is silent from 7 s, and vehicle 4 appears at 18 s, when the session already waits for a successor."""
     first_vehicle_frames = Flight(attitude=10.0, motors=10.0).frames(end=7.0)

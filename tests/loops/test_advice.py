@@ -249,6 +249,7 @@ def test_gains_are_not_raised_by_a_lag_that_the_log_without_rate_setpoint_does_n
     assert not reasons_for_no_gains(in_loop, for_higher_gains=True)
 
 
+@mark.slow
 def test_no_gains_rest_on_a_loop_that_may_be_unstable_or_have_all_margins():
     """A third of the models is sound and a third unstable: what the vehicle lacks is not known."""
     loop = made_up(1.0)

@@ -653,6 +653,7 @@ def test_a_response_that_is_not_the_predicted_one_says_how(
     assert replace(sound, measured=measured).agrees is agrees
 
 
+@mark.slow
 def test_an_attitude_loop_around_an_unstable_rate_loop_has_no_margins():
     """Its response alone looks as if it had: the poles of the rate loop in the right half plane do not show in it."""
     sound = made_up()

@@ -184,6 +184,7 @@ def test_a_steered_flight_gives_the_truth_back(directions):
     assert repr(estimate).startswith("<Physical: mean effect ")
 
 
+@mark.slow
 def test_an_effect_that_the_wind_biases_comes_out_low():
     """The motors answer the wind: what they do counts for less."""
     flight = in_closed_loop(0, steering=0.4)
@@ -191,6 +192,7 @@ def test_an_effect_that_the_wind_biases_comes_out_low():
     assert estimate.status["effect"] == Status.BIASED and estimate.bias < 0
 
 
+@mark.slow
 def test_a_motor_that_does_not_do_what_it_is_commanded_is_no_right_effect():
     """The mixer has four motors, of which one was stuck: its commands moved nothing."""
     flight = in_closed_loop(0, steering=1.0)

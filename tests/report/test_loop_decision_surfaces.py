@@ -432,6 +432,7 @@ def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
         assert rows["crossover (Hz)"][0] != "-"
 
 
+@mark.slow
 def test_the_column_of_a_doubtful_loop_says_so_once():
     (rate, _) = margin_tables({"roll": loop("roll", 1.0), "pitch": loop("pitch", 1.0)}, {"pitch"})
     assert rate.header[1:] == ["roll", "pitch (doubtful)"]

@@ -94,6 +94,7 @@ def test_what_is_asked_for_is_done(monkeypatch):
     assert len(ground.of("ATTITUDE")) == approx(75, abs=3)
 
 
+@mark.slow
 def test_a_slow_link_delivers_all_after_the_flight(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 8.0, Scenario(faults=Faults(delay=0.5, reordered=0.2, loss=0.5)))

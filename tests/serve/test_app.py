@@ -689,6 +689,7 @@ def test_a_form_of_many_files_needs_few_descriptors(served):
     assert answer.status == 201 and len(answer.json["flights"]) == 60
 
 
+@mark.slow
 def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkeypatch):
     """Uploads exceed the quota and the disk.
 
@@ -755,6 +756,7 @@ def test_the_first_visit_explains_itself_and_offers_a_sample(tmp_path):
         assert 'id="sample"' not in server.get("/").text
 
 
+@mark.slow
 def test_a_recording_opens_in_a_viewer(tmp_path):
     """A flight without a model has no recording to open; one with a model opens in the viewer's page."""
     data = "rerun+http://127.0.0.1:9876/proxy"
@@ -938,6 +940,7 @@ def test_few_pages_wait_to_be_made_anew(served, monkeypatch):
     assert [library.request_new_page(library.entry(id)) for id in ids] == [True, False]
 
 
+@mark.slow
 def test_a_page_names_the_flight_before_whose_parameters_it_is_compared_with(served):
     ids = [served.add(f"{name}.ulg", name) for name in ("first", "second", "undated")]
     for id, date in zip(ids, ("2026-11-20T10:00:00", "2026-11-21T10:00:00", ""), strict=True):

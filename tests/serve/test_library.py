@@ -403,6 +403,7 @@ def test_a_whole_log_takes_over_what_users_added_to_its_part(library):
         library.replace_part(part.id, whole)
 
 
+@mark.slow
 def test_only_flights_of_an_earlier_track_are_counted_as_incomplete(tmp_path):
     """A flight that has neither modes nor gains is complete once the present version has read it."""
     flight = FlightRow(file="/logs/a.bin", vehicle="quad 7", axis="roll", status="ok")

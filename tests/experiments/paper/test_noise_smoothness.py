@@ -72,6 +72,7 @@ def test_coverage_and_gain_have_their_bars():
     ).holds
 
 
+@mark.slow
 def test_without_recorded_flights_only_simulated_noise_is_examined(monkeypatch):
     monkeypatch.setattr(noise_smoothness, "TRUE_WIDTHS", (3,))
     monkeypatch.setattr(noise_smoothness, "RECORD_COUNT", 2)

@@ -470,6 +470,7 @@ def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(
     assert step.text.startswith(f"Inspect motor {share.quantity.motor} and its propeller. Then fly")
 
 
+@pytest.mark.slow
 def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
     parameters = [
         ParameterChange(f"P{number}", 0.0, 1.0) for number in range(MAX_LISTED_PARAMETERS + 9)
