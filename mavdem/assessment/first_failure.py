@@ -128,17 +128,44 @@ def _failure_before_loss(
             cause=divergence,
             later_cause=_throttle_closed_fact(signals, boot, divergence, onset),
         )
-    if loss.code is MotionEvent.HIT:
-        loss_context = _context_of_impact(events, boot, onset)
-    else:
+    if loss.code is not MotionEvent.HIT:
         loss_context = _context_of_attitude_loss(error, onset)
+        return _explained_failure(signals, events, boot, loss_context, collective, onset)
+    loss_context = _context_of_impact(events, boot, onset)
+    cause = _explained_failure(signals, events, boot, loss_context, collective, onset)
+    return lowered_throttle(signals, boot, onset) if cause is None else cause
+
+
+def _explained_failure(
+    signals: Signals,
+    events: Sequence[Fact],
+    boot: int,
+    loss_context: LossContext,
+    collective: float | None,
+    onset: float,
+) -> Fact | None:
+    """Returns what the commands of the motors show of a failure as a loss began, with what led to it.
+
+    If the thrust was spent, that is how far the commands had risen before; if all motors were off, why they were.
+
+    Args:
+        signals: logged time series of the vehicle, with its motor outputs.
+        events: events of the flight, each a fact (a coded finding) with its time.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        loss_context: when something went wrong, and how the vehicle moved then.
+        collective: mean output of all motors in the hover, as a fraction of their range; None if it is not known.
+        onset: time when the loss began, s since boot.
+
+    Returns:
+        The failure as a fact; None if the commands show none.
+    """
     cause = failure_by_commands(signals, boot, loss_context)
-    if cause is None and loss.code is MotionEvent.HIT:
-        return lowered_throttle(signals, boot, onset)
-    if cause is not None and cause.code is FailedFirst.THRUST_SPENT_FIRST:
+    if cause is None:
+        return None
+    if cause.code is FailedFirst.THRUST_SPENT_FIRST:
         rise = command_rise(signals, boot, end_time=cause.start_time)
         return cause if rise is None else cause.replace(**rise._asdict())
-    if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
+    if cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
     # An autopilot that wrongly assumes a landing switches all motors off in the air.
     if loss_context.fall_direction is not None and _assumed_landing(signals, boot, onset):

@@ -1,12 +1,14 @@
 """``mavdem wind``: wind speed and direction, gusts, the vehicle's drag, and the parameters to set."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
+from mavdem.assessment import Assessment
 from mavdem.assessment.assess import with_wind
-from mavdem.assessment.identity import identify_vehicle
+from mavdem.assessment.identity import Identity, identify_vehicle
 from mavdem.cli.options import (
     file_option,
     json_option,
@@ -19,12 +21,13 @@ from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
 from mavdem.confidence import IntervalEstimate
+from mavdem.dataset.signals import Signals
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
 from mavdem.fleet.priors import WIND_DOCUMENT, doubt_on_prior, earlier_drag
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.report.blocks import Blocks, Sentence, caution
+from mavdem.report.blocks import Block, Blocks, Sentence, caution
 from mavdem.report.condition import (
     drag_blocks,
     flight_warning,
@@ -34,8 +37,9 @@ from mavdem.report.condition import (
 from mavdem.report.pages.wind_page import page_without_wind, wind_page
 from mavdem.report.screen import remarks_on_wind
 from mavdem.report.templates import render_section
-from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
+from mavdem.wind_velocity.from_log import WindEvidence, drag_settings, wind_of_signals
 from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS
+from mavdem.wind_velocity.velocity import WindVelocity
 
 DRAG_FILES = ("drag.params", "drag.param")
 """Names of the files with the drag parameters to set; for QGroundControl and for Mission Planner."""
@@ -78,84 +82,139 @@ def wind_command(
     if out:
         check_output_folder(out, (PAGE_FILE, WIND_DOCUMENT, *DRAG_FILES), prior)
     assessment, evidence = assess_without_model(source, vehicle)
-    wind = evidence.wind.estimate
-    if evidence.wind.reason is not None:
+    log_name = Path(source).name
+    reason_without_wind = evidence.wind.reason
+    if reason_without_wind is not None:
         if out:
-            page = page_without_wind(Path(source).name, evidence.wind.reason, assessment)
+            page = page_without_wind(log_name, reason_without_wind, assessment)
             write_texts(out, {PAGE_FILE: page}, (WIND_DOCUMENT, *DRAG_FILES))
             print_to_stderr(f"Written: {PAGE_FILE}.")
-        raise NotLearnable(evidence.wind.reason)
-    # There is an estimate unless something prevented it.
-    assert wind is not None
+        raise NotLearnable(reason_without_wind)
     signals = evidence.signals
-    wind_evidence = evidence.wind
     identity = identify_vehicle(signals)
-    remarks_on_prior: Blocks = []
-    is_prior_in_doubt = False
+    result = _WindResult(assessment, evidence.wind)
     if prior is not None:
-        # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
-        # relates tilt to wind speed; an earlier flight may.
-        prior_drag = earlier_drag(prior, wind.speed)
-        doubt = doubt_on_prior(prior_drag, wind, identity)
-        is_prior_in_doubt = doubt.is_of_another_vehicle or doubt.is_contradicted
-        remarks_on_prior = [*render_section("wind_prior", file=prior.name)]
-        for sentence in render_section("wind_prior_doubt", doubt):
-            remarks_on_prior.append(caution(sentence.text))
-        wind = wind_of_signals(signals, prior_drag.drag)
-        wind_evidence = wind_evidence._replace(estimate=wind)
-        assessment = with_wind(assessment, wind_evidence)
+        result = _result_with_prior(result, signals, identity, prior)
     # Parameters that rest on the drag of what may be another vehicle are none to set.
-    parameters_to_set = {} if is_prior_in_doubt else drag_settings(wind.drag, signals.telemetry)
+    parameters_to_set = {}
+    if not result.is_prior_in_doubt:
+        parameters_to_set = drag_settings(result.wind.drag, signals.telemetry)
     document = Wind.from_results(
-        assessment.judgement,
-        wind.without_unidentified_speeds,
+        result.assessment.judgement,
+        result.wind.without_unidentified_speeds,
         parameters=parameters_to_set,
         identity=identity,
     )
     written = ""
     if out:
         drag_files = _drag_files(parameters_to_set, signals.telemetry)
-        texts = {
-            PAGE_FILE: wind_page(
-                Path(source).name,
-                wind_evidence,
-                assessment,
-                parameters_to_set,
-                remarks_on_prior,
-                drag_files,
-            ),
-            WIND_DOCUMENT: json_text(document),
-        }
+        page = wind_page(
+            log_name,
+            result.evidence,
+            result.assessment,
+            parameters_to_set,
+            result.remarks_on_prior,
+            drag_files,
+        )
+        texts = {PAGE_FILE: page, WIND_DOCUMENT: json_text(document)}
         for ending, text in drag_files.items():
             texts[f"drag{ending}"] = text
         write_texts(out, texts, DRAG_FILES)
         written = f"Written: {', '.join(texts)}. Nothing was sent to the vehicle."
     if as_json:
         print_json(document)
-        if written:
-            print_to_stderr(written)
-        return
-    tables: Blocks = [*wind_tables(wind, None if verbose else MAX_COURSE_ROWS)]
-    if verbose or parameters_to_set:
-        tables += drag_blocks(wind.drag, signals.telemetry.autopilot, parameters_to_set)
-    print_screen(
-        title=[],
-        summary=[],
-        details=[],
-        footer=[
-            *flight_warning(assessment.judgement),
-            *wind_blocks(
-                wind_evidence,
-                tables,
-                remarks=[*remarks_on_prior, *remarks_on_wind(assessment.judgement)],
-            ),
-            *([Sentence(str(out / PAGE_FILE), "Page:")] if out else []),
-        ],
-        verbose=verbose,
-    )
+    else:
+        page_path = None if out is None else out / PAGE_FILE
+        _print_result(result, signals.telemetry, parameters_to_set, page_path, verbose=verbose)
     if written:
         # What was found comes before the files in which it is kept.
         print_to_stderr(written)
+
+
+class _WindResult(NamedTuple):
+    """The wind of a flight, and what is known of the drag that its estimate uses."""
+
+    assessment: Assessment
+    """Assessment of the log with this wind."""
+
+    evidence: WindEvidence
+    """The estimate, and the autopilot's own one."""
+
+    remarks_on_prior: Sequence[Block] = ()
+    """Sentences on the earlier flight whose drag was used; empty without one."""
+
+    is_prior_in_doubt: bool = False
+    """Whether that drag may be another vehicle's, or contradicts this flight."""
+
+    @property
+    def wind(self) -> WindVelocity:
+        """The estimated wind."""
+        # There is an estimate unless something prevented it, and then the command has ended already.
+        assert self.evidence.estimate is not None
+        return self.evidence.estimate
+
+
+def _result_with_prior(
+    result: _WindResult, signals: Signals, identity: Identity, prior: Path
+) -> _WindResult:
+    """Estimates the wind of a flight anew, with the drag of an earlier flight as its prior.
+
+    A hover in one place does not show the drag, which relates tilt to wind speed; an earlier flight may.
+
+    Args:
+        result: the wind by this flight alone.
+        signals: logged time series of the vehicle.
+        identity: the vehicle of this flight.
+        prior: path of the earlier flight: its log, or a file or folder of ``mavdem learn`` or ``mavdem wind``.
+
+    Raises:
+        Unreadable: the drag of the earlier flight cannot be read, or is of this flight.
+    """
+    prior_drag = earlier_drag(prior, result.wind.speed)
+    doubt = doubt_on_prior(prior_drag, result.wind, identity)
+    remarks: Blocks = [*render_section("wind_prior", file=prior.name)]
+    for sentence in render_section("wind_prior_doubt", doubt):
+        remarks.append(caution(sentence.text))
+    estimate = wind_of_signals(signals, prior_drag.drag)
+    evidence = result.evidence._replace(estimate=estimate)
+    return _WindResult(
+        with_wind(result.assessment, evidence),
+        evidence,
+        remarks_on_prior=remarks,
+        is_prior_in_doubt=doubt.is_of_another_vehicle or doubt.is_contradicted,
+    )
+
+
+def _print_result(
+    result: _WindResult,
+    vehicle: Telemetry,
+    parameters_to_set: Mapping[str, IntervalEstimate],
+    page_path: Path | None,
+    *,
+    verbose: bool,
+) -> None:
+    """Prints the wind and the drag on the terminal.
+
+    Args:
+        result: the wind of the flight.
+        vehicle: the vehicle; its autopilot decides on the names of the drag parameters.
+        parameters_to_set: value with its interval by name of the drag parameter.
+        page_path: path of the page that was written, which the last line names; None without one.
+        verbose: whether tables have all rows, and the drag is shown even if no parameter is to be set.
+    """
+    wind = result.wind
+    judgement = result.assessment.judgement
+    tables: Blocks = [*wind_tables(wind, None if verbose else MAX_COURSE_ROWS)]
+    if verbose or parameters_to_set:
+        tables += drag_blocks(wind.drag, vehicle.autopilot, parameters_to_set)
+    remarks = [*result.remarks_on_prior, *remarks_on_wind(judgement)]
+    blocks: Blocks = [
+        *flight_warning(judgement),
+        *wind_blocks(result.evidence, tables, remarks=remarks),
+    ]
+    if page_path is not None:
+        blocks.append(Sentence(str(page_path), "Page:"))
+    print_screen(title=[], summary=[], details=[], footer=blocks, verbose=verbose)
 
 
 def _drag_files(

@@ -82,7 +82,8 @@ def has_rate_feedforward(
 ) -> bool:
     """Returns whether the autopilot adds the derivative of the angle's setpoint to the setpoint of the body rate.
 
-    Of ArduPilot the parameter says so. PX4 may do it for yaw only, and there the recorded setpoints decide.
+    A parameter of ArduPilot says so. PX4 has no such parameter, and may do it for yaw only: there the recorded
+    setpoints decide.
 
     Args:
         signals: logged time series of the axis, with its setpoints.
@@ -94,10 +95,28 @@ def has_rate_feedforward(
     """
     if signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER):
         return True
-    if signals.telemetry.autopilot != "PX4" or signals.axis != "yaw" or controller is None:
+    is_px4_yaw = signals.telemetry.autopilot == "PX4" and signals.axis == "yaw"
+    if not is_px4_yaw or controller is None:
         return False
+    setpoint_parts = _recorded_setpoint_parts(signals, segments, controller.angle_gain)
+    return setpoint_parts is not None and setpoint_parts.has_feedforward
+
+
+def _recorded_setpoint_parts(
+    signals: Signals, segments: Segments, angle_gain: float
+) -> RateSetpointParts | None:
+    """Returns which parts the recorded setpoint of the body rate contains in settled flight.
+
+    Args:
+        signals: logged time series of the axis, with its setpoints.
+        segments: segments of settled flight.
+        angle_gain: gain of the attitude controller, 1/s.
+
+    Returns:
+        The parts; None if the rate setpoint or the angle setpoint was not recorded, or too slowly.
+    """
     if signals.rate_and_setpoint is None or signals.angle_setpoint is None:
-        return False
+        return None
     # The angle comes with the rate, without which there is no rate setpoint.
     assert signals.attitude is not None
     series = (
@@ -107,10 +126,9 @@ def has_rate_feedforward(
     )
     resampled = resampled_signals(series, segments, MIN_PIECE_SECONDS, MIN_SLOW_MOTION_RATE)
     if resampled is None:
-        return False
+        return None
     pieces = [AttitudePiece(*piece) for piece in resampled.pieces]
-    parts = rate_setpoint_parts(resampled.rate, pieces, controller.angle_gain)
-    return parts.has_feedforward
+    return rate_setpoint_parts(resampled.rate, pieces, angle_gain)
 
 
 def unwrapped(angle: TimeSeries) -> TimeSeries:

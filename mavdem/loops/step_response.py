@@ -212,9 +212,10 @@ class StepResponse(ImmutableResult):
                 StepResponseFact.PREDICTION_AGREES, subject=subject, highest=self.max_frequency
             )
         is_measured = frequency <= self.max_frequency
-        highest_measured_peak = predicted_gain[is_measured].max(initial=0.0)
+        largest_measured_gain = predicted_gain[is_measured].max(initial=0.0)
+        has_peak_beyond = predicted_gain.max() > largest_measured_gain
         code = StepResponseFact.PREDICTION_DOUBTED
-        if predicted_gain.max() > highest_measured_peak:
+        if has_peak_beyond:
             code = StepResponseFact.MEASUREMENT_DOUBTED
         return Fact(
             code,
@@ -343,18 +344,14 @@ def _measured_step_response(
     sample_count = sum(piece.shape[1] for piece in pieces)
     if sample_count < 2 * MIN_WINDOWS * seconds * sampling_rate:
         return setpoint_moves_too_little
-    # Only the rate loop is inside an attitude loop, whose controller feeds the angle back to the setpoint.
     angle_gain = 0.0
     if loop == "rate":
+        # The rate loop is inside an attitude loop, whose controller feeds the angle back to the setpoint.
         controller = controller_if_known(signals)
         angle_gain = DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
         pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
     else:
-        pieces = [_with_setpoint_within_half_turn(piece) for piece in pieces]
-        if signals.axis == "yaw":
-            pieces = [
-                _without_turn_by_tilt(piece, sampling_rate, feedforward_gain) for piece in pieces
-            ]
+        pieces = _corrected_attitude_pieces(signals.axis, sampling_rate, pieces, feedforward_gain)
     timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
@@ -369,6 +366,27 @@ def _measured_step_response(
     return _described_response(
         signals.axis, loop, impulse_response, timing_error, spectra, rate_loop
     )
+
+
+def _corrected_attitude_pieces(
+    axis: str, sampling_rate: float, pieces: Sequence[Array], feedforward_gain: float | None
+) -> list[Array]:
+    """Removes from the signals of an attitude loop what is no response to the setpoint: whole turns, and turns by tilt.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        sampling_rate: rate of the samples, Hz.
+        pieces: angle setpoint and angle, rad, and for yaw the rate by which tilting turns the heading, rad/s, in the
+            rows of each piece (2 or 3, N).
+        feedforward_gain: gain of the attitude controller, 1/s, if there is feed-forward; None without it.
+
+    Returns:
+        Pieces (2, N) of setpoint and angle, rad.
+    """
+    pieces = [_with_setpoint_within_half_turn(piece) for piece in pieces]
+    if axis != "yaw":
+        return pieces
+    return [_without_turn_by_tilt(piece, sampling_rate, feedforward_gain) for piece in pieces]
 
 
 def _with_setpoint_within_half_turn(piece: Array) -> Array:
@@ -496,7 +514,8 @@ def _with_angle_and_correction(
         recorded.
     """
     signal_count = len(pieces[0])
-    if signal_count <= _ANGLE:
+    has_angle = signal_count > _ANGLE
+    if not has_angle:
         return [np.vstack([piece, np.cumsum(piece[_RATE]) / sampling_rate]) for piece in pieces]
     has_angle_setpoint = signal_count > _ANGLE_SETPOINT
     if not has_angle_setpoint or _contains_correction(sampling_rate, pieces, angle_gain):

@@ -376,7 +376,9 @@ def _assessment_of_evidence(
 
 
 def _imprecise_balance(evidence: _FlightEvidence, comparison: JsonValues) -> Fact:
-    """Returns the fact that the balance of a flight is too imprecise to show a weak motor.
+    """Returns the fact that the measured balance of a flight's motors is too imprecise to show a weak motor.
+
+    A motor that lost thrust is commanded more. Only a rise of its command by ``DETECTABLE_RISE`` would have shown.
 
     Args:
         evidence: Deviation of the flight's balance from healthy flights, with the mixer of the vehicle.
@@ -386,10 +388,12 @@ def _imprecise_balance(evidence: _FlightEvidence, comparison: JsonValues) -> Fac
         A fact with the ``loss`` of thrust that may have been missed, as a fraction, and the ``usual`` deviations of
         healthy flights.
     """
-    own_rise_ratios = evidence.hypotheses.signatures.own_rise_ratios
+    # The loss of thrust of each motor by which its command rises so far. With more than four motors, its neighbours
+    # supply a part.
+    undetected_losses = lost_thrust(DETECTABLE_RISE, evidence.hypotheses.signatures.own_rise_ratios)
     return Fact(
         HealthUnknown.HEALTH_UNSURE,
-        loss=lost_thrust(DETECTABLE_RISE, own_rise_ratios).max(),
+        loss=undetected_losses.max(),
         usual=evidence.deviation.usual_half_widths,
         **comparison,
     )

@@ -368,17 +368,18 @@ def _mode_changes_around(headline_fact: Fact, events: Facts) -> list[CountedEven
     if headline_fact not in events:
         return []
     headline_index = events.index(headline_fact)
-    mode_before: list[CountedEvent] = []
-    modes_meanwhile: list[CountedEvent] = []
+    latest_change_before: list[CountedEvent] = []
+    changes_meanwhile: list[CountedEvent] = []
     for index, event in enumerate(events):
         if event.code is not ReportedEvent.MODE_CHANGED:
             continue
-        mode = CountedEvent(index, event_count=1)
+        mode_change = CountedEvent(index, event_count=1)
         if index < headline_index:
-            mode_before = [mode]
+            # A later change before the headline's event replaces this one.
+            latest_change_before = [mode_change]
         elif _is_during(event, headline_fact):
-            modes_meanwhile.append(mode)
-    return mode_before + modes_meanwhile
+            changes_meanwhile.append(mode_change)
+    return latest_change_before + changes_meanwhile
 
 
 def _is_during(event: Fact, longer_event: Fact) -> bool:

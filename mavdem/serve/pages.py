@@ -286,37 +286,51 @@ class Pages:
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})
         anomaly = None
+        # The fleet judges the vehicle under which the log is listed, and not another one that the query names.
         if not vehicle:
             row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
             anomaly = motor_anomaly(row)
             values["flight"] = entry_beside_fleet(entry, row)
-        if values["may_read"] and not vehicle:
-            previous_entry = self._visible_library.previous_flight(entry)
-            best_entry = previous_entry
-            if anomaly is not None:
-                healthy_entry = self._visible_library.latest_healthy_flight(entry)
-                if healthy_entry is not None:
-                    best_entry = healthy_entry
+            if values["may_read"]:
+                healthy_entry = None
+                if anomaly is not None:
+                    healthy_entry = self._visible_library.latest_healthy_flight(entry)
+                if anomaly is not None and healthy_entry is not None:
                     link = self._comparison_link(entry, healthy_entry)
                     anomaly = anomaly._replace(comparison=link)
-            values["previous"] = previous_entry
-            values["comparable"] = self._visible_library.comparable_flights(entry, best_entry)
+                values |= self._flights_beside(entry, healthy_entry)
         has_recording = RECORDING_FILE in entry.file_names
-        can_open = self._has_viewer and has_recording and values["may_read"]
-        files = entry.file_names if is_stored else []
-        missing_recordings = RecordingRequests(self._library).missing_names(entry)
         return HTMLResponse(
             with_toolbar(
                 html,
                 given_name=values["given"].flights.get(entry.content_hash, ""),
                 anomaly=anomaly,
                 is_compared=bool(vehicle) or not self._library.uncompared_ids([entry]),
-                files=files,
-                missing=missing_recordings,
-                can_open=can_open,
+                files=entry.file_names if is_stored else [],
+                missing=RecordingRequests(self._library).missing_names(entry),
+                can_open=self._has_viewer and has_recording and values["may_read"],
                 **values,
             )
         )
+
+    def _flights_beside(
+        self, entry: LibraryEntry, healthy_entry: LibraryEntry | None
+    ) -> JsonValues:
+        """Returns the flights of the same vehicle to which the page of a flight has links.
+
+        Args:
+            entry: index entry of the flight.
+            healthy_entry: a healthy flight to compare it with; None to compare it with the previous one.
+
+        Returns:
+            Values by the names in the template: the ``previous`` flight, and the flights that are ``comparable``.
+        """
+        previous_entry = self._visible_library.previous_flight(entry)
+        suggested_entry = healthy_entry or previous_entry
+        return {
+            "previous": previous_entry,
+            "comparable": self._visible_library.comparable_flights(entry, suggested_entry),
+        }
 
     def _comparison_link(self, entry: LibraryEntry, earlier_entry: LibraryEntry) -> PageLink:
         """Returns the link from a flight with a motor anomaly to its comparison with an earlier healthy flight.
@@ -620,21 +634,12 @@ class Pages:
         """
         parameters_before = read_parameters(self._library.results_folder(entry_before))
         parameters_after = read_parameters(self._library.results_folder(entry_after))
-        tracked_sides = []
-        outdated_sides = []
-        for side, entry, parameters in (
-            (STATE_NAMES[0], entry_before, parameters_before),
-            (STATE_NAMES[1], entry_after, parameters_after),
-        ):
-            if parameters is not None:
-                continue
-            is_in_library = bool(entry.digest)
-            if is_in_library:
-                # An earlier version, which kept no parameters, has read the log.
-                outdated_sides.append(side)
-            else:
-                # `mavdem track` has read the log in the user's own folder, and has only added the flight to the index.
-                tracked_sides.append(side)
+        name_before, name_after = STATE_NAMES
+        entries_without_parameters = {}
+        if parameters_before is None:
+            entries_without_parameters[name_before] = entry_before
+        if parameters_after is None:
+            entries_without_parameters[name_after] = entry_after
         if parameters_before is None or parameters_after is None:
             # Damaged parameters of the index count as not known.
             parameters_before = parse_parameters(entry_before.gains) or {}
@@ -643,6 +648,16 @@ class Pages:
             self._compared_state(entry_before, parameters_before),
             self._compared_state(entry_after, parameters_after),
         )
+        tracked_sides = []
+        outdated_sides = []
+        for side, entry in entries_without_parameters.items():
+            is_in_library = bool(entry.digest)
+            if is_in_library:
+                # An earlier version, which kept no parameters, has read the log.
+                outdated_sides.append(side)
+            else:
+                # `mavdem track` has read the log in the user's own folder, and has only added the flight to the index.
+                tracked_sides.append(side)
         return reviewed._replace(
             tracked_sides=tuple(tracked_sides), outdated_sides=tuple(outdated_sides)
         )

@@ -119,10 +119,10 @@ class AxisMargins:
         """
         # None stands for the usual level of this code, "watch".
         fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, level=None, resonance=peak)
-        # An axis without an identified loop has the reason for that in its place.
-        reason_for_no_loop = self.loop
-        if isinstance(reason_for_no_loop, Fact) and reason_for_no_loop.code in SETPOINT_WAS_LOGGED:
-            return fact.replace(reason=reason_for_no_loop)
+        # Without an identified loop, this is the fact that says why there is none.
+        loop_or_reason = self.loop
+        if isinstance(loop_or_reason, Fact) and loop_or_reason.code in SETPOINT_WAS_LOGGED:
+            return fact.replace(reason=loop_or_reason)
         return fact
 
 
@@ -345,14 +345,11 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     fraction_at_limit = at_limit_share(loop.record, loop.controller)
     if rating.is_good and fraction_at_limit > MAX_AT_LIMIT_SHARE:
         rating = rating.replace(Level.WATCH)
-    if contradiction is not None:
-        level = Level.WATCH
-    elif rating.is_good:
+    level = Level.WATCH
+    if contradiction is None and rating.is_good:
         level = Level.GOOD
-    elif loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
+    elif contradiction is None and loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
         level = Level.BAD
-    else:
-        level = Level.WATCH
     return Fact(
         MarginsLight.LOOP_MARGINS,
         level,
