@@ -160,6 +160,8 @@ def diff_command(
     )
     difference = reviewed.difference
     states = dict(zip(STATE_NAMES, (state_a, state_b), strict=True))
+    fleet_sides = [side for side, state in states.items() if not state.vehicles]
+    reviewed = reviewed._replace(tracked_sides=tuple(fleet_sides))
     # A fleet has no reviews, but the headline of each flight.
     headlines = {
         side: value_at(review, "headline.sentence") or states[side].headline

@@ -161,7 +161,13 @@ def track_command(
         reader = Cluster(scheduler, limits, ROWS_OF_LOG)
     else:
         reader = WorkerPool(jobs or available_workers(), limits, ROWS_OF_LOG)
-    tracked = _track_with_progress(out, logs, reader, baseline)
+    try:
+        tracked = _track_with_progress(out, logs, reader, baseline)
+    except (KeyboardInterrupt, SystemExit):
+        # A run that is stopped keeps the logs that it has read, and so the names of all that is known by then.
+        with open_store(out) as store:
+            _store_known_names(store, given_names)
+        raise
     blocks_by_vehicle: BlocksByVehicle = {}
     # Pages are updated by rows that no other run judges meanwhile: else an older judgement might stay.
     with (
@@ -365,10 +371,22 @@ def _store_names(store: Store, given_names: Names) -> str | None:
     for given_name in given_names:
         if not _is_subject_known(rows, given_name):
             return given_name
+    _store_known_names(store, given_names)
+    return None
+
+
+def _store_known_names(store: Store, given_names: Names) -> None:
+    """Stores those of the given names whose vehicle or log is in the fleet.
+
+    Args:
+        store: The open SQLite store of the fleet, with the rows of all logs.
+        given_names: Arguments of --name, see :func:`_store_name`.
+    """
+    rows = read_brief_rows(store.folder)
     with store.transaction():
         for given_name in given_names:
-            _store_name(store, rows, given_name)
-    return None
+            if _is_subject_known(rows, given_name):
+                _store_name(store, rows, given_name)
 
 
 def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:

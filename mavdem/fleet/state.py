@@ -11,6 +11,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.judgement import assess_safely
+from mavdem.fleet.parameter_changes import changed_parameters, parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.stored_rows import is_fleet, read_brief_rows, read_rows
@@ -54,8 +55,23 @@ class VehicleState(NamedTuple):
 
     @property
     def parameters(self) -> Parameters:
-        """The autopilot's parameters of the vehicle; empty of a fleet, which does not store them."""
-        return {} if self.telemetry is None else self.telemetry.parameters
+        """The autopilot's parameters of the vehicle by name; of a fleet, which stores no others, those of control.
+
+        A parameter that was changed between flights of a fleet has no single value, and is left out.
+        """
+        if self.telemetry is not None:
+            return self.telemetry.parameters
+        parameters_of_flights = [_control_parameters(row) for row in self.rows if row.is_read]
+        if not parameters_of_flights:
+            return {}
+        values_by_name = dict(parameters_of_flights[0])
+        for parameters in parameters_of_flights[1:]:
+            changed_names = {
+                change.name for change in changed_parameters(values_by_name, parameters)
+            }
+            for name in changed_names | (values_by_name.keys() - parameters.keys()):
+                del values_by_name[name]
+        return values_by_name
 
     @property
     def telemetry(self) -> Telemetry | None:
@@ -219,3 +235,8 @@ def states_of_common_vehicle(
             names=sorted(before.names | after.names),
         )
     return before.with_vehicles(common_names), after.with_vehicles(common_names)
+
+
+def _control_parameters(row: FlightRow) -> Parameters:
+    """Returns the control parameters of a flight by name; empty if its row has none, or damaged ones."""
+    return parse_parameters(row.control_parameters or "{}") or {}

@@ -24,6 +24,7 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences
 from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.names import content_hash
+from mavdem.fleet.parameter_changes import parse_parameters
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
@@ -54,7 +55,7 @@ from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
 from mavdem.serve.search import needs_complete_entries, search_problems, unknown_terms
-from mavdem.serve.stored_parameters import parse_parameters, read_parameters
+from mavdem.serve.stored_parameters import read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
 from mavdem.serve.visible_library import SearchResult, VisibleLibrary, refuse_missing_file

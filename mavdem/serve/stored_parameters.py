@@ -1,9 +1,9 @@
 """All parameters of the autopilot in a flight, stored with its results, so that a comparison needs not read the log."""
 
 import json
-from math import isfinite
 from pathlib import Path
 
+from mavdem.fleet.parameter_changes import parse_parameters
 from mavdem.ingest.telemetry import Parameters
 from mavdem.serve.stored_files import PARAMETERS_FILE
 
@@ -33,23 +33,3 @@ def read_parameters(folder: Path) -> Parameters | None:
     except (OSError, ValueError):
         return None
     return parse_parameters(text)
-
-
-def parse_parameters(text: str) -> Parameters | None:
-    """Parses stored parameters.
-
-    Args:
-        text: JSON object with the value of each parameter by the autopilot's name.
-
-    Returns:
-        Values by the autopilot's name; None if the text is damaged.
-    """
-    try:
-        # An integer of any length is a float, which may be infinite.
-        values = json.loads(text, parse_int=float)
-    except (ValueError, RecursionError):
-        return None
-    is_valid = isinstance(values, dict) and all(
-        isinstance(value, float) and isfinite(value) for value in values.values()
-    )
-    return values if is_valid else None

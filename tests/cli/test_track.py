@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from unittest.mock import Mock
 
 from command_line import document_of, refused, run
 from fleet_rows import fleet_rows
@@ -10,7 +11,9 @@ from pytest import mark
 from recorded_flights import LOGS
 from standin_logs import InThisProcess, fleet_of, make_logs, track
 
+from mavdem.cli import track as cli_track
 from mavdem.cli.exit_codes import EXIT_INTERRUPTED
+from mavdem.fleet.names import read_names
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import open_store
 from mavdem.fleet.stored_rows import read_rows
@@ -62,7 +65,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
 
 
 @mark.slow
-def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
+def test_names_are_given_kept_and_taken_away(tmp_path, capsys, monkeypatch):
     """The user names a vehicle and a flight by --name, and removes the name of the vehicle."""
     paths = make_logs(tmp_path / "logs", 1)
     out = tmp_path / "fleet"
@@ -87,6 +90,11 @@ def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
     assert "'quad 9=Blue' begins with no serial number and no log" in written.err
     assert written.out.startswith("1 log, 0 of them read now")
     assert "Green" not in (out / "index.html").read_text()
+    # A run that is stopped keeps the names of what is known by then.
+    monkeypatch.setattr(cli_track, "_track_with_progress", Mock(side_effect=KeyboardInterrupt))
+    assert run(*command, "--name", f"{vehicle}=Green") == EXIT_INTERRUPTED
+    with open_store(out) as store:
+        assert read_names(store.db).vehicles == {vehicle: "Green"}
 
 
 @mark.slow

@@ -1,5 +1,7 @@
 """Two logs of one vehicle are judged beside each other, as a fleet of both judges them."""
 
+import json
+from dataclasses import replace
 from datetime import UTC, datetime
 
 from mavdem.facts.motors import HealthUnknown
@@ -60,3 +62,17 @@ def test_two_vehicles_and_fleets_are_left_as_they_are():
     weak = state(2, balance=WEAK_MOTOR_1)
     for other_state in (state(1, vehicle="002b"), state(1, vehicles=[])):
         assert with_motors_judged(other_state, weak) == (other_state, weak)
+
+
+def test_a_fleet_has_the_gains_that_all_its_flights_share():
+    """One gain was changed between two flights, and a third gain is in one of the logs alone."""
+    gains = [
+        {"ATC_RAT_RLL_P": 0.1, "ATC_RAT_PIT_P": 0.2, "ATC_RAT_YAW_P": 0.3},
+        {"ATC_RAT_RLL_P": 0.1, "ATC_RAT_PIT_P": 0.25},
+    ]
+    rows = []
+    for day, gains_of_flight in enumerate(gains, start=1):
+        (row,) = state(day).rows
+        rows.append(replace(row, control_parameters=json.dumps(gains_of_flight)))
+    fleet = VehicleState(rows, review={}, vehicles=[])
+    assert fleet.parameters == {"ATC_RAT_RLL_P": 0.1}

@@ -174,20 +174,22 @@ def _sentences_on_bad_lights(
         reviewed: comparison of the two states, with the margins of both.
     """
     sentences = []
-    stated_reasons = set[str]()
+    stated_sentences = set[str]()
     for light in lights:
         change_of_margin = _change_of_bad_margin(light, reviewed)
         if change_of_margin:
             text = f"{light.levels}: {change_of_margin}."
-        elif light.reason in stated_reasons:
+        elif all(reason.sentence in stated_sentences for reason in light.reasons):
             text = f"{light.levels}, for the cause stated above."
         else:
             # If the light is bad in both logs for different reasons, one of the two may have been stated already.
-            reason = light.reason
-            for stated_reason in stated_reasons:
-                reason = reason.replace(stated_reason, "as stated above.")
-            text = f"{light.levels}. {reason}"
-            stated_reasons.add(light.reason)
+            reason_texts = []
+            for reason in light.reasons:
+                if reason.sentence in stated_sentences:
+                    reason = reason._replace(sentence="as stated above.")
+                reason_texts.append(reason.text)
+            text = f"{light.levels}. {' '.join(reason_texts)}{light.remark}"
+            stated_sentences.update(reason.sentence for reason in light.reasons)
         sentences.append(Sentence(text, lead=f"{light.name.capitalize()}:"))
     return sentences
 

@@ -1,6 +1,6 @@
 """The status lights of two logs side by side: which are bad or differ, and why."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -23,6 +23,21 @@ WARNING_LEVELS = (Level.BAD, Level.WATCH)
 """Levels of a light that warns, the worse first."""
 
 
+class LightReason(NamedTuple):
+    """Why a status light has its level."""
+
+    side: str
+    """Side whose light it explains, "A" or "B"; empty if the text need not say which."""
+
+    sentence: str
+    """Sentence of the light."""
+
+    @property
+    def text(self) -> str:
+        """The sentence, after the side if it has one."""
+        return f"{self.side}: {self.sentence}" if self.side else self.sentence
+
+
 class BadLight(NamedTuple):
     """A light that is bad on at least one side."""
 
@@ -38,8 +53,11 @@ class BadLight(NamedTuple):
     levels: str
     """Levels of both sides, such as "bad in A, good in B"."""
 
-    reason: str
-    """Sentence of the bad light; sentences of both lights where both are bad for different reasons."""
+    reasons: Sequence[LightReason]
+    """Why it is bad, and why the other side is unknown if it is; two where both are bad for different reasons."""
+
+    remark: str
+    """Remark on IMUs, which follows the reasons; mostly empty."""
 
 
 def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
@@ -75,7 +93,8 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
             bad_sides=tuple(bad_sides),
             axis=value_at(first_bad_light, "figures.axis") or "",
             levels=compared_light.levels,
-            reason=compared_light.reason,
+            reasons=compared_light.reasons,
+            remark=compared_light.remark,
         )
         if is_headline:
             headlines.append(bad_light)
@@ -106,8 +125,16 @@ class ComparedLevels(NamedTuple):
     levels: str
     """Level in each log, such as "bad in A, good in B"."""
 
-    reason: str
-    """Reason for the worse level, such as "Motor 3 lost 19 to 41 % of its thrust at 47 s."."""
+    reasons: Sequence[LightReason]
+    """Reason for the worse level, such as "Motor 3 lost 19 to 41 % of its thrust at 47 s."; two of equal levels."""
+
+    remark: str = ""
+    """Remark on IMUs with a space before it; empty where none is needed."""
+
+    @property
+    def reason(self) -> str:
+        """All reasons and the remark as one text."""
+        return " ".join(reason.text for reason in self.reasons) + self.remark
 
 
 def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
@@ -118,28 +145,29 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
             watched.
 
     Returns:
-        Levels and reason in words. If both lights have the same level for different reasons, the text has both reasons;
-        if one of the lights is unknown, it also says why.
+        Levels and reasons. If both lights have the same level for different reasons, there are both reasons; if one of
+        the lights is unknown, its reason follows that of the other.
     """
     first_side, second_side = STATE_NAMES
     first = lights_by_side[first_side]
     second = lights_by_side[second_side]
+    remark = remark_on_imus(lights_by_side)
     if first["level"] == second["level"]:
         levels = f"{first['level']} in {first_side} and {second_side}"
         if first["sentence"] == second["sentence"]:
-            return ComparedLevels(levels, first["sentence"])
-        reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
-        return ComparedLevels(levels, reasons + remark_on_imus(lights_by_side))
+            return ComparedLevels(levels, [LightReason("", first["sentence"])])
+        reasons = [LightReason(side, light["sentence"]) for side, light in lights_by_side.items()]
+        return ComparedLevels(levels, reasons, remark)
     levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
     # Of different levels at least one is a warning, bad or "watch". So the second light is the worse one if it is bad,
     # or if the first is no warning.
     is_second_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
     worse_light = second if is_second_worse else first
-    reason = worse_light["sentence"] + remark_on_imus(lights_by_side)
+    reasons = [LightReason("", worse_light["sentence"])]
     for side, light in lights_by_side.items():
         if light["level"] == Level.UNKNOWN:
-            reason += f" {side}: {light['sentence']}"
-    return ComparedLevels(levels, reason)
+            reasons.append(LightReason(side, light["sentence"]))
+    return ComparedLevels(levels, reasons, remark)
 
 
 def vibrations_of_same_imu(

@@ -92,8 +92,8 @@ CHARTS_IN_ROW = 2
 MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 """Figures in the table of margins, by the loop."""
 
-AXIS_PLACEHOLDER = "{axis}"
-"""Stands for the name of the axis in a sentence while equal ones of several axes are put together."""
+SUBJECT_PLACEHOLDER = "{subject}"
+"""Stands for the subject of a sentence, such as "roll rate", while equal ones of several axes are put together."""
 
 MAX_OPEN_PARAMETERS = 20
 """Changed parameters that the page lists without being asked: a choice, since those of two vehicles may be hundreds."""
@@ -308,8 +308,9 @@ def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
     Args:
         reviews_by_side: review documents of both logs, by side, "A" and "B".
     """
-    # The axes of each reason by side. The reason has a placeholder where its sentence names the axis.
-    axes_of_reasons = dict[str, dict[str, list[str]]]()
+    # The axes of each reason by side. The reason has a placeholder where its sentence names its subject, a loop of an
+    # axis such as "roll rate", and is kept with the name of the loop.
+    axes_of_reasons = dict[str, dict[tuple[str, str], list[str]]]()
     for axis, loop_name in product(AXES, LOOP_NAMES):
         responses_by_side = {}
         for side, review in reviews_by_side.items():
@@ -323,15 +324,18 @@ def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
             if not response.get("measured"):
                 axes_by_reason = axes_of_reasons.setdefault(side, {})
                 for fact in response.get("facts") or ():
-                    reason = fact["sentence"].replace(axis, AXIS_PLACEHOLDER)
-                    axes_by_reason.setdefault(reason, []).append(axis)
+                    sentence = fact["sentence"]
+                    loop_of_subject = ""
+                    # Words such as "controller" contain the name of an axis, so that the whole subject is looked for.
+                    if fact.get("subject") == f"{axis} {loop_name}":
+                        loop_of_subject = loop_name
+                        sentence = sentence.replace(fact["subject"], SUBJECT_PLACEHOLDER)
+                    axes_by_reason.setdefault((sentence, loop_of_subject), []).append(axis)
     sentences = []
     for side, axes_by_reason in axes_of_reasons.items():
         reasons = []
-        for reason, axes in axes_by_reason.items():
-            # One reason may be that of both loops of an axis.
-            distinct_axes = dict.fromkeys(axes)
-            reasons.append(reason.replace(AXIS_PLACEHOLDER, listed(distinct_axes)))
+        for (reason, loop_of_subject), axes in axes_by_reason.items():
+            reasons.append(reason.replace(SUBJECT_PLACEHOLDER, f"{listed(axes)} {loop_of_subject}"))
         if reasons:
             sentences.append(Sentence(" ".join(reasons), f"Not measured in {side}:"))
     return sentences

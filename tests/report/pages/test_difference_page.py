@@ -452,13 +452,15 @@ def test_a_list_of_changes_does_not_repeat_the_one_that_the_headline_names():
 def test_one_reason_of_several_axes_is_stated_once_with_all_of_them(difference):
     step = {"measured": {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}}
     axes = ("roll", "pitch", "yaw")
-    missing = {
-        axis: {"rate": {"facts": [{"sentence": f"The {axis} rate has no setpoint."}]}}
-        for axis in axes
-    }
+    missing = {}
+    for axis in axes:
+        sentence = f"The controller of the {axis} rate has no setpoint."
+        fact = {"sentence": sentence, "subject": f"{axis} rate"}
+        missing[axis] = {"rate": {"facts": [fact]}}
     reviews = {"A": {"axes": missing}, "B": {"axes": {axis: {"rate": step} for axis in axes}}}
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
-    assert "Not measured in A:</strong> The roll, pitch and yaw rate has no setpoint.</p>" in page
+    reason = "The controller of the roll, pitch and yaw rate has no setpoint."
+    assert f"Not measured in A:</strong> {reason}</p>" in page
 
 
 def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(difference):
