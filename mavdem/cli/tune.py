@@ -25,7 +25,13 @@ from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Blocks, Sentence, headline_sentence
-from mavdem.report.loops import is_about_loops, measured_margins, thrust_sentences, tune_blocks
+from mavdem.report.loops import (
+    field_sentences,
+    is_about_loops,
+    measured_margins,
+    thrust_sentences,
+    tune_blocks,
+)
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.screen import flight_sentences, judgement_sentences
 from mavdem.report.templates import headline
@@ -182,6 +188,7 @@ def _print_tuning(
     blocks += tune_blocks(tuning, is_full=verbose, headline_above=headline_above)
     blocks += measured_margins(tuning, assessment.margins)
     blocks += thrust_sentences(tuning)
+    blocks += field_sentences(tuning)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
     if must_not_fly or tuning.refusal or is_about_loops(judgement.next_step, judgement):

@@ -301,7 +301,7 @@
   const series = (line, lines) => {
     // Where lines lie over each other, each shines through.
     const isOneOfMany = lines.length > 3 && line.kind === "line";
-    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
+    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: line.kind === "wide" ? 3.5 : 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
     if (isOneOfMany) Object.assign(drawn, { paths: meanAndRange, fill: () => line.colour + (root.classList.contains("printing") ? "14" : "30") });
     if (line.kind === "dashes") drawn.dash = DASHES;
     if (isDots(line) || line.kind === "stems") drawn.paths = () => null;

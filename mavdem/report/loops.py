@@ -75,7 +75,7 @@ def tune_blocks(
     tuning: Tuning,
     *,
     is_full: bool = True,
-    has_tables_elsewhere: bool = False,
+    has_gains_elsewhere: bool = False,
     headline_above: str = "",
 ) -> Blocks:
     """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
@@ -86,7 +86,8 @@ def tune_blocks(
         tuning: advice for each axis, or the fact that says why there is none.
         is_full: whether all margins and everything about the gains are included; otherwise only a sentence, a table of
             the gains to set and the margins that change with them, and how far these can be trusted.
-        has_tables_elsewhere: whether a page has tables of gains and margins elsewhere, so that this report has none.
+        has_gains_elsewhere: whether a page has a table of the gains to set elsewhere, so that the tables of this report
+            have the predicted steps in their place.
         headline_above: headline that stands above the report, which is not repeated as the reason for no gains; empty
             without one.
     """
@@ -94,15 +95,24 @@ def tune_blocks(
     stated_remedies = _texts_in_next_step(tuning)
     # A caution that several axes share is shown with the first of them, and then taken off this list.
     unshown_cautions = _shared_cautions(tuning.axes)
+    axes_with_stated_gains: list[str] = []
+    for axes in _axes_with_same_new_gains(tuning):
+        # What is said of the new gains of several axes stands once, before their margins.
+        conclusion, *reasons = _facts_on_new_gains(tuning, axes[0])
+        remedy = conclusion.remedy
+        report = " ".join([*map(str, [conclusion, *reasons]), remedy]).strip()
+        blocks.append(Sentence(report, f"{listed(axes).capitalize()}:"))
+        stated_remedies.add(remedy)
+        axes_with_stated_gains += axes
     for axes in _axes_reported_together(tuning):
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
-        facts = _facts_on_axis(tuning, axis)
+        facts = _facts_on_axis(tuning, axis, has_gains=axis not in axes_with_stated_gains)
         report = " ".join(str(fact) for fact in facts)
         if headline_above and report.startswith(headline_above):
             # What the report says besides remains.
             report = report.removeprefix(headline_above).strip()
-        if not report:
+        if not report and axis not in axes_with_stated_gains:
             blocks += render_section("tune_repair", axes=axes)
             continue
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
@@ -113,23 +123,28 @@ def tune_blocks(
             # Without gains the pilot wants to know above all what leads to some.
             blocks.append(Sentence(report, lead))
             blocks.append(Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:"))
-        else:
-            blocks.append(Sentence(" ".join([report, *remedies]), lead))
+        elif report or remedies:
+            blocks.append(Sentence(" ".join([report, *remedies]).strip(), lead))
         if isinstance(advice, Fact):
             blocks += _faults_in_flight(tuning, axes, report, headline_above)
             continue
         is_doubtful = _has_doubtful_margins(tuning, axis)
         # Without gains to compare, one sentence on the margins is enough.
         are_margins_in_report = any(fact.code is LoopFact.MARGIN_RATING for fact in facts)
-        if not has_tables_elsewhere and not (advice.refusals and are_margins_in_report):
-            waits = tuning.waits(advice)
-            blocks.append(_gain_and_margin_table(advice, waits=waits, is_doubtful=is_doubtful))
+        if has_gains_elsewhere or not (advice.refusals and are_margins_in_report):
+            table = _gain_and_margin_table(
+                advice,
+                waits=tuning.waits(advice),
+                is_doubtful=is_doubtful,
+                has_gains=not has_gains_elsewhere,
+            )
+            blocks.append(table)
         # A page shows the cautions about gains that change beside its table of gains.
-        has_gains_elsewhere = has_tables_elsewhere and bool(advice.parameters)
+        are_gains_elsewhere = has_gains_elsewhere and bool(advice.parameters)
         cautions_of_axis = [caution for caution in unshown_cautions if axis in caution.axes]
         for caution in cautions_of_axis:
             unshown_cautions.remove(caution)
-            if not (has_gains_elsewhere and caution.is_about_gains_to_set):
+            if not (are_gains_elsewhere and caution.is_about_gains_to_set):
                 blocks.append(caution.sentence)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=is_doubtful)
@@ -234,6 +249,30 @@ def thrust_sentences(tuning: Tuning) -> list[Sentence]:
     return render_section("tune_thrust", deviation=_checked_thrust_deviation())
 
 
+def field_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns what a pilot goes by in the field: when to land with new gains, and when the tuning is done.
+
+    Args:
+        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
+
+    Returns:
+        The sentences; empty if gains neither change nor are known to be right.
+    """
+    finished_axes = []
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice) and not _has_doubtful_margins(tuning, axis):
+            keeps_gains = advice.conclusion.code is GainFact.KEEP_GAINS
+            if keeps_gains and advice.rating.is_good:
+                finished_axes.append(axis)
+    has_sound_gains = any(advice.gains and advice.is_sound for advice in tuning.advice)
+    return render_section(
+        "tune_field",
+        has_new_gains=has_sound_gains,
+        finished_axes=finished_axes,
+        are_all_finished=len(finished_axes) == len(tuning.axes),
+    )
+
+
 def _checked_thrust_deviation() -> float:
     """Returns the largest deviation of the thrust with which gains are to have their margins, as a share."""
     return max(EFFECTIVENESS_FACTORS) - 1
@@ -328,23 +367,46 @@ def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
     return (no_name, reason_text, *further_remedies)
 
 
-def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
+def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool) -> list[Fact]:
     """Returns the facts (coded findings) whose sentences make the report of a tuning on one axis.
 
     Args:
         tuning: advice on the gains of each axis, or the fact that says why there is none.
         axis: "roll", "pitch" or "yaw".
+        has_gains: whether what to do with the gains is among the facts; a sentence on several axes may say it already.
 
     Returns:
         Facts in the order of their sentences:
 
         - without an identified loop, only the reason for that;
         - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
-        - otherwise the rating of the margins, what to do with the gains, and why the new gains are not other ones.
+        - otherwise the rating of the margins, what to do with the gains, and why the new gains are not other ones. A
+          good rating is left out where the margins may be wrong: the table beside it calls them doubtful.
     """
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
         return [advice]
+    facts_on_gains = _facts_on_new_gains(tuning, axis) if has_gains else []
+    if axis in tuning.doubtful_axes:
+        return facts_on_gains
+    ratings = _rating_unless_contradicted(advice, tuning.judgement.loop_decisions.get(axis))
+    if _has_doubtful_margins(tuning, axis):
+        ratings = [rating for rating in ratings if not rating.is_good]
+    return [*ratings, *facts_on_gains]
+
+
+def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
+    """Returns what to do with the gains of an axis, and why the new ones are no others.
+
+    The reasons are left out if a measured response contradicts the loop that they follow from.
+
+    Args:
+        tuning: advice on the gains of each axis; its loop is identified.
+        axis: "roll", "pitch" or "yaw".
+    """
+    advice = tuning.axes[axis]
+    # An axis has a fact instead of advice only if its loop is not identified.
+    assert isinstance(advice, Advice)
     decision = tuning.judgement.loop_decisions.get(axis)
     # States that gains are to be set or kept, or why no gains could be computed.
     advice_on_gains = _conclusion(tuning, advice)
@@ -354,8 +416,31 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
         advice_on_gains = advice_on_gains.replace(action=action)
     if axis in tuning.doubtful_axes:
         return [advice_on_gains]
+    if axis in tuning.doubtful_axes:
+        return [advice_on_gains]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
-    return [*_rating_unless_contradicted(advice, decision), advice_on_gains, *reasons]
+    return [advice_on_gains, *reasons]
+
+
+def _axes_with_same_new_gains(tuning: Tuning) -> list[list[str]]:
+    """Returns the groups of two and more axes of whose new gains a report says the same.
+
+    Roll and pitch of a symmetric vehicle mostly differ in their margins, and not in what is advised.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact that says why there is none.
+    """
+    axes_with_new_gains = []
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice) and advice.parameters and not advice.refusals:
+            axes_with_new_gains.append(axis)
+
+    def text_on_gains(axis: str) -> str:
+        """Returns what is said of the new gains of an axis."""
+        return " ".join(map(str, _facts_on_new_gains(tuning, axis)))
+
+    groups = group_by(axes_with_new_gains, text_on_gains)
+    return [axes for axes in groups.values() if len(axes) > 1]
 
 
 def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
@@ -725,17 +810,20 @@ def _gains_header(gains: str, advice: Advice, *, waits: bool) -> str:
     return f"advised, stage {advice.stage:d}" if waits else "advised"
 
 
-def _gain_and_margin_table(advice: Advice, *, waits: bool, is_doubtful: bool) -> Table:
+def _gain_and_margin_table(
+    advice: Advice, *, waits: bool, is_doubtful: bool, has_gains: bool
+) -> Table:
     """Returns a table that compares one axis as it flew with what is expected of the advised gains.
 
-    It has a row for each gain that changes, then the stability margins of the rate loop and of the attitude loop. If
-    gains are advised, the last row shows how far wind turns the vehicle about the axis: the standard deviation of the
-    angle, degrees, in the wind of the flight.
+    It has a row for each gain that changes, then the stability margins of the rate loop and of the attitude loop, or
+    the margins of each loop with its predicted step. If gains are advised, the last row shows how far wind turns the
+    vehicle about the axis: the standard deviation of the angle, degrees, in the wind of the flight.
 
     Args:
         advice: advice on the axis, with its loops.
         waits: whether the advised gains wait for the flight with the gains of stage 1.
         is_doubtful: whether the margins of the identified loop may be wrong; then the header calls them doubtful.
+        has_gains: whether the table has the gains; otherwise it has the predicted steps.
 
     Returns:
         The table, with a column for the gains that flew and, if gains are advised, one for the advised gains. If
@@ -744,8 +832,9 @@ def _gain_and_margin_table(advice: Advice, *, waits: bool, is_doubtful: bool) ->
     axis = advice.before.axis
     loops = compared_loops(advice)
     rows = []
-    for name, advised_value in advice.parameters.items():
-        rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
+    if has_gains:
+        for name, advised_value in advice.parameters.items():
+            rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
     for loop_name in LOOP_NAMES:
         for figure_name in TUNED_FIGURES:
             figure = LOOP_FIGURES[figure_name]
@@ -754,6 +843,8 @@ def _gain_and_margin_table(advice: Advice, *, waits: bool, is_doubtful: bool) ->
                 text = _figure_text(loop.open_loop(loop_name), figure_name, figure.scale)
                 row.append(text)
             rows.append(row)
+        if not has_gains:
+            rows += _step_rows(loops, loop_name)
     if advice.parameters:
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
@@ -779,69 +870,20 @@ def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
     return axis in tuning.doubtful_axes or has_reasons_against_gains
 
 
-def margin_overview(tuning: Tuning) -> Table | None:
-    """Returns one table of the stability margins and the predicted step responses of all axes, as flown and as advised.
+def _step_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
+    """Returns the rows of a table with overshoot and rise time of a loop's predicted step responses.
 
     Args:
-        tuning: advice for each axis, or the fact (coded finding) that says why there is none.
-
-    Returns:
-        The table; None if no axis has a loop whose margins are known.
+        loops: loops with the present and, if gains change, with the new gains, which have a cell each.
+        loop_name: "rate" or "attitude".
     """
-    rows = []
-    for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice):
-            rows += _margin_rows(tuning, axis, advice)
-    if not rows:
-        return None
-    header = ["loop (90 % interval)"]
-    header += [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
-    header += ["overshoot of a step (%)", "rise time (ms)", "error by wind torque, sd (°)"]
-    return Table(header, rows)
-
-
-def _margin_rows(tuning: Tuning, axis: str, advice: Advice) -> list[list[str]]:
-    """Returns the rows of :func:`margin_overview` for one axis: its rate loop, then its attitude loop.
-
-    Args:
-        tuning: advice for each axis, which decides whether the margins are doubtful, and whether new gains wait.
-        axis: "roll", "pitch" or "yaw".
-        advice: advice on this axis.
-
-    Returns:
-        For each loop a row with the gains that flew and, where gains change, one with the new gains.
-    """
-    remark = ", doubtful" if _has_doubtful_margins(tuning, axis) else ""
-    waits = tuning.waits(advice)
-    rows = []
-    for loop_name in LOOP_NAMES:
-        for gains, loop in compared_loops(advice).items():
-            name = f"{axis} {loop_name}, {_gains_header(gains, advice, waits=waits)}{remark}"
-            cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
-            # Wind turns the vehicle by an angle, which only the attitude loop controls.
-            wind_error = rounded(loop.lean_in_wind) if loop_name == "attitude" else ""
-            rows.append([name, *cells, wind_error])
-    return rows
-
-
-def _margin_cells(open_loop: OpenLoop, step_seconds: float) -> list[str]:
-    """Returns the cells of one control loop in a table of stability margins, as texts with 90 % intervals.
-
-    Args:
-        open_loop: open-loop response of the rate or attitude loop, for the estimated plant and for draws from its
-            posterior.
-        step_seconds: duration of the step response that is predicted with this loop closed, s.
-
-    Returns:
-        A cell for each of ``TUNED_FIGURES``, such as phase margin and gain margin; then overshoot, %, and rise time,
-        ms, of the step response, which are empty if it cannot be predicted.
-    """
-    cells = []
-    for attribute in TUNED_FIGURES:
-        scale = LOOP_FIGURES[attribute].scale
-        cells.append(_figure_text(open_loop, attribute, scale))
-    cells += _step_texts(open_loop, step_seconds)
-    return cells
+    overshoot_row = [f"{loop_name}: overshoot of a step (%)"]
+    rise_time_row = [f"{loop_name}: rise time (ms)"]
+    for loop in loops.values():
+        overshoot, rise_time = _step_texts(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
+        overshoot_row.append(overshoot)
+        rise_time_row.append(rise_time)
+    return [overshoot_row, rise_time_row]
 
 
 def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:

@@ -52,7 +52,6 @@ from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.charts.timeline import assessment_timeline
 from mavdem.report.loops import (
     is_about_loops,
-    margin_overview,
     margin_tables,
     tune_blocks,
     tuning_result,
@@ -464,7 +463,9 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     assert opened == ["Step response", "Margins"]
     assert chapters[0][1] == "Step response"
     assert page.index('<th class="words">gain</th>') < page.index("Step response</h2>")
-    assert margin_overview(tunings[name]).rows[0][0] == "roll rate, now"
+    # Present and advised margins stand beside each other, with the steps that are predicted of both.
+    assert page.index(">advised</th>") < page.index("rate: phase margin")
+    assert "attitude: overshoot of a step (%)" in page
 
 
 @mark.slow

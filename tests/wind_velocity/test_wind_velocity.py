@@ -25,7 +25,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
-from mavdem.facts.online import AirflowFact
+from mavdem.facts.online import AirflowFact, DragSource
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind, WindAdvice, WindDoubt, WindLight, WindShare
 from mavdem.ingest import read_log
@@ -247,6 +247,14 @@ def test_the_lean_that_the_wind_took_is_said_and_warns_where_it_is_large(level):
     assert "40 % of the lean allowed" in lean.text
     warns = level is Level.WATCH
     assert ("Fly in less wind" in lean.text) is warns and (lean.level is Level.WATCH) is warns
+
+
+@mark.parametrize("source", DragSource)
+def test_a_drag_that_the_flight_does_not_show_is_said_to_be_of_another_source(source):
+    figures = {"relative_sd": 0.5, "steered": 0.1, "source": source}
+    doubt = Fact(WindDoubt.DRAG_UNSURE, status=Status.NOT_IDENTIFIABLE, **figures)
+    *_, sentence_on_source = doubt.sentence.split(". ")
+    assert sentence_on_source.startswith("The drag") and "_" not in sentence_on_source
 
 
 def test_parts_of_a_flight_without_a_wind_estimate_are_marked():

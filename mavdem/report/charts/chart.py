@@ -50,6 +50,9 @@ class LineStyle(StrEnum):
     LINE = "line"
     """A solid line."""
 
+    WIDE = "wide"
+    """A wide solid line, which is seen below others where they are equal: what was measured beside predictions."""
+
     DASHES = "dashes"
     """A dashed line, for what was predicted or computed."""
 

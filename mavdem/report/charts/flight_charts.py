@@ -155,11 +155,19 @@ def _step_lines(
     # If the messages are too slow to measure a step, the response of the identified loop takes its place. It has the
     # colour of what that loop predicts.
     if measured_response.is_identified:
-        step_name, colour = "identified", PREDICTED
+        step_name, colour, step_style = "identified", PREDICTED, LineStyle.LINE
     else:
-        step_name, colour = "measured", MEASURED
+        # Predictions mostly lie on what was measured, which they would hide.
+        step_name, colour, step_style = "measured", MEASURED, LineStyle.WIDE
     lines = [
-        Line.with_band(step_name, colour, time, measured_response.step, measured_response.step_half)
+        Line.with_band(
+            step_name,
+            colour,
+            time,
+            measured_response.step,
+            measured_response.step_half,
+            style=step_style,
+        )
     ]
     if advised_step is not None:
         # Beside a solid line of the same loop with the present gains it is dashed, so that both are seen.

@@ -210,7 +210,8 @@ def _draw_line(axes: Axes, line: Line) -> None:
         axes.errorbar(line.x, line.y, whiskers, fmt=dots, markersize=3.5, linewidth=1.1, **style)
     else:
         dashes = (4, 2) if line.style is LineStyle.DASHES else ()
-        axes.plot(line.x, line.y, linewidth=1.1, dashes=dashes, **style)
+        width = 2.8 if line.style is LineStyle.WIDE else 1.1
+        axes.plot(line.x, line.y, linewidth=width, dashes=dashes, **style)
         if line.lower_edge is not None and line.upper_edge is not None:
             shade: JsonValues = {"alpha": BAND_OPACITY, "linewidth": 0}
             axes.fill_between(line.x, line.lower_edge, line.upper_edge, color=line.colour, **shade)

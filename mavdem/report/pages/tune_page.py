@@ -28,8 +28,8 @@ from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_
 from mavdem.report.gain_changes import GainChanges, gain_changes
 from mavdem.report.loops import (
     compared_loops,
+    field_sentences,
     is_about_loops,
-    margin_overview,
     measured_margins,
     thrust_sentences,
     tune_blocks,
@@ -103,7 +103,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
 
 
 def _summary(tuning: Tuning, result: Fact) -> Blocks:
-    """Returns the sentences at the top of the page: the result of the tuning, and what to do next.
+    """Returns the sentences at the top of the page: the result of the tuning, what to do next, and when it is done.
 
     Args:
         tuning: the advice for each axis, with the judgement of the flight.
@@ -113,7 +113,7 @@ def _summary(tuning: Tuning, result: Fact) -> Blocks:
     next_step = Sentence(str(judgement.next_step), "Next:")
     is_about_gains = result is not judgement.headline or is_about_loops(result, judgement)
     if is_about_gains or result.is_bad:
-        return [headline_sentence(headline(result)), next_step]
+        return [headline_sentence(headline(result)), next_step, *field_sentences(tuning)]
     # The page is about gains: why there are none comes first, then what else the flight shows.
     (why_no_gains,) = render_section("tune_withheld", axes=[*tuning.axes])
     return [why_no_gains, Sentence(headline(result), "The flight:"), next_step]
@@ -141,7 +141,7 @@ def _changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChang
 def _margin_blocks(
     tuning: Tuning, assessment: Assessment, evidence: Evidence, result: Fact
 ) -> Blocks:
-    """Returns the chapter of the margins: a table of all axes, sentences on each axis, and the gains that stay.
+    """Returns the chapter of the margins: sentences and a table of each axis, and the gains that stay.
 
     Args:
         tuning: the advice for each axis.
@@ -149,13 +149,9 @@ def _margin_blocks(
         evidence: evidence of the log, with the parameters that the vehicle has now.
         result: the result that stands at the top of the page, and is not repeated here.
     """
-    blocks: Blocks = []
-    overview = margin_overview(tuning)
-    if overview is not None:
-        blocks.append(overview)
-    # New gains and margins have tables of their own on this page; details have a chapter at its end.
-    blocks += tune_blocks(
-        tuning, is_full=False, has_tables_elsewhere=True, headline_above=str(result)
+    # New gains have a table of their own on this page; details have a chapter at its end.
+    blocks = tune_blocks(
+        tuning, is_full=False, has_gains_elsewhere=True, headline_above=str(result)
     )
     blocks += measured_margins(tuning, assessment.margins)
     blocks += thrust_sentences(tuning)
