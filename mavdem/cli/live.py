@@ -419,6 +419,8 @@ def _follow_vehicle(
         if link.dropped_datagrams:
             print_to_stderr(Fact(LinkFact.DATAGRAMS_LOST, count=link.dropped_datagrams))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
+        # Until then browsers must not show a flight as watched that is not watched any more.
+        dashboard.report(session, session.ending_status, is_ending=True)
         learned, no_model_reason = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.
         code = _write_model(learned, paths.model)

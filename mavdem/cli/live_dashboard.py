@@ -234,7 +234,12 @@ class Dashboard:
         return self.view
 
     def report(
-        self, session: LiveSession, status: SessionStatus, files: Sequence[str] = ()
+        self,
+        session: LiveSession,
+        status: SessionStatus,
+        files: Sequence[str] = (),
+        *,
+        is_ending: bool = False,
     ) -> None:
         """Shows the status of the session, and prints each new problem of page and view once on standard error.
 
@@ -242,11 +247,12 @@ class Dashboard:
             session: The session, with the history of its flight.
             status: Its state now, or at its end.
             files: Sentences on the files that the session has written, once it is over.
+            is_ending: Whether the session watches nothing any more, and its verdict follows.
         """
         present_problems = set()
         if self._server is not None:
             try:
-                self._server.report(session, status, files)
+                self._server.report(session, status, files, is_ending=is_ending)
             except Exception as error:
                 # A page that cannot be rendered must not end the session, which watches the vehicle.
                 present_problems.add(str(failure_fact(SessionFact.DISPLAY_FAILED, error)))

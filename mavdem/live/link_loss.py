@@ -5,7 +5,9 @@ A light is the judgement of one part of the vehicle, such as its motors: a fact 
 
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages
+from mavdem.facts.wind import WindLight
 from mavdem.live.global_position import GlobalPosition
 from mavdem.live.takeoff_place import Displacement
 
@@ -15,6 +17,9 @@ too and may act (PX4 after 10 s, COM_DL_LOSS_T; ArduPilot after 5 s, FS_GCS_TIME
 
 LIGHTS_OF_MOTION = (Light.MOTORS, Light.TRACKING, Light.MARGINS, Light.WIND, Light.LOG)
 """Lights that are judged by attitude and motor outputs. The others have messages of their own, which may still come."""
+
+MEASURED_CODES = (WindLight.WIND_BLEW, WindLight.WIND_NOT_KNOWN, PowerLight.POWER_UNMEASURED)
+"""Lights that state a value, such as a voltage, also where their level is "unknown": in a silence it grows old."""
 
 
 def link_loss_fact(
@@ -79,7 +84,8 @@ def lights_during_silence(
     """Returns the status lights of a vehicle in flight that sends nothing, or neither attitude nor motor outputs.
 
     A light that was good needs messages to stay good: without them its level is not known, and its fact says what it
-    was before. A light that warns stays, since silence does not undo what was found.
+    was before. So does that of a value whose level was not known. A light that warns stays, since silence does not undo
+    what was found.
 
     Args:
         lights_at_last_message: the judgement of each part of the vehicle, by the name of the part.
@@ -93,7 +99,8 @@ def lights_during_silence(
     present_lights = {}
     for name, light in lights_at_last_message.items():
         lacks_messages = missing is MissingMessages.MESSAGES or name in LIGHTS_OF_MOTION
-        if light.is_good and lacks_messages:
+        states_value = light.level is Level.UNKNOWN and light.code in MEASURED_CODES
+        if lacks_messages and (light.is_good or states_value):
             present_lights[name] = Fact(
                 Unjudged.KNOWN_BEFORE, duration=silence_seconds, reason=light
             )

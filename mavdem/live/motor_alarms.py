@@ -90,8 +90,16 @@ class MotorAlarms:
             return Fact(WatchFact.ON_GROUND_NOW)
         if self._undetectable_reason is not None:
             return self._undetectable_reason
-        if self._detector is None or self._detector.reference_time is None:
-            return Fact(WatchFact.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
+        if self._detector is None:
+            return Fact(
+                WatchFact.REFERENCE_SHORT, duration=REFERENCE_SECONDS, remaining_duration=None
+            )
+        if self._detector.reference_time is None:
+            return Fact(
+                WatchFact.REFERENCE_SHORT,
+                duration=REFERENCE_SECONDS,
+                remaining_duration=self._detector.seconds_to_reference,
+            )
         if now - self._detector.latest_time > MAX_GAP:
             return Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
         return None

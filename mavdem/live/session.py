@@ -682,6 +682,15 @@ class LiveSession:
         awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
         return replace(status, recording_verdict=awaited)
 
+    @property
+    def ending_status(self) -> SessionStatus:
+        """The status of a session that ends, until its verdict is known: an all-clear waits for that of a recording."""
+        status = replace(self.status, is_over=True)
+        if self.gain_adviser is None or status.recording_verdict is not None:
+            return status
+        awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
+        return replace(status, recording_verdict=awaited)
+
     def time_account(self) -> dict[TimeUse, float]:
         """Returns how many seconds of the session each use of time took, such as learning; their sum is its age."""
         return self._report.account_for(self.backlog.analysed_until)
@@ -933,6 +942,9 @@ def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
     elif reason.code is SessionFact.FLIGHT_OVER and status.loss is not None:
         # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
         report = reason.replace(reason=None)
+    elif _is_silent_after_landing(reason, status):
+        # A vehicle that is switched off after its landing is no fault of the link, which nobody need check.
+        report = reason.replace(is_after_landing=True)
     else:
         report = reason
     is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
@@ -940,6 +952,20 @@ def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
         # During an alarm, and before it is judged whether the vehicle oscillates, no report must advise to fly on.
         return report.without_flight_advice
     return report
+
+
+def _is_silent_after_landing(reason: Fact, status: SessionStatus) -> bool:
+    """Returns whether a vehicle that has flown and landed in this session sends no message any more.
+
+    Args:
+        reason: why no model is learned now.
+        status: the present status of the session.
+    """
+    sends_nothing = (
+        reason.code is RowsFact.NOTHING_RECEIVED and reason.subject == MissingMessages.MESSAGES
+    )
+    has_flown = status.flight_number > 0 and not status.is_flying
+    return sends_nothing and has_flown and status.has_landed
 
 
 def _without_measurements(reason: Fact | None) -> Hashable:

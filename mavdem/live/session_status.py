@@ -32,6 +32,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.loops import LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import (
@@ -270,7 +271,8 @@ class SessionStatus(ImmutableResult):
     to be judged apart from this session. An all-clear waits for it."""
 
     earlier_recording: Fact | None = None
-    """The verdict of a library on the log of an earlier flight of the vehicle, by another session; None without one."""
+    """What a library has against an earlier flight of the vehicle, by another session: its verdict if that forbids to
+    fly, or that the end of the flight was not received; None for nothing."""
 
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
@@ -311,10 +313,9 @@ class SessionStatus(ImmutableResult):
 
         They are the difference of two estimated positions. If the autopilot has restarted in flight, the take-off has
         no position in the present coordinates: then satellites and barometer give ``displacement``. None if the vehicle
-        does not fly, has met the ground in a lost flight, or if neither is known.
+        is not in the air, or if neither is known.
         """
-        has_crashed = self.ground_contact is not None
-        if not self.is_flying or has_crashed:
+        if not self._is_in_air:
             return None
         if self.position is None or self.takeoff_position is None:
             return self.displacement
@@ -325,15 +326,19 @@ class SessionStatus(ImmutableResult):
     def place_in_flight(self) -> NamedPlace | None:
         """Where a flying vehicle is from the place of its take-off or, if that was not seen, from its home position.
 
-        None if the vehicle does not fly, has met the ground in a lost flight, or if neither is known.
+        None if the vehicle is not in the air, or if neither is known.
         """
         displacement = self.displacement_from_takeoff
         if displacement is not None:
             return NamedPlace("the take-off", *displacement)
-        has_crashed = self.ground_contact is not None
-        if self.displacement_from_home is None or not self.is_flying or has_crashed:
-            return None
-        return NamedPlace("home", *self.displacement_from_home)
+        if self._is_in_air and self.displacement_from_home is not None:
+            return NamedPlace("home", *self.displacement_from_home)
+        return None
+
+    @property
+    def _is_in_air(self) -> bool:
+        """Whether the vehicle flies, and has not met the ground, which the autopilot of a lost one may not notice."""
+        return self.is_flying and self.ground_contact is None
 
     @cached_property
     def overall_judgement(self) -> Judgement:
@@ -371,7 +376,8 @@ class SessionStatus(ImmutableResult):
         """Returns a judgement for a vehicle that does not fly now, or whose session is over; before any flight, too.
 
         Its headline is the first of these that applies: the link was lost in flight; the end of the flight is not known
-        yet, unless something was wrong in it; what the recording of the flight shows, or that this is awaited.
+        yet, unless something was wrong in it; what the recording of the flight shows, or that this is awaited. If the
+        session has ended in flight, the next step begins with the landing.
 
         Args:
             judgement: judgement of the latest flight by this session.
@@ -385,7 +391,12 @@ class SessionStatus(ImmutableResult):
         if end_awaited is not None and not judgement.headline.is_watch_or_bad:
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=end_awaited)
             return replace(judgement, headline=end_awaited, next_step=next_step)
-        return self._judgement_with_recording(judgement)
+        judgement = self._judgement_with_recording(judgement)
+        if self._is_in_air and self.loss is None and judgement.headline.is_watch_or_bad:
+            # The session has ended in flight: what is to be repaired comes after the landing.
+            step = self._step_until_landing(judgement.headline)
+            return replace(judgement, next_step=Fact(step, reason=judgement.next_step))
+        return judgement
 
     @property
     def _awaited_end_of_flight(self) -> Fact | None:
@@ -500,21 +511,20 @@ class SessionStatus(ImmutableResult):
 
     @property
     def unrepaired_fault(self) -> Fact | None:
-        """The fault of an earlier flight that forbids to fly, and of which mavdem does not know that it was repaired.
+        """What an earlier flight showed that forbids to fly, and of which mavdem does not know that it was repaired.
 
-        None without such a fault, or if the headline of ``session_judgement`` states it.
+        That the end of the flight before was not received counts too. None without such a fault, or if the headline of
+        ``session_judgement`` states it.
         """
         verdict = self.worst_earlier_verdict
         if verdict is not None and verdict.judgement.headline.forbids_flight:
             if self.session_judgement.headline == verdict.fact:
                 return None
             return self._possibly_unrepaired_fault(verdict.fact, verdict.judgement.next_step)
-        recording = self.earlier_recording
-        if recording is not None and recording.is_bad and recording.forbids_flight:
-            return self._possibly_unrepaired_fault(
-                recording, Fact(NextStep.DO_AS_ADVISED, reason=recording)
-            )
-        return None
+        if self.earlier_recording is None:
+            return None
+        next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.earlier_recording)
+        return self._possibly_unrepaired_fault(self.earlier_recording, next_step)
 
     def _possibly_unrepaired_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
         """Returns the fact (a coded finding) that a fault of an earlier flight may not have been repaired.
@@ -713,8 +723,8 @@ class SessionStatus(ImmutableResult):
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
         """Returns the lights, which after a landing say why a part of the vehicle was not judged in the flight.
 
-        On the ground nothing is watched, which is the reason that such a light has now. But the lights are about the
-        flight: it was too short to judge this part.
+        On the ground nothing is watched, and nothing is learned any more: these are the reasons that such a light has
+        now. But the lights are about the flight, which was too short to judge this part, or did not show it.
 
         Args:
             lights: the judgement of each part of the vehicle, by the name of the part. One of the level "unknown" has a
@@ -726,8 +736,17 @@ class SessionStatus(ImmutableResult):
             return lights_of_flight
         for name, light in lights.items():
             reason = light.figures.get("reason")
-            if isinstance(reason, Fact) and reason.code is WatchFact.ON_GROUND_NOW:
+            if not isinstance(reason, Fact):
+                continue
+            if reason.code is WatchFact.ON_GROUND_NOW:
                 lights_of_flight[name] = light.replace(reason=self._too_little_received)
+            elif light.code in Unjudged and reason.code is SessionFact.FLIGHT_OVER:
+                lights_of_flight[name] = Fact(Unjudged.NOT_JUDGED, reason=None)
+            elif reason.code is LoopFact.LOOP_TOO_SHORT:
+                # Its clock is until when the flight was judged, for a flight that goes on and is judged again.
+                lights_of_flight[name] = light.replace(
+                    reason=reason.replace(clock=None, settled=None)
+                )
         return lights_of_flight
 
     @property

@@ -54,8 +54,9 @@ class StatusReport:
         """The present status of the session without its ``shortfall``, for screen, log file and display.
 
         It is the status of the stream of messages, to which the findings, delays and predictions of the model are
-        added. The stream advances with its messages only, and does not notice when none come. So on a silent link its
-        last rates are replaced by 0, and nothing counts as watched.
+        added. The stream advances with its messages only, and does not notice when none come. So on a silent link
+        nothing counts as watched, and its last rates are replaced by 0, except after a landing: then the lights judge
+        the flight that is over by the rates that it had.
         """
         status = self.stream.status()
         # The first reason counts: the link is silent, no samples can be made of the messages, or nothing is learned of
@@ -66,7 +67,9 @@ class StatusReport:
         rates = status.rates
         watch_facts = status.watch_facts
         if silence is not None:
-            rates = dict.fromkeys(rates, 0.0)
+            is_after_flight = status.flight_number > 0 and not status.is_flying
+            if not is_after_flight:
+                rates = dict.fromkeys(rates, 0.0)
             watch_facts = tuple(not_watched(fact, silence, self.stream.now) for fact in watch_facts)
         analysis_delay = self.backlog.delay
         if analysis_delay < BEHIND_DELAY:

@@ -233,6 +233,17 @@ class MotorLossDetector:
         self.reference_time = None
         self.weak_motors.clear()
 
+    @property
+    def seconds_to_reference(self) -> float:
+        """Settled flight that is missing until a loss of thrust can be detected for the first time, s; 0 afterwards.
+
+        That takes a reference of ``REFERENCE_SECONDS``, and after it the shortest window that is tested for a change.
+        """
+        if self.reference_time is not None:
+            return 0.0
+        needed_seconds = REFERENCE_SECONDS + min(WINDOW_BLOCKS) * BLOCK_SECONDS
+        return max(needed_seconds - len(self._blocks) * BLOCK_SECONDS, 0.0)
+
     def _add_block(self, block: CommandBlock) -> None:
         """Adds a block, ``BLOCK_SECONDS`` of flight, and tests whether the motors' balance changed lately.
 

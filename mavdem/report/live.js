@@ -186,6 +186,8 @@
 
   // The last page of a session does not change any more: nothing follows, no alarm sounds, and nobody is asked for it.
   const isLast = () => main.dataset.level === undefined;
+  // Before it stands one that says that the session ends, which takes its time.
+  const isEnding = () => main.dataset.ending !== undefined;
 
   // What the tab shows and sounds of the newest state.
   let alarms = +main.dataset.alarms;
@@ -272,7 +274,7 @@
     const silence = Math.round((Date.now() - answerTime) / 1000), age = Math.round((Date.now() - stateTime) / 1000);
     const words = refusal ? `mavdem does not show the session: ${refusal}`
       : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence}\u00a0s.`
-      : age < updates.LONGEST_PAUSE ? ""
+      : age < updates.LONGEST_PAUSE || isEnding() ? ""
       : waiting ? "The page does not change while something is pressed."
       : `mavdem answers, but has had nothing new for ${age}\u00a0s.`;
     if (words && line.hidden) {

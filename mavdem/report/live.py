@@ -179,11 +179,15 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
         light = lights[light_name]
         figure = sentence.text
         if light.code is Unjudged.KNOWN_BEFORE:
-            # The link was lost, and the light was good before. This section has a single paragraph, "good 12 s ago".
+            # The link was lost. This section has a single paragraph, such as "good 12 s ago" or "11.4 V 12 s ago".
+            voltage = None
+            if light_name == Light.POWER and status.state is not None:
+                voltage = status.state.voltage
             [age] = render_section(
                 "live_light_before",
                 duration=light.figures["duration"],
                 is_wind=light_name == Light.WIND,
+                voltage=voltage,
             )
             figure = age.text
         if not figure and light.is_watch_or_bad:

@@ -133,6 +133,9 @@ class _StoredFlight(NamedTuple):
     session: LiveSession | None = None
     """Its session, if that is over and shown until another vehicle comes; otherwise None."""
 
+    is_end_unknown: bool = False
+    """Whether its end was not received, since link or autopilot failed in the air."""
+
     @classmethod
     def of_entry(
         cls, entry: LibraryEntry, vehicle: Component, session: LiveSession | None = None
@@ -557,7 +560,9 @@ class LinkMonitor:
         self._report_saved_flight(_page_address(entry))
         vehicle = session.stream.followed_vehicle
         if vehicle is not None and not self._is_stopping.is_set():
-            self._show_stored_flight(_StoredFlight.of_entry(entry, vehicle, session))
+            flight = _StoredFlight.of_entry(entry, vehicle, session)
+            is_end_unknown = _is_end_unknown(session.status)
+            self._show_stored_flight(flight._replace(is_end_unknown=is_end_unknown))
 
     def _show_stored_flight(self, flight: _StoredFlight) -> None:
         """Makes a stored flight the one whose finished session is shown until another vehicle comes.
@@ -569,6 +574,8 @@ class LinkMonitor:
         """
         if self._stored_flight is not None:
             self._faulty_flights.append(self._stored_flight._replace(session=None))
+            # From here on it is an earlier flight, also for the page of the flight that is stored now.
+            self._stored_flight = None
         # This also renders the page of the finished session.
         self._stored_flight = self._with_verdict(flight)
 
@@ -644,7 +651,11 @@ class LinkMonitor:
             self._report_event(Event(nan, verdict, reception=clock.unix_time()))
         if flight.session is not None:
             self._finished_page = _finished_page(
-                flight.session, self._library.names, flight.saved_flight, verdict
+                flight.session,
+                self._library.names,
+                flight.saved_flight,
+                verdict,
+                self._fault_of_earlier_flight(flight.vehicle, flight.entry_id),
             )
         return flight._replace(verdict=verdict)
 
@@ -700,6 +711,9 @@ class LinkMonitor:
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
             raise OSError(fact.figures["error"])
         self._flight.update(fact)
+        if self._finished_page and fact.code is RowsFact.NOTHING_RECEIVED:
+            # A link that waits for the next vehicle is as it should be after a flight.
+            return
         # The sentences must not advise options of `mavdem live`, which this server does not have.
         with sentences_for(Medium(has_terminal=False)):
             self._report_event(event)
@@ -840,33 +854,46 @@ class LinkMonitor:
         Args:
             session: the running session.
         """
+        vehicle = session.stream.followed_vehicle
+        earlier_recording = None
+        if vehicle is not None:
+            earlier_recording = self._fault_of_earlier_flight(_LinkedVehicle.of_component(vehicle))
         return replace(
             session.status,
             recording_verdict=AWAITED_IN_SESSION,
-            earlier_recording=self._verdict_on_faulty_flight(session),
+            earlier_recording=earlier_recording,
         )
 
-    def _verdict_on_faulty_flight(self, session: LiveSession) -> Fact | None:
-        """Returns the library's verdict on the latest flight of a session's vehicle that forbids to fly.
+    def _fault_of_earlier_flight(
+        self, vehicle: _LinkedVehicle, shown_entry_id: str = ""
+    ) -> Fact | None:
+        """Returns what the library has against another flight with a vehicle: a fault, or that its end is not known.
 
-        A take-off repairs nothing, so that the verdict stands however many flights follow.
+        A take-off repairs nothing, so that a verdict that forbids to fly stands however many flights follow. That the
+        end of a flight was not received stands in the next flight only: a vehicle that lands after that is sound, or
+        has a verdict of its own.
 
         Args:
-            session: the running session.
+            vehicle: the vehicle.
+            shown_entry_id: id in the library of the flight that is shown now; empty while its session runs.
 
         Returns:
-            The verdict; None if no flight of this vehicle since the server started forbids to fly.
+            The latest verdict of the library that forbids to fly. Without one, the fact that the end of the flight
+            before was not received, or None if it was. All are about flights since the server started.
         """
-        vehicle = session.stream.followed_vehicle
-        if vehicle is None:
-            return None
-        linked_vehicle = _LinkedVehicle.of_component(vehicle)
         flights = list(self._faulty_flights)
         if self._stored_flight is not None:
             flights.append(self._stored_flight)
+        flights = [
+            flight
+            for flight in flights
+            if flight.vehicle == vehicle and flight.entry_id != shown_entry_id
+        ]
         for flight in reversed(flights):
-            if flight.vehicle == linked_vehicle and flight.forbids_flight:
+            if flight.forbids_flight:
                 return flight.verdict
+        if flights and flights[-1] is self._stored_flight and flights[-1].is_end_unknown:
+            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=flights[-1].verdict)
         return None
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
@@ -882,6 +909,18 @@ class LinkMonitor:
             # The title names the vehicle already.
             vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
             self._summary = f"{title}: {vehicle_state}"
+
+
+def _is_end_unknown(status: SessionStatus) -> bool:
+    """Returns whether the end of the latest flight of an ended session was not received.
+
+    Its link was lost in the air and did not come back, or the autopilot restarted after the last message in the air.
+
+    Args:
+        status: status at the end of the session.
+    """
+    has_restarted_in_air = bool(status.verdicts) and status.verdicts[-1].is_lost_in_air
+    return has_restarted_in_air or status.link_loss is not None
 
 
 def _is_on_ground(status: SessionStatus) -> bool:
@@ -955,7 +994,11 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
 
 
 def _finished_page(
-    session: LiveSession, names: GivenNames, saved_flight: PageLink, verdict: Fact
+    session: LiveSession,
+    names: GivenNames,
+    saved_flight: PageLink,
+    verdict: Fact,
+    fault_of_earlier_flight: Fact | None = None,
 ) -> str:
     """Returns the HTML page of a live session that has ended, which links to the stored flight in the library.
 
@@ -967,6 +1010,7 @@ def _finished_page(
         names: names that were given to vehicles in the library.
         saved_flight: link to the page of its flight in the library.
         verdict: what the recording of the flight shows, or that it is not judged yet.
+        fault_of_earlier_flight: what the library has against an earlier flight with this vehicle; None for nothing.
     """
     status_at_end = session.status
     status_at_last_message = session.stream.status()
@@ -977,6 +1021,7 @@ def _finished_page(
         rates=status_at_last_message.rates,
         watch_facts=status_at_last_message.watch_facts,
         recording_verdict=verdict,
+        earlier_recording=fault_of_earlier_flight,
     )
     return session_page(session, final_status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
 

@@ -89,7 +89,12 @@ class LiveServer:
         self._thread.start()
 
     def report(
-        self, session: LiveSession, status: SessionStatus, files: Sequence[str] = ()
+        self,
+        session: LiveSession,
+        status: SessionStatus,
+        files: Sequence[str] = (),
+        *,
+        is_ending: bool = False,
     ) -> None:
         """Takes the state of the session, and makes its HTML page anew if that is outdated or the session is over.
 
@@ -99,12 +104,13 @@ class LiveServer:
             session: the session, with the history of its flight.
             status: its state now, as it is shown to users.
             files: sentences on the files that the session has written, once it is over.
+            is_ending: whether the session watches nothing any more, and a page with its verdict follows.
         """
         self._status = status
         if not (self.page.is_outdated(session) or status.is_over):
             return
         # A session that ends because another vehicle sends has a successor, which continues at the same address.
-        is_last = status.is_over and session.successor is None
+        is_last = status.is_over and session.successor is None and not is_ending
         # The dashboard ends with the last session.
         has_dashboard = self._viewer is not None and not is_last
         links = [DASHBOARD_LINK] if has_dashboard else []

@@ -127,8 +127,11 @@ def test_the_next_step_fits_the_moment(slow):
     assert str(sound.overall_judgement.next_step) == "Let it land."
     bad = replace(learning, worst_lights={Light.MOTORS: weak.replace(Level.BAD)})
     assert bad.overall_judgement.next_step.code is NextStep.LAND_NOW
-    over = replace(bad, is_over=True)
-    assert over.overall_judgement.next_step.code is NextStep.DO_AS_ADVISED
+    landed = replace(bad, is_over=True, is_flying=False).overall_judgement
+    assert landed.next_step.code is NextStep.DO_AS_ADVISED
+    # A session that has ended in flight asks for the landing first.
+    in_flight = replace(bad, is_over=True).overall_judgement
+    assert str(in_flight.next_step).startswith("Land soon. After landing: ")
 
 
 def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
@@ -253,6 +256,36 @@ def test_a_flight_of_which_nothing_was_checked_has_a_verdict_of_its_own():
         assert judgement.headline.code is Headline.NOTHING_CHECKED
         assert "too short" in str(judgement.headline)
         assert str(over.verdict.judgement.headline).lower().count("not judged") == 0
+
+
+def test_after_a_flight_no_light_waits_for_more_of_it(slow):
+    short = Fact(LoopFact.LOOP_TOO_SHORT, least_duration=20.0, settled=2.0, clock=13.0)
+    landed = replace(
+        slow,
+        is_flying=False,
+        flight_number=1,
+        no_model_reason=Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0),
+        margins=Fact(MarginsLight.MARGINS_UNKNOWN, rate=None, reason=short),
+        worst_lights={Light.LOG: Fact(LogLight.RECORDED_WITH_GAPS, Level.WATCH)},
+    )
+    figures = {row.name: row.figure for row in light_rows(landed)}
+    assert figures["margins"] == "flight too short"
+    assert figures["tracking"] == "not in this flight"
+    assert "again" not in str(landed.overall_judgement.lights[Light.MARGINS])
+
+
+def test_a_voltage_that_is_not_judged_is_as_old_as_the_silence_of_the_link(slow):
+    unmeasured = Fact(PowerLight.POWER_UNMEASURED, voltage=12.6, airborne=True, is_constant=True)
+    lost = replace(
+        slow,
+        state=VehicleState(voltage=12.6),
+        no_model_reason=Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0),
+        message_age=14.0,
+        worst_lights={Light.POWER: unmeasured},
+    )
+    figures = {row.name: row.figure for row in light_rows(lost)}
+    assert figures["power"] == "12.6 V 14 s ago"
+    assert "Not known for 14 s; before that: " in str(lost.overall_judgement.lights[Light.POWER])
 
 
 def test_each_state_of_motors_and_log_has_its_detail_on_the_terminal(slow):

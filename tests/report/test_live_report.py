@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from mavdem.assessment.judgement import unjudged
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline
@@ -9,6 +11,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.motors import MotorsLight
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
@@ -191,3 +194,45 @@ def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
     )
     # The verdict on the flight keeps the place, by which the vehicle is searched.
     assert "12 m above the take-off" in headline(loss.replace(is_over=True))
+
+
+def test_the_plot_of_an_alarms_subject_comes_first():
+    history = LiveHistory()
+    for time in (100.0, 101.0, 102.0):
+        pose = (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 0.2, time / 100.0, 4.0, 12.0)
+        history.add_row(0, time, np.zeros(2), None, pose)
+        history.advance(time, 0)
+        history.add_voltages({1: 12.6})
+    account = dict.fromkeys(TimeUse, 0.0)
+
+    def is_battery_first(status):
+        page = live_page("udp", "roll", history, status, account, None)
+        return page.index("<h3>Battery") < page.index("<h3>Height")
+
+    sound = SessionStatus("1:1", is_flying=True, message_age=0.0)
+    low = Fact(PowerLight.CHARGE_LOW, Level.BAD, share=0.08, share_limit=0.1)
+    assert not is_battery_first(sound)
+    assert is_battery_first(replace(sound, active_alarms=(low,), worst_lights={Light.POWER: low}))
+
+
+def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
+    """The verdict of a library is a text, and the evidence is of the session's own fact."""
+    loss = MotorChange(58.0, 56.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    landed = SessionStatus("1:1", flight_number=1, is_over=True, motor_alarms_of_flight=(loss,))
+    account = dict.fromkeys(TimeUse, 0.0)
+
+    def page_with_verdict(text):
+        verdict = Fact(
+            SessionFact.RECORDING_JUDGED,
+            Level.BAD,
+            headline=text,
+            next_step="Do not fly: check the load.",
+            levels=dict.fromkeys(Light, ""),
+        )
+        status = replace(landed, recording_verdict=verdict)
+        return live_page("udp", "roll", LiveHistory(), status, account, None)
+
+    page = page_with_verdict(headline(loss.fact))
+    assert '<section id="reasons">' in page
+    assert "<strong>Next:</strong> Do not fly.</p>" in page and "Check the load." in page
+    assert '<section id="reasons">' not in page_with_verdict("Another fault.")

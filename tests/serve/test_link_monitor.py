@@ -26,7 +26,14 @@ from mavdem.facts.event import Event as HappenedEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason
-from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse, VehicleFact
+from mavdem.facts.session import (
+    LinkFact,
+    MissingMessages,
+    RowsFact,
+    SessionFact,
+    TimeUse,
+    VehicleFact,
+)
 from mavdem.fleet.names import NO_NAMES
 from mavdem.fleet.stored_rows import brief_json
 from mavdem.ingest import read_log
@@ -407,6 +414,36 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
     assert [flight.entry_id for flight in live._faulty_flights] == ["crash"]
     # The verdict on a flight that is over is no second alarm.
     assert told and not any(event.is_alarm for event in told)
+
+
+def test_the_next_flight_names_a_flight_whose_end_was_not_received(idle, monkeypatch):
+    """A recording that ends in the air is only to be watched, and says nothing about how the vehicle came down."""
+    live, _ = idle
+    entry = LibraryEntry("lost", "a.tlog", level="watch", headline="The log ends in the air.")
+    monkeypatch.setattr(live._library, "entry", lambda entry_id: replace(entry, id=entry_id))
+    monkeypatch.setattr(
+        live, "_add_to_library", lambda path, _: replace(entry, id=path, name="a.tlog")
+    )
+    copter = Component(1, 1)
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    lost = SessionStatus("1:1", is_flying=True, message_age=700.0, no_model_reason=silent)
+    landed = SessionStatus("1:1", flight_number=1)
+
+    def fault_after(path, status):
+        session = Mock(status=status)
+        session.history.events = []
+        session.stream.followed_vehicle = copter
+        live._store_recording(session, Mock(path=path))
+        session.status = SessionStatus("1:1", is_flying=True, flight_number=1)
+        return unrepaired_fault_text(live._shown_status(session))
+
+    monkeypatch.setattr(link_monitor, "_finished_page", Mock(return_value=""))
+    assert fault_after("lost", lost) == (
+        "The end of the flight before was not received; its recording: the log ends in the air. "
+        "If the vehicle was not inspected since, land."
+    )
+    # A flight that ended on the ground takes its place.
+    assert not fault_after("landed", landed)
 
 
 def test_the_status_of_a_link_that_waits_is_not_reported_after_a_flight(idle, monkeypatch):

@@ -166,6 +166,16 @@ class Timeline(NamedTuple):
             columns.append(other_charts[first : first + charts_per_column])
         return full_width_group, Group(tuple(columns), is_flat=True)
 
+    def with_chart_first(self, title: str) -> Timeline:
+        """Returns the timeline with one of its charts of the flight before all others.
+
+        Args:
+            title: title of that chart. Without a chart of this title, the order stays.
+        """
+        first_charts = [chart for chart in self.flight_charts if chart.title == title]
+        other_charts = [chart for chart in self.flight_charts if chart.title != title]
+        return self._replace(flight_charts=(*first_charts, *other_charts))
+
     def whole_flight_group(self, marked_span: TimeInterval) -> Group | None:
         """Returns the most important charts over the whole flight, for a page whose plots show a part of it.
 

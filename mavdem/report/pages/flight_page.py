@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,9 +93,11 @@ from mavdem.report.templates import (
     Medium,
     capitalize_first,
     first_and_further_sentences,
+    headline,
     render_section,
     sentences_for,
     time_of_day,
+    without_full_stop,
 )
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
@@ -134,6 +137,9 @@ CHAPTER_OF_LIGHT = {
 
 SUPPLY_CODES = (PowerLight.SUPPLY_HELD, PowerLight.SUPPLY_LOW, PowerLight.SUPPLY_FELL)
 """Findings of the light of power that are about the supply of the autopilot's board, not about a battery."""
+
+CHARTS_OF_LIGHTS = {Light.MOTORS: "Motors", Light.POWER: "Battery"}
+"""Titles of the charts of a live page that show what a light warns of, and that would stand below others."""
 
 GAINS_TITLE = "Gains"
 """Title of a live page's chapter with the gains that were advised after a landing."""
@@ -955,12 +961,14 @@ def live_page(
     )
 
     judgement = status.session_judgement
-    # A page that a server will replace, or whose flight its library has, is not that of the end of a session.
-    is_last = status.is_over and refresh_seconds is None and saved_flight is None
+    session_end = ""
+    if status.is_over and saved_flight is None:
+        # The page of a flight that a library has says that in its own words.
+        session_end = _session_end(status, is_last=refresh_seconds is None)
     timeline = live_timeline(history, axis)
     if timeline is not None:
         first_time, last_time = timeline.span
-        timeline = timeline._replace(
+        timeline = timeline.with_chart_first(_chart_of_alarm(judgement))._replace(
             takeoff=status.takeoff_position, span=(first_time, last_time + _shown_silence(status))
         )
     chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
@@ -989,10 +997,10 @@ def live_page(
         links=links,
         saved_flight=saved_flight,
         is_lost_in_air=status.is_flying and status.loss is None,
-        reasons=headline_reason(judgement),
+        reasons=headline_reason(_judgement_with_reason(status)),
         unrepaired_fault=unrepaired_fault_text(status),
         vehicle_state=() if status.is_over else vehicle_state_cells(status),
-        session_end=_session_end(status) if is_last else "",
+        session_end=session_end,
         files_of_session=files,
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
@@ -1020,12 +1028,32 @@ def live_page(
     )
 
 
-def _session_end(status: SessionStatus) -> str:
-    """Returns the first sentence of the last page of a session: that it is over, and that no alarm comes any more.
+def _judgement_with_reason(status: SessionStatus) -> Judgement:
+    """Returns the judgement that has the evidence for what the headline of a live page states.
+
+    A verdict of the recording is a text without evidence. If the session found the same, its judgement has that.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    judgement = status.session_judgement
+    if judgement.headline.code is not SessionFact.RECORDING_JUDGED:
+        return judgement
+    judgement_by_session = replace(status, recording_verdict=None).session_judgement
+    finding = judgement_by_session.headline
+    is_same_verdict = str(judgement.headline) in (headline(finding), finding.sentence)
+    return judgement_by_session if is_same_verdict else judgement
+
+
+def _session_end(status: SessionStatus, *, is_last: bool) -> str:
+    """Returns the first sentence of a page of a session that is over: that no alarm comes any more.
 
     Args:
         status: state of the session at its end. A lost vehicle that has met the ground no longer flies.
+        is_last: whether no page follows: neither that with the verdict on the session, nor that of another session.
     """
+    if not is_last:
+        return "This session ends: nothing is watched now, and no alarm comes. What follows is shown here."
     if status.is_flying and status.ground_contact is None:
         return "This session ended in flight: nothing is watched now, and no alarm comes."
     return "This session is over."
@@ -1049,14 +1077,18 @@ def _live_timeline_title(status: SessionStatus) -> str:
 def _sentences_on_next_step(next_step: Sentence) -> list[Sentence]:
     """Returns the next step of a live page in two sentences: what to do, which is set large, and what follows it.
 
+    What follows are the details after the first colon, such as what to check, and the further sentences.
+
     Args:
         next_step: what to do, in one sentence or several, the most important first.
 
     Returns:
-        One sentence, or two if there is more than one in the step.
+        One sentence, or two if something follows.
     """
-    what_to_do, what_follows = first_and_further_sentences(next_step.text)
-    sentences = [next_step._replace(text=what_to_do)]
+    first_step, further_steps = first_and_further_sentences(next_step.text)
+    what_to_do, _, details = first_step.partition(": ")
+    sentences = [next_step._replace(text=f"{without_full_stop(what_to_do)}.")]
+    what_follows = f"{capitalize_first(details)} {further_steps}".strip()
     if what_follows:
         sentences.append(Sentence(what_follows))
     return sentences
@@ -1314,6 +1346,25 @@ def _map_wind_of_estimate(estimate: WindEstimate, name: str) -> MapWind | None:
         speed_interval = speed_fact.figures["speed_interval"]
     direction = direction_facts[0].figures["direction"]
     return MapWind(direction, speed_interval=speed_interval, name=name)
+
+
+def _chart_of_alarm(judgement: Judgement) -> str:
+    """Returns the title of the chart that shows what the headline of a live page warns of; empty without one.
+
+    Args:
+        judgement: headline and status lights (the judgement of each part of the vehicle) of the page.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.live.session_status import cause_of_alarm
+
+    finding = cause_of_alarm(judgement.headline)
+    if not finding.is_watch_or_bad:
+        return ""
+    for light_name, light in judgement.lights.items():
+        has_chart = light_name in CHARTS_OF_LIGHTS
+        if has_chart and cause_of_alarm(light).code is finding.code:
+            return CHARTS_OF_LIGHTS[Light(light_name)]
+    return ""
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:

@@ -185,7 +185,10 @@ class PageEvent(NamedTuple):
         Some events stand elsewhere on the page in full: in the headline, in a status light (one of eight judgements on
         a flight), or in the evidence of the headline. Of these the list has the first clause only.
         """
-        if self.is_headline:
+        if self.is_headline and self.cause.code is SessionFact.FLIGHT_VERDICT:
+            # Its first clause is only the number of the flight.
+            sentence = headline(self.cause)
+        elif self.is_headline:
             # The clause of an alarm is that of its cause, which follows the word "Alarm".
             sentence = first_clause(str(self.cause))
         elif self.is_light:
