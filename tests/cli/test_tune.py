@@ -54,7 +54,7 @@ WEAKENED = """
 seed = 61
 duration = 50.0
 height = 3.0
-vehicle = { model = "iris", weak_motor = 1, weak_from = 28.0, weak_thrust = 0.8 }
+vehicle = { model = "iris", weak_motor = 1, weak_from = 28.0, weak_thrust = 0.8, parameters.SCHED_LOOP_RATE = 100.0 }
 wind = [{ kind = "dryden", speed = 5.0 }]
 excitation = { kind = "steps", distance = 2.0, period = 6.0 }
 stream = { autopilot = "ardupilot", rate = 50.0 }

@@ -37,7 +37,7 @@ TUNED_BADLY = """
 seed = 5
 duration = 30.0
 height = 5.0
-vehicle = { parameters = { ATC_ANG_RLL_P = 16.0 } }
+vehicle = { parameters = { ATC_ANG_RLL_P = 16.0, SCHED_LOOP_RATE = 200.0 } }
 excitation = { kind = "doublets", amplitude = 6.0 }
 stream = { autopilot = "ardupilot", rates = { ATTITUDE_TARGET = 100.0 } }
 """

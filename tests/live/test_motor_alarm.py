@@ -62,7 +62,8 @@ def stream_and_facts(path):
 def flown(request, tmp_path_factory, coarse_physics):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
-    slower = {"SCHED_LOOP_RATE": 200.0} if request.param == "ardupilot" else {}
+    loop_rate = {"ardupilot": "SCHED_LOOP_RATE", "px4": "IMU_GYRO_RATEMAX"}[request.param]
+    slower = {loop_rate: 100.0}
     vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.7, parameters=slower)
     stream = StreamSpec(autopilot=request.param, rate=12.0)
     scenario = Scenario(
@@ -282,8 +283,17 @@ def fading(tmp_path_factory, coarse_physics):
     """A quadrotor one of whose motors loses two thirds of its thrust from 12 s after arming on, in 20 s."""
     wind = (TurbulentWind(kind="dryden", speed=3.0, direction=83.0),)
     mishap = MotorFade(kind="motor_fade", start=12.0, motor=3, seconds=20.0, thrust=0.35)
+    vehicle = VehicleSpec(parameters={"SCHED_LOOP_RATE": 100.0})
     stream = StreamSpec(autopilot="ardupilot", rate=25.0, instruments=True)
-    scenario = Scenario(duration=36.0, height=8.0, seed=4, wind=wind, stream=stream, mishap=mishap)
+    scenario = Scenario(
+        duration=36.0,
+        height=8.0,
+        seed=4,
+        vehicle=vehicle,
+        wind=wind,
+        stream=stream,
+        mishap=mishap,
+    )
     path = tmp_path_factory.mktemp("fading") / "flight.tlog"
     write_log(path, scenario, fly(scenario))
     return path

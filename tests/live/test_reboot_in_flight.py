@@ -16,7 +16,7 @@ from mavdem.live.global_position import GlobalPosition
 from mavdem.live.takeoff_place import Place, TakeoffPlace
 from mavdem.report.live import vehicle_text
 from sitl_scenarios.mishaps.specs import Restart
-from sitl_scenarios.scenario import Scenario, StreamSpec
+from sitl_scenarios.scenario import Scenario, StreamSpec, VehicleSpec
 from sitl_scenarios.simulation import fly
 
 HEIGHT = 6.0
@@ -28,7 +28,10 @@ def flown(tmp_path_factory, coarse_physics):
     """A flight whose autopilot restarts after 9 s."""
     stream = StreamSpec(autopilot="ardupilot", rate=25.0, instruments=True)
     mishap = Restart(kind="restart", start=9.0)
-    scenario = Scenario(duration=24.0, height=HEIGHT, seed=5, stream=stream, mishap=mishap)
+    vehicle = VehicleSpec(parameters={"SCHED_LOOP_RATE": 100.0})
+    scenario = Scenario(
+        duration=24.0, height=HEIGHT, seed=5, vehicle=vehicle, stream=stream, mishap=mishap
+    )
     path = tmp_path_factory.mktemp("restarted") / "flight.tlog"
     write_log(path, scenario, fly(scenario))
     return path
