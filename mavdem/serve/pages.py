@@ -54,7 +54,12 @@ from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
-from mavdem.serve.search import needs_complete_entries, search_problems, unknown_terms
+from mavdem.serve.search import (
+    half_typed_terms,
+    needs_complete_entries,
+    search_problems,
+    unknown_terms,
+)
 from mavdem.serve.stored_parameters import read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
@@ -111,7 +116,7 @@ def _search_hints(result: SearchResult) -> list[str]:
     Args:
         result: the search with what it found. Only if it found nothing, unknown properties are among the hints.
     """
-    hints = search_problems(result.query)
+    hints = half_typed_terms(result.query) + search_problems(result.query)
     if not result.entries:
         hints += unknown_terms(result.query)
     return hints
@@ -181,31 +186,27 @@ class Pages:
             sample=self._sample_log,
             is_live=self._session_summary is not None,
             session_summary=self._session_summary() if self._session_summary else "",
-            **self._values_of_vehicles(result, may_read=visitor["may_read"]),
+            **self._values_of_search(result, may_read=visitor["may_read"]),
             **visitor,
         )
         return HTMLResponse(html)
 
-    def _values_of_vehicles(self, result: SearchResult, *, may_read: bool) -> JsonValues:
-        """Returns what the list of flights shows of their vehicles.
+    def _values_of_search(self, result: SearchResult, *, may_read: bool) -> JsonValues:
+        """Returns what the list of flights shows of the flights that a search finds.
 
         Args:
             result: the search, with the flights on the page.
-            may_read: whether the visitor may read all flights. Without that right, names of vehicles, links to
-                comparisons and the number of flights that are not known are left out.
+            may_read: whether the visitor may read all flights. Without that right, links to comparisons and the number
+                of flights that are not known are left out.
 
         Returns:
-            Values by the names in the template: those of :meth:`_judged_flights`; names of all ``vehicles``; and
-            ``not_known_count``, the number of flights of which it is not known whether they match the search.
+            Values by the names in the template: those of :meth:`_judged_flights`; and ``not_known_count``, the number
+            of flights of which it is not known whether they match the search.
         """
-        vehicle_names: list[str] = []
         not_known_count = 0
-        if may_read:
-            vehicle_names = self._library.vehicle_names()
-            if needs_complete_entries(result.query):
-                not_known_count = self._library.incomplete_count()
+        if may_read and needs_complete_entries(result.query):
+            not_known_count = self._library.incomplete_count()
         return {
-            "vehicles": vehicle_names,
             "not_known_count": not_known_count,
             **self._judged_flights(result.entries, may_read=may_read),
         }

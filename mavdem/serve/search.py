@@ -23,6 +23,9 @@ MAX_SEARCH_WORDS = 20
 TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
 """A word of a search that compares a property: its name, the operator and the value."""
 
+HALF_TYPED_TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])")
+"""Such a word while its value is still to be typed, as ``motors:``."""
+
 TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
 
@@ -138,7 +141,8 @@ def search_condition(text: str) -> SqlCondition:
 
     Args:
         text: words separated by spaces. A word such as ``wind>5`` compares a property; any other word must occur in the
-            texts of the entry, as must one that looks like a comparison of an unknown property.
+            texts of the entry, as must one that looks like a comparison of an unknown property. A comparison of a known
+            one that has no value yet, such as ``motors:``, is left out.
 
     Returns:
         The condition on the table ``entries``; all entries meet the condition of an empty search.
@@ -146,6 +150,9 @@ def search_condition(text: str) -> SqlCondition:
     # The first condition is always true, so that an empty search is a valid expression.
     conditions = [SqlCondition("1")]
     for word in text.split()[:MAX_SEARCH_WORDS]:
+        if _half_typed_name(word):
+            # The search goes on while it is typed, and such a word does not limit it yet.
+            continue
         term = _term(word)
         condition = None if term is None else _comparison_condition(term)
         if condition is None:
@@ -183,6 +190,39 @@ def search_problems(text: str) -> list[str]:
         elif _is_compared_as_number(name) and not _is_number(value):
             problems.append(f"{value} is not a number")
     return problems
+
+
+def half_typed_terms(text: str) -> list[str]:
+    """Returns what the words of a search lack that compare a property, but have no value yet, such as ``motors:``.
+
+    Args:
+        text: words of the search.
+
+    Returns:
+        A phrase on each such word, for the user.
+    """
+    hints = []
+    for word in text.split()[:MAX_SEARCH_WORDS]:
+        name = _half_typed_name(word)
+        if not name:
+            continue
+        if name in CHOICES:
+            hints.append(f"{word} lacks its value: these are {listed(CHOICES[name])}")
+        elif name in NUMBER_COLUMNS:
+            hints.append(f"{word} lacks its number")
+        elif name in LEVEL_COLUMNS:
+            hints.append(f"{word} lacks its level: these are {listed(LEVELS)}")
+        else:
+            hints.append(f"{word} lacks its value")
+    return hints
+
+
+def _half_typed_name(word: str) -> str:
+    """Returns the property that a word of a search compares with a value that is not typed yet; empty otherwise."""
+    match = HALF_TYPED_TERM_PATTERN.fullmatch(word)
+    if match is None or match[1].lower() not in KNOWN_TERMS:
+        return ""
+    return match[1].lower()
 
 
 def unknown_terms(text: str) -> list[str]:

@@ -305,13 +305,20 @@ class VisibleLibrary:
         Returns:
             Values by the names in the templates: ``may_read``, whether the visitor may read all flights; ``key`` for
             changes; ``has_token``, whether visitors can sign in with a token; ``has_library``; ``address`` of the
-            server, and the address for uploads (``upload``); the names that were ``given`` to vehicles; and the type of
-            each vehicle's frame (``frames``).
+            server, and the address for uploads (``upload``); the names that were ``given`` to vehicles; the names of
+            all ``vehicles`` in logs, empty for those who may not read; and the type of each vehicle's frame
+            (``frames``).
         """
         may_read = self.rights.allows(request, Permission.READ)
         address = str(request.base_url).rstrip("/")
         upload_address = ""
+        vehicle_names: list[str] = []
+        given_names = self.library.names
         if may_read:
+            # In the order of the names that are shown.
+            vehicle_names = sorted(
+                self.library.vehicle_names(), key=lambda name: given_names.vehicle(name).casefold()
+            )
             upload_key = self.rights.derived_key(Permission.UPLOAD)
             upload_path = f"/{upload_key}/upload" if upload_key else "/upload"
             upload_address = address + upload_path
@@ -322,7 +329,8 @@ class VisibleLibrary:
             "has_library": True,
             "address": address,
             "upload": upload_address,
-            "given": self.library.names,
+            "given": given_names,
+            "vehicles": vehicle_names,
             "frames": self.library.vehicle_frames,
         }
 

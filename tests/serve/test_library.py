@@ -50,7 +50,12 @@ from mavdem.serve.reading_threads import ReadingThreads
 from mavdem.serve.recovery import dead_servers, recover
 from mavdem.serve.rights import Rights
 from mavdem.serve.run import ServerOptions, serve
-from mavdem.serve.search import search_condition, search_problems, unknown_terms
+from mavdem.serve.search import (
+    half_typed_terms,
+    search_condition,
+    search_problems,
+    unknown_terms,
+)
 from mavdem.serve.stored_files import stored_file_name
 from mavdem.serve.uploads import require_log_file
 from mavdem.serve.visible_library import VisibleLibrary
@@ -67,6 +72,14 @@ def test_a_search_says_which_value_is_no_number_and_which_no_level():
     assert search_problems("MC_ROLL_P<x stage:done") == ["x is not a number"]
     (sharing,) = search_problems("sharing:mine")
     assert sharing == "mine is no sharing: these are private, link and public"
+
+
+def test_a_term_that_is_still_typed_limits_no_search_and_says_what_it_lacks():
+    assert search_condition("quad motors:") == search_condition("quad")
+    level, number, choice = half_typed_terms("motors: Wind> sharing= colour: quad 12:30 motors:bad")
+    assert level == "motors: lacks its level: these are good, watch, bad and unknown"
+    assert number == "Wind> lacks its number"
+    assert choice == "sharing= lacks its value: these are private, link and public"
 
 
 def test_motors_are_searched_for_as_pages_show_them():

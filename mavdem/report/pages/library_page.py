@@ -50,6 +50,9 @@ SCRIPT_ELEMENT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 TITLE = re.compile(r"<h1>(.*?)</h1>")
 """The title of a flight's page, which is the name of its log."""
 
+LINK_TO_FLEET_HTML = '<nav><a href="../index.html">← Fleet</a></nav>'
+"""Link to the index of a fleet on a page that ``mavdem track`` has written; the server has no such index."""
+
 MAX_FLIGHTS_OF_LOG = 12
 """Flights of one log that have a line of their own in the list, so that a log of many hops does not fill it."""
 
@@ -256,7 +259,7 @@ def with_toolbar(
     Returns:
         The page as HTML.
     """
-    page = with_motor_anomaly(page, anomaly)
+    page = with_motor_anomaly(page, anomaly).replace(LINK_TO_FLEET_HTML, "", 1)
     if given_name:
         # A function makes the replacement, since backslashes of the name would be taken for references to groups. The
         # group of the match is the name of the log.
