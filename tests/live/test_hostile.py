@@ -17,7 +17,7 @@ from mavdem.live.samples import MAX_SAMPLES, MEMORY_SECONDS, SampleStream
 from mavdem.live.stream import MAX_EVENTS
 from mavdem.loops.limit_cycles import STARTING_SPAN, WINDOW_LENGTHS
 
-FLIGHT = Flight(hover=Hover(hovering=30.0))
+FLIGHT = Flight(hover=Hover(hovering=30.0), attitude=50.0, motors=50.0)
 
 
 @mark.slow

@@ -58,7 +58,7 @@ STEERED = {
 
 STILL = {key: value for key, value in STEERED.items() if key != "excitation"} | {
     "duration": 34.0,
-    "vehicle": {"model": "iris"},
+    "vehicle": {"model": "iris", "parameters": {"SCHED_LOOP_RATE": 200.0}},
     "wind": [{"kind": "gaussian", "sd": 1.0, "s": 0.3}],
 }
 """A shorter one without steering, in gusts, which shows too little of the loops."""

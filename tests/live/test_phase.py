@@ -38,11 +38,13 @@ class Vehicle:
         self.fly(3.0, collective=0.0)
 
     def fly(self, seconds, collective=IN_FLIGHT, climb=None, landed=None, armed=True, height=None):
-        """Flies on for some seconds, reviews the phase ten times a second, and returns whether flight is settled.
+        """Flies on for some seconds, reviews the phase, and returns whether flight is settled.
 
-        The collective is the mean motor output; climb, m/s, landed (MAV_LANDED_STATE) and height, m, are sent unless
-        None.
+        A long flight is reviewed twice a second, as in a session, and a short one ten times, so that the time of a
+        change is known. The collective is the mean motor output; climb, m/s, landed (MAV_LANDED_STATE) and height, m,
+        are sent unless None.
         """
+        steps_between_reviews = 10 if seconds < 10.0 else 50
         for _ in range(round(100 * seconds)):
             if round(100 * self.time) % 100 == 0:
                 self.recent.add("HEARTBEAT", self.time, (2, 3, ARMED * armed, 0, 4))
@@ -59,6 +61,7 @@ class Vehicle:
                     self.recent.add(self.height_message, self.time, values)
                 if climb is not None:
                     self.recent.add("VFR_HUD", self.time, (climb,))
+            if round(100 * self.time) % steps_between_reviews == 0:
                 time, values = np.array(self.collective[-450:]).T
                 shown = TimeSeries(time, np.zeros(len(time), int), values)
                 self.phase.review(self.time, VEHICLE, shown)
