@@ -212,26 +212,35 @@ class VehicleSignals:
 
         Messages with another type of vehicle or autopilot are from other components, or damaged, and are left out.
         """
-        telemetry = self.telemetry
-        columns = telemetry.messages.get("HEARTBEAT")
+        columns = self.telemetry.messages.get("HEARTBEAT")
         if columns is None or not len(columns["time"]):
             return None
+        rows = np.array(self._heartbeat_rows_of_vehicle(columns), int)
+        if not len(rows):
+            return None
+        # The last key is the first by which ``lexsort`` sorts.
+        by_boot_and_time = np.lexsort((columns["time"][rows], columns["boot"][rows]))
+        return selected_rows(columns, rows[by_boot_and_time])
+
+    def _heartbeat_rows_of_vehicle(self, heartbeats: Columns) -> list[int]:
+        """Returns the rows of those HEARTBEAT messages that have the vehicle's own type and autopilot.
+
+        Args:
+            heartbeats: columns of all HEARTBEAT messages with the vehicle's ids.
+        """
+        telemetry = self.telemetry
         # A vehicle of unknown type sends heartbeats of type GENERIC.
         vehicle_type = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
-        rows_of_vehicle = []
         types_and_autopilots = zip(
-            columns["type"].tolist(), columns["autopilot"].tolist(), strict=True
+            heartbeats["type"].tolist(), heartbeats["autopilot"].tolist(), strict=True
         )
+        rows = []
         for row, (type_number, autopilot_number) in enumerate(types_and_autopilots):
             is_same_type = enum_name("MAV_TYPE", type_number) == vehicle_type
             is_same_autopilot = enum_name("MAV_AUTOPILOT", autopilot_number) == telemetry.autopilot
             if is_same_type and is_same_autopilot:
-                rows_of_vehicle.append(row)
-        if not rows_of_vehicle:
-            return None
-        rows = np.array(rows_of_vehicle)
-        by_boot_and_time = np.lexsort((columns["time"][rows], columns["boot"][rows]))
-        return selected_rows(columns, rows[by_boot_and_time])
+                rows.append(row)
+        return rows
 
     def mode_changes(self, boot: int) -> list[ModeChange]:
         """Returns the changes of the flight mode, from CURRENT_MODE or otherwise from HEARTBEAT.
@@ -359,10 +368,11 @@ class VehicleSignals:
             east = float_column(columns, "wind_y")
         elif "WIND" in messages:
             columns = messages["WIND"]
-            # WIND has the direction that the wind comes from.
-            direction = np.radians(float_column(columns, "direction"))
-            north = -float_column(columns, "speed") * np.cos(direction)
-            east = -float_column(columns, "speed") * np.sin(direction)
+            speed = float_column(columns, "speed")
+            # The air moves opposite to the direction that the wind comes from, which WIND has in degrees.
+            direction_of_origin = np.radians(float_column(columns, "direction"))
+            north = -speed * np.cos(direction_of_origin)
+            east = -speed * np.sin(direction_of_origin)
         else:
             return None
         wind = clean_series(columns, np.column_stack([north, east]))

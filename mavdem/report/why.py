@@ -127,11 +127,12 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
         sentences = evidence_sentences(fact, MAX_WITNESSES_OF_HEADLINE)
     if sentences:
         headline_text = headline(fact)
-        return [
-            sentence
-            for sentence in sentences
-            if without_full_stop(sentence.text) not in headline_text
-        ]
+        new_sentences = []
+        for sentence in sentences:
+            if without_full_stop(sentence.text) not in headline_text:
+                new_sentences.append(sentence)
+        return new_sentences
+    # Without a measurement of its own, the light of the same subject may confirm the event.
     light_name = light_of_event(fact)
     light = None if light_name is None else lights.get(light_name)
     if light is None or not light.is_watch_or_bad:
@@ -162,15 +163,12 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
     # Imported here, since pages without loops need nothing of it.
     from mavdem.loops.axis_loops import MARGIN_TARGETS
 
-    is_on_small_margins = fact.code is MarginsLight.LOOP_MARGINS and fact.is_watch_or_bad
     axis_loop = loops.get(str(fact.figures.get("axis")))
-    if not is_on_small_margins or axis_loop is None:
+    if not _is_on_small_margins(fact) or axis_loop is None:
         return []
     small_margins_of_other_axes = []
     for finding in margins:
-        if finding.code is not MarginsLight.LOOP_MARGINS or not finding.is_watch_or_bad:
-            continue
-        if finding.figures["axis"] != axis_loop.axis:
+        if _is_on_small_margins(finding) and finding.figures["axis"] != axis_loop.axis:
             small_margins_of_other_axes.append(finding.figures)
     # The subject of the finding is the loop of the axis that it is about: "rate" or "attitude".
     open_loop = axis_loop.open_loop(fact.subject)
@@ -181,6 +179,11 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
         target=MARGIN_TARGETS["default"],
         others=small_margins_of_other_axes,
     )
+
+
+def _is_on_small_margins(fact: Fact) -> bool:
+    """Returns whether a finding is that an identified loop has too small stability margins."""
+    return fact.code is MarginsLight.LOOP_MARGINS and fact.is_watch_or_bad
 
 
 def evidence_text(fact: Fact) -> str:

@@ -190,12 +190,7 @@ class Api:
                 file_name = PureWindowsPath(valid_unicode(file.filename or "")).name
                 name = file_name[:MAX_NAME_LETTERS] or "log"
                 try:
-                    require_log_file(path, name)
-                    entry = self._library.add(path, name, **columns)
-                    if self._rights.allows(request, Permission.WRITE):
-                        sharing = columns.get("sharing", Sharing.PRIVATE)
-                        entry = self._library.widen_sharing(entry, sharing, columns["note"])
-                    flights.append(entry)
+                    flights.append(self._add_log(path, name, columns, request))
                 except Refusal as error:
                     # A full disk or a deleted flight concerns the whole request, not this file.
                     if isinstance(error.fact.code, RefusalReason):
@@ -210,6 +205,30 @@ class Api:
         self._log_added()
         refused_logs = [{"name": name, "error": error_values(fact)} for name, fact in refused_files]
         return Added(flights=self._visible_library.documents(flights), refused=refused_logs)
+
+    def _add_log(
+        self, path: Path, name: str, columns: JsonValues, request: HttpRequest
+    ) -> LibraryEntry:
+        """Moves one file of an upload into the library, if it is a log.
+
+        Args:
+            path: path of the received file.
+            name: name of the log that users see.
+            columns: values that the form sets in the index: ``note``, ``keep`` and perhaps ``sharing``.
+            request: the request, for the sender's rights.
+
+        Returns:
+            The index entry of the log, which the library may have had already.
+
+        Raises:
+            Refusal: the file is no log, the disk is full, or the flight was deleted in the meantime.
+        """
+        require_log_file(path, name)
+        entry = self._library.add(path, name, **columns)
+        if not self._rights.allows(request, Permission.WRITE):
+            return entry
+        sharing = columns.get("sharing", Sharing.PRIVATE)
+        return self._library.widen_sharing(entry, sharing, columns["note"])
 
     # Flights
 
@@ -312,10 +331,11 @@ class Api:
         )
         start = query_decimal(request, "start", -inf)
         end = query_decimal(request, "end", inf)
-        intervals = query_number(request, "points", FIELD_INTERVALS)
-        intervals = min(max(intervals, 1), MAX_FIELD_INTERVALS)
+        requested_intervals = query_number(request, "points", FIELD_INTERVALS)
+        intervals = min(max(requested_intervals, 1), MAX_FIELD_INTERVALS)
         all_samples = self._fields.samples(log, field_request, self._document_of_page(entry))
         samples = samples_between(all_samples, start, end)
+        # Each interval has two samples in the plot, its minimum and its maximum.
         is_thinned = len(samples.time) > 2 * intervals
         plotted_samples = extremes_of_intervals(samples, intervals) if is_thinned else samples
         # JSON has no infinity and no NaN.

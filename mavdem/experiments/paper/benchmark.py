@@ -47,21 +47,22 @@ def run(runner: Runner) -> ExperimentResult:
     Returns:
         Checks, tables, figures, and MSPE (mean squared prediction errors) as ``numbers``, by data and method.
     """
-    experiment_errors = {
-        start: _experiment_errors(runner, start) for start in FORECAST_KIND_BY_START
-    }
-    forecasts = _figure_forecasts(runner)
-    test_outputs = runner.figure_window.test.outputs
-    # Summed over the outputs, one value for each step ahead.
-    squared_errors = {}
-    for name, forecast in forecasts.items():
-        squared_errors[name] = ((forecast - test_outputs) ** 2).sum(axis=1)
     checks = []
-    for start, errors in experiment_errors.items():
-        checks.append(lowest_error_check(errors, f"from {start}"))
-    checks.append(_steps_check(squared_errors, runner.figure_window.flight))
+    numbers = {}
+    experiment_errors = {}
+    for start in FORECAST_KIND_BY_START:
+        experiment_errors[start] = _experiment_errors(runner, start)
+        checks.append(lowest_error_check(experiment_errors[start], f"from {start}"))
+        numbers[f"mspe, from {start}"] = lists_by_name(experiment_errors[start])
     tables = _error_tables(experiment_errors, list(runner.experiment_windows))
+
+    forecasts = _figure_forecasts(runner)
+    squared_errors = _squared_errors_by_step(runner, forecasts)
+    checks.append(_steps_check(squared_errors, runner.figure_window.flight))
+    numbers["squared_errors_by_step"] = lists_by_name(squared_errors)
+
     recorded_ratios: ErrorsByMethod = {}
+    remarks = []
     if runner.recorded_windows:
         recorded_ratios = _recorded_error_ratios(runner)
         # The check takes arrays of errors over flights; here the median over the windows is the only entry.
@@ -70,14 +71,9 @@ def run(runner: Runner) -> ExperimentResult:
         }
         checks.append(lowest_error_check(medians, f"on {ARDRONE_NAME}"))
         tables = (*recorded_table(recorded_ratios), *tables)
-    numbers = {}
-    for start, errors in experiment_errors.items():
-        numbers[f"mspe, from {start}"] = lists_by_name(errors)
-    numbers["squared_errors_by_step"] = lists_by_name(squared_errors)
-    numbers[f"error ratio, windows of {ARDRONE_NAME}"] = lists_by_name(recorded_ratios)
-    remarks = []
-    if not runner.recorded_windows:
+    else:
         remarks.append("Recorded flights are left out: --flights names their folder.")
+    numbers[f"error ratio, windows of {ARDRONE_NAME}"] = lists_by_name(recorded_ratios)
     return ExperimentResult(
         checks=tuple(checks),
         numbers=numbers,
@@ -147,6 +143,23 @@ def _figure_forecasts(runner: Runner) -> dict[str, Array]:
         if outcome.forecasts:
             forecasts[method] = outcome.forecasts[KNOWN_INPUTS]
     return forecasts
+
+
+def _squared_errors_by_step(runner: Runner, forecasts: Mapping[str, Array]) -> dict[str, Array]:
+    """Returns the squared errors of forecasts of the experiment of the figures, against the number of steps ahead.
+
+    Args:
+        runner: runner that has the window of that experiment.
+        forecasts: forecasts (H, m) of its H test samples, by name of the method.
+
+    Returns:
+        By name of the method, squared errors (H,), each summed over the m outputs.
+    """
+    test_outputs = runner.figure_window.test.outputs
+    squared_errors = {}
+    for name, forecast in forecasts.items():
+        squared_errors[name] = ((forecast - test_outputs) ** 2).sum(axis=1)
+    return squared_errors
 
 
 def _recorded_error_ratios(runner: Runner) -> ErrorsByMethod:

@@ -240,6 +240,22 @@ def first_plots(history: TimeHistory) -> str:
     )
 
 
+def _with_given_name(page: str, given_name: str) -> str:
+    """Returns the HTML page of a flight whose title is a name that the owner gave, with the name of the log after it.
+
+    Args:
+        page: HTML of the page, whose title is the name of the log.
+        given_name: the given name, as plain text.
+    """
+
+    def title_with_name(title: re.Match[str]) -> str:
+        """Returns the HTML of the title; the group of the match is the name of the log."""
+        return f'<h1>{escape(given_name)} <small class="soft">{title[1]}</small></h1>'
+
+    # With a text in the place of this function, backslashes of the name would be references to groups.
+    return TITLE.sub(title_with_name, page, count=1)
+
+
 def with_toolbar(
     page: str, given_name: str = "", anomaly: MotorAnomaly | None = None, **values: Any
 ) -> str:
@@ -261,13 +277,7 @@ def with_toolbar(
     """
     page = with_motor_anomaly(page, anomaly).replace(LINK_TO_FLEET_HTML, "", 1)
     if given_name:
-        # A function makes the replacement, since backslashes of the name would be taken for references to groups. The
-        # group of the match is the name of the log.
-        page = TITLE.sub(
-            lambda title: f'<h1>{escape(given_name)} <small class="soft">{title[1]}</small></h1>',
-            page,
-            count=1,
-        )
+        page = _with_given_name(page, given_name)
     page = with_server_script(page, **values)
     bar = render_server_page(
         "bar",

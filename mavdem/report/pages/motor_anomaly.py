@@ -128,16 +128,10 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
     flown_rows = [row for row in rows if row.is_read]
     if not flown_rows:
         return review
-    row = worst_row(group_into_flights(flown_rows)[-1])
+    latest_flight = group_into_flights(flown_rows)[-1]
+    row = worst_row(latest_flight)
     if row.health_reason is None:
         return review
-    motor_health = {
-        "health": row.health,
-        "code": row.health_code,
-        "sentence": row.health_reason,
-        "fault_probability": row.fault_probability,
-        "suspect_motor": row.suspect_motor,
-    }
     judged_review = review_with_anomaly(review, motor_anomaly(row))
     if not review and row.headline_level == Level.BAD:
         # A fleet has no review whose bad headline would be kept. So the anomaly must not become its headline here.
@@ -150,7 +144,22 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
             "subject": suspected_motor(row),
         }
         judged_review = {**judged_review, "lights": {Light.MOTORS: motors_light}}
-    return {**judged_review, "motor_health": motor_health}
+    return {**judged_review, "motor_health": _motor_health_document(row)}
+
+
+def _motor_health_document(row: FlightRow) -> JsonValues:
+    """Returns the health of a flight's motors by comparison with other flights, as it stands in a review document.
+
+    Args:
+        row: row of the flight in the fleet's table, for the axis whose motors are in the worst health.
+    """
+    return {
+        "health": row.health,
+        "code": row.health_code,
+        "sentence": row.health_reason,
+        "fault_probability": row.fault_probability,
+        "suspect_motor": row.suspect_motor,
+    }
 
 
 def review_with_anomaly(
