@@ -180,16 +180,21 @@ def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sent
     for sentence in headline:
         if sentence in watched_lights:
             may_be_large = False
-        if sentence in cautions or not may_be_large:
+        if may_be_large and sentence not in cautions:
+            blocks += _large_sentence(sentence)
+            may_be_large = not reviewed.are_two_vehicles
+        else:
             # A sentence that is a lead alone would be in large letters.
             blocks.append(sentence if sentence.text else Sentence(sentence.lead))
-            continue
-        result, explanation = first_and_further_sentences(sentence.text)
-        blocks.append(headline_sentence(f"{sentence.lead} {result}".strip()))
-        if explanation:
-            blocks.append(Sentence(explanation))
-        if reviewed.are_two_vehicles:
-            may_be_large = False
+    return blocks
+
+
+def _large_sentence(sentence: Sentence) -> Blocks:
+    """Returns a text whose first sentence is in large letters; the rest, which explains it, is in usual text."""
+    result, explanation = first_and_further_sentences(sentence.text)
+    blocks: Blocks = [headline_sentence(f"{sentence.lead} {result}".strip())]
+    if explanation:
+        blocks.append(Sentence(explanation))
     return blocks
 
 

@@ -1189,6 +1189,19 @@ def _live_chapters(
     return chapters
 
 
+def _events_on_gains(history: LiveHistory) -> list[Event]:
+    """Returns the events of the latest flight of a session that advise gains, or say why there is no such advice."""
+    events = []
+    for event in history.events:
+        is_about_gains = isinstance(event.fact.code, GainFact | LoopAction)
+        # This one says only that gains are being computed, which is over when the page is written.
+        is_awaited = event.fact.code is GainFact.ADVICE_AWAITED
+        is_of_latest_flight = event.seconds >= history.flight.start
+        if is_about_gains and not is_awaited and is_of_latest_flight:
+            events.append(event)
+    return events
+
+
 def _blocks_on_advised_gains(history: LiveHistory) -> Blocks:
     """Returns the advice on gains after the latest flight of a session: tables of the gains, and sentences on them.
 
@@ -1202,19 +1215,14 @@ def _blocks_on_advised_gains(history: LiveHistory) -> Blocks:
     rows_to_set: list[list[str]] = []
     rows_tried: list[list[str]] = []
     sentences: list[Sentence] = []
-    for event in history.events:
+    for event in _events_on_gains(history):
         fact = event.fact
-        is_about_gains = isinstance(fact.code, GainFact | LoopAction)
-        # This one says only that gains are being computed, which is over when the page is written.
-        is_awaited = fact.code is GainFact.ADVICE_AWAITED
-        is_of_latest_flight = event.seconds >= history.flight.start
-        if not is_about_gains or is_awaited or not is_of_latest_flight:
-            continue
         if fact.code is not GainFact.GAINS_ADVISED:
             sentences.append(Sentence(event.sentence))
             continue
-        reason = fact.figures["reason"]
-        rows = rows_to_set if reason.figures["is_sound"] else rows_tried
+        # Gains that are not sound yet were only tried: another flight is to confirm them.
+        is_sound = fact.figures["reason"].figures["is_sound"]
+        rows = rows_to_set if is_sound else rows_tried
         for name, present_value, new_value in fact.figures["changes"]:
             if new_value != present_value:
                 rows.append(gain_row(name, Gain(now=present_value, set=new_value)))
