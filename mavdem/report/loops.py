@@ -877,8 +877,10 @@ def _step_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
         loops: loops with the present and, if gains change, with the new gains, which have a cell each.
         loop_name: "rate" or "attitude".
     """
-    overshoot_row = [f"{loop_name}: overshoot of a step (%)"]
-    rise_time_row = [f"{loop_name}: rise time (ms)"]
+    # The chart of the attitude has the feed-forward of its setpoint too, with which a step rises faster and overshoots.
+    condition = " without feed-forward" if loop_name == "attitude" else " of a step"
+    overshoot_row = [f"{loop_name}: overshoot{condition} (%)"]
+    rise_time_row = [f"{loop_name}: rise time{condition} (ms)"]
     for loop in loops.values():
         overshoot, rise_time = _step_texts(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
         overshoot_row.append(overshoot)

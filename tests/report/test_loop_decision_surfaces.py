@@ -465,7 +465,7 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     assert page.index('<th class="words">gain</th>') < page.index("Step response</h2>")
     # Present and advised margins stand beside each other, with the steps that are predicted of both.
     assert page.index(">advised</th>") < page.index("rate: phase margin")
-    assert "attitude: overshoot of a step (%)" in page
+    assert "attitude: overshoot without feed-forward (%)" in page
 
 
 @mark.slow
