@@ -61,7 +61,7 @@ def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():
     """Two doubts about a parameter: the remedy is that of the one to solve first."""
     wind = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=0.14)
     short = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=0.3)
-    slow = Fact(ParameterDoubt.COMMANDS_TOO_FAST, share=0.3, rate=25.0)
+    slow = Fact(ParameterDoubt.COMMANDS_TOO_FAST, share=0.3, rate=25.0, least_rate=80.0)
     # Only logs of 80 Hz and more have this doubt, and they are not called slow.
     filtered = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1)
     remedies = {

@@ -35,12 +35,14 @@ from mavdem.loops.margins import OpenLoop, controller_response, plant_response, 
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.identification import IdentifiedAxis, identify_axis
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
+from mavdem.plant.closed_loop.reference import with_reference_from_gyro
 from mavdem.plant.closed_loop.response import KnownController, Quantity
 from mavdem.plant.closed_loop.spectra import (
     SPECTRUM_SECONDS,
     CrossSpectra,
     Messages,
     cross_spectra,
+    with_stamps_of_cycles,
 )
 from mavdem.plant.identifiability import PARAMETERS
 from mavdem.plant.parameters import DYNAMICS, EFFECTS, PLANT_MINIMUM
@@ -224,11 +226,18 @@ def _loop_messages(
     """
     attitude, inputs = signals.attitude, signals.model_inputs
     assert attitude is not None and inputs is not None
-    angle = _messages_of_boot(attitude, attitude.angle, boot)
-    rate = _messages_of_boot(attitude, attitude.rate, boot)
+    outputs = inputs.range_fractions(boot)
+
+    def messages_at_cycles(stream: Attitude | TimeSeries, values: Array) -> Messages:
+        """Returns samples of the boot, at the times of the cycles in which they were sent."""
+        messages = _messages_of_boot(stream, values, boot)
+        return with_stamps_of_cycles(messages, outputs.time, controller.loop_period)
+
+    angle = messages_at_cycles(attitude, attitude.angle)
+    rate = messages_at_cycles(attitude, attitude.rate)
     setpoints = {}
     for setpoint in signals.setpoints:
-        messages = _messages_of_boot(setpoint.signal, setpoint.signal.values, boot)
+        messages = messages_at_cycles(setpoint.signal, setpoint.signal.values)
         if np.diff(messages.values).any():
             setpoints[setpoint.unit] = messages
     if "rad/s" not in setpoints:
@@ -247,7 +256,6 @@ def _loop_messages(
             time, angle_setpoint.time, angle_setpoint.values
         )
         candidates.append(rate_setpoint.values + angle_demand - angle_feedback)
-    outputs = inputs.range_fractions(boot)
     output_step = np.median(np.diff(outputs.time))
     demand = controller.demand_from_outputs(outputs.values, output_step)
     streams = [rate, Messages(outputs.time, demand)]
@@ -284,6 +292,8 @@ def _loop_spectra(
             LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=MIN_SLOW_MOTION_RATE
         )
     _require_resolution(signals, spectra, messages.rounding)
+    # The reference of the setpoint as logged, which is the first candidate. That of the other one contains no angle.
+    spectra = with_reference_from_gyro(spectra, controller)
     return _with_best_setpoint(spectra, controller)
 
 

@@ -192,16 +192,20 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
         if rate.frequency[crossing_index] >= nyquist_frequency:
             cautions.append(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
-        least_rate = rate.crossover / MAX_CROSSOVER_FRACTION
         cautions.append(
             Fact(
                 LoopFact.CROSSOVER_FAST,
                 crossover=rate.crossover,
                 rate=1 / record.dt,
-                least_rate=LOG_RATE_STEP * np.ceil(least_rate / LOG_RATE_STEP),
+                least_rate=_advised_log_rate(rate.crossover / MAX_CROSSOVER_FRACTION),
             )
         )
     return cautions
+
+
+def _advised_log_rate(least_rate: float) -> float:
+    """Returns the rate to record at, Hz: the next multiple of ``LOG_RATE_STEP`` from the least rate (Hz) on."""
+    return float(LOG_RATE_STEP * np.ceil(least_rate / LOG_RATE_STEP))
 
 
 def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
@@ -221,12 +225,18 @@ def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
     crossover = loop.rate.crossover
     _, upper_end = loop.rate.crossover_interval
     is_estimate_shown = crossover < highest_frequency
+    rate = 1 / loop.record.dt
+    # A record that shows the upper end is enough, but for a caution about a crossover that is fast for it.
+    least_rate = crossover / MAX_CROSSOVER_FRACTION
+    if is_estimate_shown:
+        least_rate = max(least_rate, rate * upper_end / highest_frequency)
     return NotLearnable(
         LoopFact.CROSSOVER_UNSEEN,
         crossover=crossover,
         high=upper_end if is_estimate_shown else None,
-        rate=1 / loop.record.dt,
+        rate=rate,
         frequency=highest_frequency,
+        least_rate=_advised_log_rate(least_rate),
     )
 
 

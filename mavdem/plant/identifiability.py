@@ -348,8 +348,14 @@ def _checks_of_parameter(name: str, measures: IdentifiabilityMeasures) -> Iterat
 
     # Commands that change faster than the sampling rate are not completely recorded, nor is the motion that they cause.
     if measures.alias_share > MAX_ALIAS_SHARE:
+        # The log does not show how fast they are. So the advice is the rate from which on it hardly matters what they
+        # do between samples, or, for a log that has this rate, all cycles of the controller.
+        least_rate = MIN_RESOLVED_RATE if rate < MIN_RESOLVED_RATE else None
         too_fast_commands = Fact(
-            ParameterDoubt.COMMANDS_TOO_FAST, share=measures.alias_share, rate=rate
+            ParameterDoubt.COMMANDS_TOO_FAST,
+            share=measures.alias_share,
+            rate=rate,
+            least_rate=least_rate,
         )
         yield _Check(Status.NOT_IDENTIFIABLE, too_fast_commands)
 
@@ -389,4 +395,5 @@ def _checks_of_parameter(name: str, measures: IdentifiabilityMeasures) -> Iterat
     # At a low sampling rate a short motor lag cannot be distinguished from the delay, nor damping from both.
     is_slow = rate < MIN_RESOLVED_RATE
     if name != "effect" and is_slow and measures.lag < SEPARABLE_LAG * measures.dt:
-        yield _Check(Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate))
+        mixed = Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate, least_rate=MIN_RESOLVED_RATE)
+        yield _Check(Status.BIASED, mixed)

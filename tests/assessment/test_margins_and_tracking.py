@@ -160,7 +160,13 @@ def test_the_reason_for_unknown_margins_is_stated_at_any_message_rate():
             "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
         ),
         (
-            Fact(LoopFact.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0, frequency=7.5),
+            Fact(
+                LoopFact.CROSSOVER_UNSEEN,
+                crossover=9.0,
+                rate=30.0,
+                frequency=7.5,
+                least_rate=100.0,
+            ),
             "messages at 30 Hz show no motion faster than 7.5 Hz.",
         ),
         (

@@ -512,6 +512,17 @@ def test_a_flight_without_loops_says_why(plant, record, code):
     assert refused(loop_from_plant, *changes).code is code
 
 
+@mark.parametrize("filtered, dt", [(True, 0.05), (False, 0.1)])
+def test_a_log_at_the_rate_that_a_slow_one_lacks_shows_the_crossover(filtered, dt):
+    sound = made_up()
+    plant = sound.plant._replace(filtered=filtered)
+    fact = refused(loop_from_plant, plant, replace(sound.record, dt=dt))
+    rate = fact.figures["least_rate"]
+    assert f"at {rate:.0f} Hz or more" in fact.remedy
+    loop = loop_from_plant(plant, replace(sound.record, dt=1 / rate))
+    assert LoopFact.CROSSOVER_FAST not in {caution.code for caution in loop.cautions}
+
+
 OF_ALL = Drag.from_parameters()
 
 

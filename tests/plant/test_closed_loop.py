@@ -25,11 +25,13 @@ from mavdem.plant.closed_loop.parameters import (
     PRIOR_SD,
     STEP_TIME,
 )
-from mavdem.plant.closed_loop.response import KnownController
+from mavdem.plant.closed_loop.reference import with_reference_from_gyro
+from mavdem.plant.closed_loop.response import KnownController, Quantity
 from mavdem.plant.closed_loop.spectra import (
     SPECTRUM_SECONDS,
     Messages,
     cross_spectra,
+    with_stamps_of_cycles,
     with_unrounded_stamps,
 )
 
@@ -176,6 +178,28 @@ def test_the_slopes_are_those_of_the_value(late):
 def test_nothing_asked_is_nothing_steered():
     still = axis(fly(4, steered=1e-6), 4)
     assert still.reference_share(KNOWN_PLANT) < 0.05
+
+
+@mark.slow
+def test_the_reference_of_a_setpoint_of_another_cycle_has_the_noise_of_one_angle():
+    """With an angle that is interpolated between messages it had that of one and a half."""
+    flown = fly(4, steered=1e-6)
+    angle = (flown.asked - flown.setpoint) / ANGLE
+    rate, output = (sent(one, 4, 2) for one in (flown.rate, flown.output))
+
+    def spectra(begin):
+        """With setpoints from this cycle on, and references by the angle between its messages."""
+        setpoint = sent(flown.setpoint, 4, begin)
+        angle_then = np.interp(setpoint.time, *sent(angle, 4, 2))
+        reference = Messages(setpoint.time, setpoint.values + ANGLE * angle_then)
+        return cross_spectra([rate, output, setpoint, reference], STARTS)
+
+    by_gyro = with_reference_from_gyro(spectra(0), KNOWN)
+    is_noise = by_gyro.frequency > 10.0
+    density = by_gyro.mean_density[is_noise, Quantity.REFERENCE, Quantity.REFERENCE].real
+    assert density.mean() == approx((ANGLE * ANGLE_NOISE) ** 2 * 4 * CYCLE, rel=0.15)
+    of_one_cycle = spectra(2)
+    assert with_reference_from_gyro(of_one_cycle, KNOWN) is of_one_cycle
 
 
 @mark.slow
@@ -340,3 +364,27 @@ def test_stamps_that_are_exact_or_late_are_kept():
         assert_array_equal(with_unrounded_stamps(Messages(cycles, cycles)).time, cycles)
     uneven = np.floor(1e3 * np.sort(default_rng(1).uniform(0.0, 20.0, 2000))) / 1e3
     assert with_unrounded_stamps(Messages(uneven, uneven)).time is uneven
+
+
+@mark.parametrize("cycle", [0.0025, 0.001])
+def test_stamps_that_are_cut_to_milliseconds_are_restored_by_the_cycles_of_exact_ones(cycle):
+    """Though the controller's clock is slow, and messages of both kinds are lost."""
+    cycles = 7.0003 + 1.0001 * cycle * np.arange(20_000)
+    is_received = default_rng(1).random((2, 20_000)) > 0.9
+    sent_at, exact = (cycles[received] for received in is_received)
+    cut = np.floor(1e3 * sent_at) / 1e3
+    restored = with_stamps_of_cycles(Messages(cut, cut), exact, cycle).time
+    assert np.mean(abs(restored - sent_at) < 0.02e-3) > 0.95
+
+
+def test_stamps_that_are_exact_or_between_the_cycles_are_kept():
+    cycles = STAMPS[::4]
+    exact = Messages(cycles[1:] - 0.3e-3 * default_rng(1).random(len(cycles) - 1), cycles[1:])
+    assert with_stamps_of_cycles(exact, cycles, CYCLE) is exact
+    between = np.floor(1e3 * np.sort(default_rng(1).uniform(7.0, 90.0, 2000))) / 1e3
+    unrelated = Messages(between, between)
+    assert with_stamps_of_cycles(unrelated, cycles, CYCLE) is unrelated
+    none = Messages(np.array([]), np.array([]))
+    assert with_stamps_of_cycles(none, cycles, CYCLE) is none
+    # A millisecond has several cycles of so quick a controller.
+    assert with_stamps_of_cycles(unrelated, cycles, CYCLE / 10) is unrelated

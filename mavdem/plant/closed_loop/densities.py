@@ -138,7 +138,15 @@ class DensityModel:
         # Stamps (C, N) of N messages of each modelled quantity, s, relative to the stamps of the first quantity.
         stamp_offsets = np.array(spectra.stamp_offsets[:QUANTITIES])
         self._set_alias_phases(stamp_offsets)
-        self._reference_noise_gain = self._noise_gain_of_reference(stamp_offsets)
+        other_cycle_share = spectra.other_cycle_share(
+            Quantity.SETPOINT, Quantity.RATE, controller.cycle_time
+        )
+        self._reference_noise_gain = other_cycle_share * controller.angle_gain**2
+        """Variance of the noise in the logged reference, per variance of the noise of the angle, 1/s².
+
+        The setpoint contains K times the noise of the angle. The reference, the setpoint plus K times the angle, does
+        not if both are logged in the same controller cycle, since their noise cancels.
+        """
 
     def _set_frequencies(self, spectra: CrossSpectra) -> None:
         """Sets the frequencies f + k f_s that sampling at the message rate f_s maps (aliases) to the spectra's.
@@ -249,19 +257,6 @@ class DensityModel:
         mean_phases = phases @ phases.mT.conj() / message_count
         # (C, C, 1, F): the pairs of quantities come first, and all J frequencies have the same phases.
         self._alias_phases = mean_phases.transpose(1, 2, 0)[:, :, None]
-
-    def _noise_gain_of_reference(self, stamp_offsets: Array) -> float:
-        """Returns the variance of the noise in the logged reference, per variance of the noise of the angle, 1/s².
-
-        The reference is computed as the setpoint plus K times the logged angle. If both are from the same controller
-        cycle, the noise of the angle cancels. If not, it enters twice: by the logged angle, and by the setpoint.
-
-        Args:
-            stamp_offsets: stamps (C, N) of N messages of each quantity, s, relative to the stamps of the first one.
-        """
-        distance = np.abs(stamp_offsets[Quantity.SETPOINT] - stamp_offsets[Quantity.RATE])
-        is_other_cycle = distance > self._cycle_time / 2
-        return float(2 * is_other_cycle.mean() * self._angle_gain**2)
 
     def density(self, theta: Array, with_reference: bool = True) -> ComplexArray:
         """Returns the modelled cross-spectral density of the C logged quantities at J frequencies.

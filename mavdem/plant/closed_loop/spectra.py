@@ -114,6 +114,17 @@ class CrossSpectra(NamedTuple):
         """Cross-spectral densities averaged over all windows (J, C, C)."""
         return self.densities.mean(axis=0)
 
+    def other_cycle_share(self, first: int, second: int, cycle_time: float) -> float:
+        """Returns the share of messages of two quantities that are not of the same cycle of the controller, 0 to 1.
+
+        Args:
+            first: index of one quantity.
+            second: index of the other one.
+            cycle_time: time between two runs of the controller, s.
+        """
+        distance = np.abs(self.stamp_offsets[first] - self.stamp_offsets[second])
+        return float(np.mean(distance > cycle_time / 2))
+
     def select(self, quantities: Sequence[int]) -> CrossSpectra:
         """Returns the spectra of only the quantities with these indices, in their order."""
         densities = self.densities[:, :, quantities][:, :, :, quantities]
@@ -201,11 +212,9 @@ def with_unrounded_stamps(stream: Messages) -> Messages:
     Returns:
         The messages at even times; with unchanged stamps if these are not rounded to milliseconds, or not even.
     """
-    milliseconds = (stream.time - stream.time[0]) / STAMP_ROUNDING
-    is_rounded = np.abs(milliseconds - np.round(milliseconds)).max() < MAX_MILLISECOND_FRACTION
     steps = np.diff(stream.time)
     is_even = np.abs(steps - np.median(steps)) < EVEN_STEP_TOLERANCE
-    if not is_rounded or is_even.mean() < MIN_EVEN_STEPS:
+    if not _is_in_milliseconds(stream.time) or is_even.mean() < MIN_EVEN_STEPS:
         return stream
     interval = steps[is_even].mean()
     # The number of each message, lost ones included.
@@ -216,6 +225,43 @@ def with_unrounded_stamps(stream: Messages) -> Messages:
     explained_fraction = _mean_over_neighbours(is_explained_by_rounding)
     is_restored = is_explained_by_rounding & (explained_fraction >= MIN_EXPLAINED_SHARE)
     return Messages(np.where(is_restored, even_time, stream.time), stream.values)
+
+
+def with_stamps_of_cycles(stream: Messages, exact_stamps: Array, cycle_time: float) -> Messages:
+    """Restores the times of the controller's cycles in which messages were sent whose stamps are cut to milliseconds.
+
+    A message that is sent at 7.5 ms is stamped 7 ms: it is of the first cycle from its stamp on. The cycles are known
+    from a stream with exact stamps, as the outputs of motors have them. 0.5 ms are 1.4° of phase at 8 Hz.
+
+    Args:
+        stream: messages, whose stamps may be cut to milliseconds.
+        exact_stamps: stamps (M,) of other messages of the same controller, s, ascending.
+        cycle_time: time between two cycles of the controller, s.
+
+    Returns:
+        The messages at the times of their cycles. Their stamps are unchanged if they are not cut to milliseconds, or if
+        there is no cycle, or more than one, in the millisecond after most of them.
+    """
+    if not len(stream.time) or not len(exact_stamps):
+        return stream
+    if cycle_time < STAMP_ROUNDING or not _is_in_milliseconds(stream.time):
+        return stream
+    # Cycles are counted from the last exact stamp, since those of a real controller drift against its clock.
+    rows = np.searchsorted(exact_stamps, stream.time, side="right") - 1
+    known_cycles = exact_stamps[rows.clip(min=0)]
+    tolerance = MAX_MILLISECOND_FRACTION * STAMP_ROUNDING
+    cycle_number = np.ceil((stream.time - known_cycles - tolerance) / cycle_time)
+    cycle_stamps = known_cycles + cycle_time * cycle_number
+    is_cut = cycle_stamps - stream.time < STAMP_ROUNDING
+    if is_cut.mean() < MIN_EXPLAINED_SHARE:
+        return stream
+    return Messages(np.where(is_cut, cycle_stamps, stream.time), stream.values)
+
+
+def _is_in_milliseconds(stamps: Array) -> bool:
+    """Returns whether stamps (N,), s, differ by whole milliseconds, as they do if they are rounded or cut to them."""
+    milliseconds = (stamps - stamps[0]) / STAMP_ROUNDING
+    return bool(np.abs(milliseconds - np.round(milliseconds)).max() < MAX_MILLISECOND_FRACTION)
 
 
 def _mean_over_neighbours(values: Array | Flags) -> Array:
