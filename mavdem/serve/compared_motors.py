@@ -132,14 +132,14 @@ def entry_beside_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEnt
     anomaly = motor_anomaly(row)
     if row is None or anomaly is None:
         return entry
-    review = review_with_anomaly(
-        {
-            "headline": {"level": entry.level, "sentence": entry.headline},
-            "next_step": {"sentence": entry.next_step},
-            "lights": {"motors": {"level": entry.motors}},
-        },
-        anomaly,
-    )
+    # What an anomaly replaces is decided for review documents. The columns of the entry are put into such a document,
+    # and taken out of it again.
+    review_by_log = {
+        "headline": {"level": entry.level, "sentence": entry.headline},
+        "next_step": {"sentence": entry.next_step},
+        "lights": {"motors": {"level": entry.motors}},
+    }
+    review = review_with_anomaly(review_by_log, anomaly)
     return replace(
         entry,
         headline=review["headline"]["sentence"],

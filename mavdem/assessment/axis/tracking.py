@@ -317,10 +317,7 @@ def _rating_of_large_response(
     # Either the step response, or the fact that says why there is none.
     step_response = attitude_step_response(signals, segments)
     if not isinstance(step_response, Fact):
-        overshoot = step_response.overshoot.value
-        if overshoot > MAX_OVERSHOOT:
-            return _TrackingRating(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot)
-        return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, overshoot)
+        return _rating_of_overshoot(step_response.overshoot.value)
     reliable_peak: ResponsePeak | None = peak
     if signals.axis in TILT_AXES:
         # A position controller commands roll and pitch, and not yaw.
@@ -328,6 +325,13 @@ def _rating_of_large_response(
     if reliable_peak is not None and reliable_peak.lowest_ratio > MAX_RESPONSE_PEAK:
         return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
     return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
+
+
+def _rating_of_overshoot(overshoot: float) -> _TrackingRating:
+    """Rates an axis by the measured overshoot of a step of its setpoint, as a fraction of the step."""
+    if overshoot > MAX_OVERSHOOT:
+        return _TrackingRating(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot)
+    return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, overshoot)
 
 
 def _response_peak_without_position_control(

@@ -1223,6 +1223,7 @@ def _blocks_on_advised_gains(history: LiveHistory) -> Blocks:
         # Gains that are not sound yet were only tried: another flight is to confirm them.
         is_sound = fact.figures["reason"].figures["is_sound"]
         rows = rows_to_set if is_sound else rows_tried
+        # The changes also list the gains of the axis that stay as they are.
         for name, present_value, new_value in fact.figures["changes"]:
             if new_value != present_value:
                 rows.append(gain_row(name, Gain(now=present_value, set=new_value)))
