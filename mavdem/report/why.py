@@ -9,7 +9,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.blocks import Sentence
-from mavdem.report.templates import headline, render_section, without_full_stop
+from mavdem.report.templates import as_clause, headline, render_section
 
 FACTS_OF_END = (SensorFact.LOG_ENDED, SensorFact.RESTED)
 """Facts that follow an event, though they may have no time."""
@@ -108,7 +108,8 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
     """Returns the sentence below a headline, on a page and on the screen, that says which measurements confirm it.
 
     If the event in the headline has a cause, the evidence for the cause is stated, since what followed is in the list
-    of events. An event that only the autopilot reports, such as an empty battery, is confirmed by no measurement of its
+    of events. Of all measurements the first ``MAX_WITNESSES_OF_HEADLINE`` that the headline does not name itself are
+    quoted. An event that only the autopilot reports, such as an empty battery, is confirmed by no measurement of its
     own. Its evidence is then what the status light of the same subject measured, if that light warns too.
 
     Args:
@@ -121,17 +122,15 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
     # Imported here, since pages without a headline need nothing of it.
     from mavdem.assessment.event_lights import light_of_event
 
-    if _witnesses_of_cause(fact):
-        sentences = cause_sentences(fact)
-    else:
-        sentences = evidence_sentences(fact, MAX_WITNESSES_OF_HEADLINE)
-    if sentences:
+    witnesses = _witnesses_of_cause(fact) or _independent_witnesses(fact)
+    if witnesses:
         headline_text = headline(fact)
-        new_sentences = []
-        for sentence in sentences:
-            if without_full_stop(sentence.text) not in headline_text:
-                new_sentences.append(sentence)
-        return new_sentences
+        new_witnesses = []
+        for witness in witnesses:
+            if as_clause(witness) not in headline_text:
+                new_witnesses.append(witness)
+        event = _without_cause(fact).replace(witnesses=new_witnesses)
+        return evidence_sentences(event, MAX_WITNESSES_OF_HEADLINE)
     # Without a measurement of its own, the light of the same subject may confirm the event.
     light_name = light_of_event(fact)
     light = None if light_name is None else lights.get(light_name)

@@ -59,8 +59,10 @@ def test_the_worst_axis_of_the_worst_imu_is_named():
     )
     assert light_fact.figures["vibration"] == approx(16)
     assert light([1, 2], autopilot="PX4").subject == "IMU 2"
-    assert "(axis z; above 15.0; the other IMUs at most 8.0)" in light([1, 2, 8, 1, 1, 16]).sentence
-    assert "other IMUs" not in light([1, 2, 15.5, 1, 1, 16]).sentence
+    assert "(axis z; above 15.0; the other IMU 8.0)" in light([1, 2, 8, 1, 1, 16]).sentence
+    of_three = light([1, 2, 8, 1, 1, 16, 9, 1, 1]).sentence
+    assert "(axis z; above 15.0; the other IMUs at most 9.0)" in of_three
+    assert "other IMU" not in light([1, 2, 15.5, 1, 1, 16]).sentence
 
 
 def test_clips_of_the_accelerometer_have_the_levels_of_their_limits():

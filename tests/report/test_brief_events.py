@@ -116,6 +116,13 @@ def test_a_page_lists_the_worst_events_in_order_of_time():
     assert [event.number for event in head.brief_events] == [1, 4, 6]
 
 
+def test_a_page_of_a_sound_flight_lists_how_that_began_and_ended():
+    disarmed = Fact(ReportedEvent.MOTORS_DISARMED, boot=0)
+    events = [disarmed.replace(time=10.0 * number) for number in range(6)]
+    brief_events = Head(Level.GOOD, {}, _numbered_events(events, None)).brief_events
+    assert [event.number for event in brief_events] == [1, 2, 5, 6]
+
+
 def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states_it():
     alarm = PageEvent(Event(1.0, Fact(SessionFact.ALARM, time=1.0, reason=LOST)))
     alarm_of_unknown_level = PageEvent(Event(2.0, LEFT.replace(Level.UNKNOWN)))

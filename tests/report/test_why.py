@@ -8,7 +8,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.witnesses import SensorFact
-from mavdem.report.templates import headline
+from mavdem.report.templates import as_clause, headline
 from mavdem.report.why import (
     cause_sentences,
     evidence_sentences,
@@ -116,6 +116,22 @@ def test_a_headline_quotes_the_first_measurements_that_confirm_it():
     (rest,) = evidence_sentences(impact(SANK, *knocks))
     assert "51 m/s²" not in first.text and "50 m/s²" in first.text
     assert "53 m/s²" in rest.text
+
+
+def test_a_headline_is_not_repeated_by_its_evidence():
+    gravity = supporting_fact(SensorFact.GRAVITY_WRONG, acceleration=7.8, part="at rest")
+    divergence = Fact(MotionEvent.HEIGHT_DIVERGED, time=1.0, climb_rate=-11.0, speed=3.5)
+    cause = Fact(
+        FailedFirst.HEIGHT_DIVERGED_FIRST,
+        cause=divergence.replace(cause=gravity),
+        witnesses=(gravity, SANK),
+    )
+    lost = Fact(
+        Ending.CONTROL_LOST, time=2.0, height=None, word=None, cause=cause, witnesses=(KNOCKED,)
+    )
+    assert as_clause(gravity) in headline(lost)
+    (why,) = headline_evidence(lost, {})
+    assert why.text == "the barometer sank at 4.0 m/s at 2.5 s."
 
 
 def test_what_stands_askew_is_not_called_upright():

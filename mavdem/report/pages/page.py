@@ -410,8 +410,9 @@ class Head(NamedTuple):
 
         For a flight that is over it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events
         of the same kind are shown once, with their number as ``total``. The event that the headline states is always
-        among them, and the causes that it names come in addition. For a live session that goes on, it has all events,
-        the newest first. Events on the session's own state are left out.
+        among them, and the causes that it names come in addition. Of a flight without such events it has the first and
+        the last ones, so that it says how the flight began and ended. For a live session that goes on, it has all
+        events, the newest first. Events on the session's own state are left out.
         """
         events_of_flight = [shown for shown in self.events if not shown.event.is_session_state]
         if self.is_newest_first or len(events_of_flight) <= MAX_BRIEF_EVENTS:
@@ -431,6 +432,10 @@ class Head(NamedTuple):
             other_indices = [index for index in indices if index != index_of_headline]
             indices = [index_of_headline, *other_indices]
         shown_indices = {*indices[:MAX_BRIEF_EVENTS], *indices_of_causes}
+        if not shown_indices:
+            half = MAX_BRIEF_EVENTS // 2
+            last_index = len(events_of_flight) - 1
+            shown_indices = {*range(half), *range(last_index, last_index - half, -1)}
         brief_events = []
         # Sorted by their indices, they are in the order of time.
         for index in sorted(shown_indices):
