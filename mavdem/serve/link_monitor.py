@@ -881,19 +881,21 @@ class LinkMonitor:
             The latest verdict of the library that forbids to fly. Without one, the fact that the end of the flight
             before was not received, or None if it was. All are about flights since the server started.
         """
+        latest_flight = self._stored_flight
         flights = list(self._faulty_flights)
-        if self._stored_flight is not None:
-            flights.append(self._stored_flight)
-        flights = [
+        if latest_flight is not None:
+            flights.append(latest_flight)
+        earlier_flights = [
             flight
             for flight in flights
             if flight.vehicle == vehicle and flight.entry_id != shown_entry_id
         ]
-        for flight in reversed(flights):
+        for flight in reversed(earlier_flights):
             if flight.forbids_flight:
                 return flight.verdict
-        if flights and flights[-1] is self._stored_flight and flights[-1].is_end_unknown:
-            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=flights[-1].verdict)
+        is_flight_before = latest_flight in earlier_flights
+        if latest_flight is not None and is_flight_before and latest_flight.is_end_unknown:
+            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=latest_flight.verdict)
         return None
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
