@@ -34,7 +34,8 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.stored_rows import brief_json, read_rows
 from mavdem.fleet.workers import KEY_HASH_DIGITS, Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
-from mavdem.report.pages.library_page import render_server_page
+from mavdem.report.pages.library_page import LINK_TO_FLEET_HTML, render_server_page
+from mavdem.report.pages.page import PageLink, render_document
 from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.compared_motors import entry_beside_fleet, order_sql
 from mavdem.serve.index import (
@@ -856,3 +857,8 @@ def test_a_motor_that_failed_in_a_flight_comes_before_a_suspected_one():
 def test_a_motor_that_failed_on_the_second_vehicle_of_a_log_is_shown():
     rows = [flight_row("quad", 1, suspect_motor=3), flight_row("hexa", 1, failed_motor=2)]
     assert entry_of_fleet_log("flight.tlog", rows).motor == 2
+
+
+def test_the_link_of_a_fleet_s_page_to_its_index_is_what_the_server_takes_out():
+    page = render_document("a.bin", "", [], back=PageLink("Fleet", "../index.html"))
+    assert page.count(LINK_TO_FLEET_HTML) == 1
