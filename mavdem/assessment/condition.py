@@ -137,12 +137,9 @@ def measure_condition(signals: Signals, *, with_oscillation: bool = True) -> Con
         commands = _mean_commands(signals.motors, settled_segments)
 
     tilt = _tilt_in_settled_flight(signals, settled_segments)
-    armed_seconds = None
-    if signals.armed is not None:
-        armed_seconds = total_duration(segments_of_boots(signals, flight_states.armed_intervals))
     return Condition(
         duration=total_duration(recorded_segments),
-        armed=armed_seconds,
+        armed=_armed_seconds(signals),
         settled=total_duration(settled_segments),
         hover=hover,
         share_interval=share_intervals,
@@ -155,6 +152,13 @@ def measure_condition(signals: Signals, *, with_oscillation: bool = True) -> Con
         batteries=_figures_of_batteries(signals, settled_segments or recorded_segments),
         oscillation=_find_oscillation(signals, settled_segments) if with_oscillation else None,
     )
+
+
+def _armed_seconds(signals: Signals) -> float | None:
+    """Returns for how long the motors were armed in all boots of a log, s; None if the log does not show it."""
+    if signals.armed is None:
+        return None
+    return total_duration(segments_of_boots(signals, flight_states.armed_intervals))
 
 
 def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillation | None:

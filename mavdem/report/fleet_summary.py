@@ -347,6 +347,7 @@ def _health_summary(
             if vehicle.had_anomaly:
                 recovered_labels.append(label)
     if lists_follow and len(urgent_texts) > MAX_NAMED_BEFORE_LIST:
+        # The list below has the others, and what to do about them.
         urgent_list = f"first {urgent_texts[0]}"
         next_steps = next_steps[:1]
     else:

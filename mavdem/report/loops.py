@@ -118,13 +118,8 @@ def tune_blocks(
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
         stated_remedies.update(remedies)
         advice = tuning.axes[axis]
-        lead = f"{listed(axes).capitalize()}:"
-        if remedies and (isinstance(advice, Fact) or advice.refusals):
-            # Without gains the pilot wants to know above all what leads to some.
-            blocks.append(Sentence(report, lead))
-            blocks.append(Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:"))
-        elif report or remedies:
-            blocks.append(Sentence(" ".join([report, *remedies]).strip(), lead))
+        has_no_gains = isinstance(advice, Fact) or bool(advice.refusals)
+        blocks += _report_sentences(axes, report, remedies, has_no_gains=has_no_gains)
         if isinstance(advice, Fact):
             blocks += _faults_in_flight(tuning, axes, report, headline_above)
             continue
@@ -148,16 +143,49 @@ def tune_blocks(
                 blocks.append(caution.sentence)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=is_doubtful)
-    next_step = tuning.judgement.next_step
-    if next_step.code is NextStep.LOAD_GAINS and next_step.figures["others"]:
-        # The user asked for one axis. The next step is about that axis alone, and this sentence names the other axes
-        # whose gains are to change, and the command that advises all of them.
-        blocks += render_section(
-            "tune_others",
-            others=next_step.figures["others"],
-            arguments=next_step.figures["arguments"],
-        )
+    blocks += _sentences_on_other_axes(tuning.judgement.next_step)
     return [*blocks, *_unchecked_effects(tuning)] if is_full else blocks
+
+
+def _report_sentences(
+    axes: list[str], report: str, remedies: list[str], *, has_no_gains: bool
+) -> list[Sentence]:
+    """Returns the report on some axes as sentences, with what to do.
+
+    Args:
+        axes: the axes that the report is about.
+        report: what was found, in sentences; may be empty.
+        remedies: what to do, in sentences; may be empty.
+        has_no_gains: whether the axes get no gains. What leads to some then stands in a paragraph of its own, since the
+            pilot wants to know it above all.
+    """
+    lead = f"{listed(axes).capitalize()}:"
+    if has_no_gains and remedies:
+        return [
+            Sentence(report, lead),
+            Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:"),
+        ]
+    if not report and not remedies:
+        return []
+    return [Sentence(" ".join([report, *remedies]).strip(), lead)]
+
+
+def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
+    """Returns a sentence on the axes that the user did not ask for, but whose gains are to change as well.
+
+    Args:
+        next_step: the next step, which is about the one axis that the user asked for.
+
+    Returns:
+        A list with the sentence, which also has the command that advises all axes; empty if there are no such axes.
+    """
+    if next_step.code is not NextStep.LOAD_GAINS or not next_step.figures["others"]:
+        return []
+    return render_section(
+        "tune_others",
+        others=next_step.figures["others"],
+        arguments=next_step.figures["arguments"],
+    )
 
 
 def _unstated_remedies(

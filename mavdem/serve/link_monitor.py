@@ -639,12 +639,7 @@ class LinkMonitor:
         except Refusal:
             # Somebody has deleted the recording; the page stays as it is.
             return flight
-        # A comparison with the vehicle's other flights may show a loss of thrust that the log alone does not show.
-        anomalous_row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
-        is_compared = entry.id not in self._library.uncompared_ids([entry])
-        verdict = _verdict_on_recording(
-            entry_beside_fleet(entry, anomalous_row), is_compared=is_compared
-        )
+        verdict = self._present_verdict(entry)
         if verdict == flight.verdict:
             return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
@@ -658,6 +653,20 @@ class LinkMonitor:
                 self._fault_of_earlier_flight(flight.vehicle, flight.entry_id),
             )
         return flight._replace(verdict=verdict)
+
+    def _present_verdict(self, entry: LibraryEntry) -> Fact:
+        """Returns the verdict on a recording by its log and by comparison with the vehicle's other flights.
+
+        The comparison may show a loss of thrust that the log alone does not show. It is made a moment after the log was
+        read; before that the recording counts as not judged.
+
+        Args:
+            entry: the recording in the library.
+        """
+        anomalous_row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
+        is_compared = entry.id not in self._library.uncompared_ids([entry])
+        compared_entry = entry_beside_fleet(entry, anomalous_row)
+        return _verdict_on_recording(compared_entry, is_compared=is_compared)
 
     def _new_recording(self) -> _IncomingRecording:
         """Creates the recording of a session, among the incoming files of the library."""
