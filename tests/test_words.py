@@ -28,24 +28,30 @@ BUGS = {
     "LinAlgError",
 }
 """Errors of a caller's program, whose messages are for its author."""
+UNCHECKED_CALLS = BUGS | {"compile", "field", "Field"}
+"""Functions whose arguments may be prose or look like it."""
 WORDS = re.compile(r"[A-Za-z’]{2,}[,:;]? [A-Za-z’]{2,}")
 SENTENCE = re.compile(r"^[A-Z][a-z]*( [^ ]+){2,}[.!?]$")
 
 
 def prose_of(node):
     """Yields line and text of literals that are prose. Docstrings, messages about bugs, and patterns are left out."""
-    called = getattr(node, "func", None)
-    name = getattr(called, "id", getattr(called, "attr", ""))
+    if isinstance(node, ast.Constant):
+        if isinstance(node.value, str) and WORDS.search(node.value):
+            yield node.lineno, node.value
+        return
+    is_docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    if is_docstring or isinstance(node, ast.Name):
+        return
+    if isinstance(node, ast.Call):
+        name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+        if name in UNCHECKED_CALLS:
+            return
     # Names of things, which documents have as values.
     has_names = isinstance(node, ast.ClassDef) and "StrEnum" in map(ast.unparse, node.bases)
-    literal = getattr(node, "value", None)
-    if isinstance(node, ast.Constant) and isinstance(literal, str) and WORDS.search(literal):
-        yield node.lineno, literal
-    is_docstring = isinstance(node, ast.Expr) and isinstance(literal, ast.Constant)
-    if not is_docstring and name not in BUGS | {"compile", "field", "Field"}:
-        for child in ast.iter_child_nodes(node):
-            if not (has_names and isinstance(child, ast.Assign)):
-                yield from prose_of(child)
+    for child in ast.iter_child_nodes(node):
+        if not (has_names and isinstance(child, ast.Assign)):
+            yield from prose_of(child)
 
 
 @mark.slow
