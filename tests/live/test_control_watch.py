@@ -102,6 +102,7 @@ def test_a_loss_of_control_is_alarmed_within_a_second_and_before_a_motor_at_its_
     assert "parachute" in alarm.remedy and "Land now" not in alarm.remedy
 
 
+@mark.slow
 def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
     assert WatchFact.ALARM_OVER not in lost.codes
     status = lost.stream.status()
