@@ -239,11 +239,11 @@ def _barometer_level(
 def _satellite_height(
     signals: Signals, barometer_height: TimeSeries | None, events: Facts
 ) -> TimeSeries | None:
-    """Returns the height by satellites in those boots in which the height by another sensor is doubtful.
+    """Returns the height by satellites where it is of use: in boots in which the height by another sensor is doubtful.
 
     Satellites measure the height above the sea. To be drawn beside the height by the barometer, it is shifted by a
-    constant, so that both are equal at a take-off: of the last flight with an event on a doubtful height. A difference
-    of both lines is then what has grown since that take-off.
+    constant in each boot, so that both are equal at a take-off. What they differ by later has grown since then. The
+    take-off is that of the last flight in the boot with an event on a doubtful height.
 
     Args:
         signals: logged time series of the vehicle.
@@ -256,14 +256,17 @@ def _satellite_height(
     """
     if signals.height is None:
         return _height_above_first_fix(signals)
-    # The last event on a doubtful height in each boot; later events replace earlier ones.
-    last_events = {event.figures["boot"]: event for event in events if event.code in HEIGHT_DOUBTS}
+    # Events are in the order of time, so that the last one of each boot remains.
+    last_times_of_doubt = dict[int, float]()
+    for event in events:
+        if event.code in HEIGHT_DOUBTS:
+            last_times_of_doubt[event.figures["boot"]] = event.start_time
     heights_by_boot = []
-    for boot, event_of_doubt in last_events.items():
+    for boot, time_of_doubt in last_times_of_doubt.items():
         barometer = series_of_boot(barometer_height, boot)
         if barometer is None:
             continue
-        height = _satellite_height_in_boot(signals, barometer, boot, event_of_doubt.start_time)
+        height = _satellite_height_in_boot(signals, barometer, boot, time_of_doubt)
         if height is not None:
             heights_by_boot.append(height)
     return _joined(heights_by_boot)

@@ -232,7 +232,7 @@ def _print_comparison(
     details = [
         *condition_table(reviewed),
         *detail_sentences(reviewed),
-        *headline_blocks(headlines, headline),
+        *headline_blocks(headlines, [sentence.text for sentence in headline]),
     ]
     # A caution may also be in the headline. It is printed once, in the title.
     footer = [sentence for sentence in headline if sentence not in cautions]

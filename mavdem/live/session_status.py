@@ -511,22 +511,23 @@ class SessionStatus(ImmutableResult):
 
     @property
     def unrepaired_fault(self) -> Fact | None:
-        """What an earlier flight showed that forbids to fly, and of which mavdem does not know that it was repaired.
+        """The warning that a fault of an earlier flight, which forbids to fly, may not have been repaired; or None.
 
-        That the end of the flight before was not received counts too. None without such a fault, or if the headline of
-        ``session_judgement`` states it.
+        The fault was found in an earlier flight of this session or, if in none, by a library in a flight of another
+        session. One that the headline states already needs no warning.
         """
         verdict = self.worst_earlier_verdict
         if verdict is not None and verdict.judgement.headline.forbids_flight:
-            if self.session_judgement.headline == verdict.fact:
+            is_stated_by_headline = self.session_judgement.headline == verdict.fact
+            if is_stated_by_headline:
                 return None
-            return self._possibly_unrepaired_fault(verdict.fact, verdict.judgement.next_step)
-        if self.earlier_recording is None:
-            return None
-        next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.earlier_recording)
-        return self._possibly_unrepaired_fault(self.earlier_recording, next_step)
+            return self._warning_of_fault(verdict.fact, verdict.judgement.next_step)
+        if self.earlier_recording is not None:
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.earlier_recording)
+            return self._warning_of_fault(self.earlier_recording, next_step)
+        return None
 
-    def _possibly_unrepaired_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
+    def _warning_of_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
         """Returns the fact (a coded finding) that a fault of an earlier flight may not have been repaired.
 
         Args:
@@ -577,19 +578,19 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _likely_cause_of_silence(self) -> Fact | None:
-        """A fault known at the last message that may be why no more came; None without one.
+        """The fault of the vehicle that may be why no messages come any more; None if none was known at the last one.
 
-        A loss of control, or an empty battery, explains a silence better than a radio link out of range. The fault is
-        the most urgent one if it was a reason to land at once, otherwise what the power supply lacked.
+        It is the first of these: a fault for which a pilot must land at once, such as a loss of control; then what is
+        wrong with the power supply, such as an empty battery. Both explain a silence better than a radio link out of
+        range.
         """
         judgement = self._judgement_with_all_lights
-        # The headline of a judgement is the fact that matters most.
         most_urgent_fact = self._most_urgent_headline(judgement.headline)
         if self._is_urgent(most_urgent_fact):
             return most_urgent_fact
-        judgement_of_power = judgement.lights[Light.POWER]
-        if judgement_of_power.is_watch_or_bad:
-            return judgement_of_power
+        power_light = judgement.lights[Light.POWER]
+        if power_light.is_watch_or_bad:
+            return power_light
         return None
 
     @property
@@ -681,7 +682,7 @@ class SessionStatus(ImmutableResult):
             return _judgement_with_headline(most_important, lights)
         if self._shows_lights_before_model:
             # While messages come, the next step says what has to happen before a model can be learned.
-            return _judgement_by_lights(judgement, keeps_next_step=self._is_received)
+            return _judgement_by_lights(judgement, keeps_next_step=self._is_vehicle_received)
         # Headlines with codes of this enumeration are not about a fault.
         is_without_fault = isinstance(judgement.headline.code, HeadlineCode)
         if is_without_fault and is_light_replaced:
@@ -697,7 +698,7 @@ class SessionStatus(ImmutableResult):
         """
         is_part_judged = any(part in self._lights_without_model for part in VEHICLE_LIGHTS)
         is_silent_in_flight = not (
-            self._is_received or self.is_over or self._is_silent_after_flight
+            self._is_vehicle_received or self.is_over or self._is_silent_after_flight
         )
         return self.model_judgement is None and is_part_judged and not is_silent_in_flight
 
@@ -811,7 +812,7 @@ class SessionStatus(ImmutableResult):
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
         """
-        if self.no_model_reason is not None and not self._is_received:
+        if self.no_model_reason is not None and not self._is_vehicle_received:
             return self._judgement_of_silent_vehicle(judgement, self.no_model_reason)
         if self.is_late:
             past_lights = lights_during_silence(
@@ -941,10 +942,14 @@ class SessionStatus(ImmutableResult):
         return _is_event(fact) and fact.end_time is not None and not is_alarm
 
     def _most_urgent_headline(self, headline: Fact) -> Fact:
-        """Returns the headline to show in flight: an active alarm, if that is more urgent than the given headline.
+        """Returns the headline to show in flight, where an active alarm may be more urgent than the given headline.
 
-        A bad event, such as a loss of control, comes before any lasting fault; otherwise a bad headline stays, unless
-        it is an event that is over.
+        The first of these that applies:
+
+        1. An alarm on a bad event, such as a loss of control, unless the given headline is an event too.
+        2. The given headline if it is bad, unless it is an event that is over.
+        3. The worst alarm; but one that is only to be watched does not take the place of a bad event that is over.
+        4. The given headline.
 
         Args:
             headline: headline of the judgement: its first sentence on the screen, as a fact.
@@ -956,7 +961,6 @@ class SessionStatus(ImmutableResult):
             return headline
         alarms = self.active_alarms
         if headline.is_bad:
-            # What is only to be watched does not come before a bad event, though that is over.
             alarms = tuple(alarm for alarm in alarms if alarm.is_bad)
         return worst_fact(alarms) if alarms else headline
 
@@ -1094,13 +1098,14 @@ class SessionStatus(ImmutableResult):
         return mean_wind.light.replace(known_until=mean_wind.time, obstacle=self.no_wind_reason)
 
     @property
-    def _is_received(self) -> bool:
+    def _is_vehicle_received(self) -> bool:
         """Whether messages of the followed vehicle come now, so that the lights that need no model are up to date.
 
-        ``no_model_reason`` shows it: with any of ``NOT_RECEIVED_CODES`` they do not come. All other reasons, such as
-        too low rates or a vehicle on the ground, follow from messages that come.
+        If they do not come, that is why no model is learned. Other reasons for that, such as too low rates of messages
+        or a vehicle on the ground, follow from messages that come.
         """
-        return self.no_model_reason is None or self.no_model_reason.code not in NOT_RECEIVED_CODES
+        reason = self.no_model_reason
+        return reason is None or reason.code not in NOT_RECEIVED_CODES
 
     @property
     def _is_silent_after_flight(self) -> bool:
@@ -1150,7 +1155,9 @@ class SessionStatus(ImmutableResult):
     @property
     def present_wind(self) -> WindEstimate | None:
         """The wind now, m/s; None on the ground, while the vehicle is silent, and if this computer is late."""
-        is_known = self.is_flying and self._is_received and not self.is_silent and not self.is_late
+        is_known = (
+            self.is_flying and self._is_vehicle_received and not self.is_silent and not self.is_late
+        )
         return self.wind if is_known else None
 
     @property

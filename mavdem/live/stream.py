@@ -501,7 +501,7 @@ class LiveStream:
         self._vehicles.update(sender)
         if message is None:
             return []
-        message = _without_foreign_stamp(message)
+        message = _without_doubtful_stamp(message)
         if self._is_choice_awaited:
             self._early_messages.append(_EarlyMessage(sender, self._stamp, message))
             return []
@@ -832,14 +832,14 @@ class LiveStream:
         self._events.append(Event(reception_time, fact))
 
 
-def _without_foreign_stamp(message: Message) -> Message:
-    """Returns a message without its stamp (0) if the stamp may not be the time of the message on the boot clock.
+def _without_doubtful_stamp(message: Message) -> Message:
+    """Returns a message, without its stamp if that may not be the time of the message on the autopilot's boot clock.
 
-    Messages of state, IMU and home position may have the stamp of another clock, or that of an earlier message.
+    Autopilots stamp messages on the state, IMUs and the home position by another clock, or by the time of an earlier
+    message. Without a stamp (0 in MAVLink) their time is that of the stamped messages beside them.
 
     Args:
         message: the message as it was received.
     """
-    if message.name in (*STATUS_MESSAGES, *IMU_MESSAGES, HOME_MESSAGE):
-        return message._replace(stamp=0.0)
-    return message
+    has_doubtful_stamp = message.name in (*STATUS_MESSAGES, *IMU_MESSAGES, HOME_MESSAGE)
+    return message._replace(stamp=0.0) if has_doubtful_stamp else message

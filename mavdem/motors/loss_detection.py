@@ -20,11 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf, log
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.containers import Numbers
 from mavdem.dataset.phases import TRANSIENT_SECONDS
@@ -122,6 +122,18 @@ class _DatedChange(NamedTuple):
     block_count: int
     """Number of blocks since the change began: the length of that window."""
 
+    @classmethod
+    def most_likely(cls, changes: WindowChanges, windows: Windows, log_factors: Array) -> Self:
+        """Returns the change in the window in which a cause explains it best, which dates its beginning.
+
+        Args:
+            changes: Change of the balance for each window.
+            windows: (w,) lengths of the windows, in blocks.
+            log_factors: (w,) logarithm of the cause's Bayes factor by window.
+        """
+        window = int(np.argmax(log_factors))
+        return cls(changes, window, int(windows[window]))
+
     @property
     def size(self) -> Array:
         """(a,) change of the balance."""
@@ -131,6 +143,16 @@ class _DatedChange(NamedTuple):
     def variance(self) -> Array:
         """(a,) its variance."""
         return self.changes.variance[self.window]
+
+
+def _of_lasting_windows(log_factors: Array, is_lasting: Flags) -> Array:
+    """Returns logarithms (w,) of Bayes factors by window, with −∞, that of 0, for windows that are too short.
+
+    Args:
+        log_factors: (w,) logarithms of the Bayes factors.
+        is_lasting: (w,) whether a window is long enough: then a change in it lasts.
+    """
+    return np.where(is_lasting, log_factors, -inf)
 
 
 class MotorLossDetector:
@@ -351,9 +373,8 @@ class MotorLossDetector:
         if not reaches_threshold or log_odds < STRONG_EVIDENCE_NATS:
             self._test_for_torque_change(windows, changes, evidence)
             return
-        # The window in which the cause explains the change best is the estimate of when the change began.
-        window = int(np.argmax(evidence.motor_log_factors_by_window[best_cause]))
-        change = _DatedChange(changes, window, int(windows[window]))
+        log_factors_of_cause = evidence.motor_log_factors_by_window[best_cause]
+        change = _DatedChange.most_likely(changes, windows, log_factors_of_cause)
         if self._is_independent_of_heading(change):
             # (k,) rises of the motors with the largest size. Only the ratios between the motors matter.
             largest_rises = evidence.rises[best_cause, -1]
@@ -394,8 +415,7 @@ class MotorLossDetector:
         """Tests whether a load has shifted, at least ``REFERENCE_SECONDS`` ago: a gust is shorter.
 
         The Bayes factor of a load must reach the threshold, and its odds against all other causes must be strong
-        evidence. The change is recorded, unless a turn of the vehicle in wind explains it. The blocks since then are
-        the reference for later flight.
+        evidence.
 
         Args:
             windows: (w,) lengths of the windows, in blocks.
@@ -406,8 +426,7 @@ class MotorLossDetector:
             Whether the evidence is strong enough.
         """
         is_lasting = windows * BLOCK_SECONDS >= REFERENCE_SECONDS
-        # Windows that are too short are left out: a Bayes factor of 0 has the logarithm −∞.
-        load_log_factors = evidence.load_log_factors + np.where(is_lasting, 0.0, -inf)
+        load_log_factors = _of_lasting_windows(evidence.load_log_factors, is_lasting)
         load_log_factor = log_sum(load_log_factors)
         # The last rival is that nothing changed, with a Bayes factor of 1.
         rivals = [
@@ -418,13 +437,9 @@ class MotorLossDetector:
         log_odds = load_log_factor - log_sum(rivals)
         if load_log_factor < self._threshold or log_odds < STRONG_EVIDENCE_NATS:
             return False
-        window = int(np.argmax(load_log_factors))
-        change = _DatedChange(changes, window, int(windows[window]))
-        block_count = change.block_count
-        if self._is_independent_of_heading(change):
-            causes = cause_probabilities(evidence, is_lasting)
-            block_count = self._add_torque_change(change, float(log_odds), causes)
-        self._blocks.keep_last(block_count)
+        change = _DatedChange.most_likely(changes, windows, load_log_factors)
+        causes = cause_probabilities(evidence, is_lasting)
+        self._renew_reference(change, float(log_odds), causes)
         return True
 
     def _test_for_stale_reference(
@@ -432,9 +447,9 @@ class MotorLossDetector:
     ) -> None:
         """Tests whether anything has changed, at least ``STALE_SECONDS`` ago, and renews the reference if so.
 
-        Flight before such a change cannot be compared with later flight, even if the cause is unknown. So only the
-        blocks since the change are kept as the reference. The change is recorded without a cause if strong evidence
-        shows that roll and pitch changed, and no turn in wind explains that: a shifted load and a weak motor both fit.
+        Flight before such a change cannot be compared with later flight, even if the cause is unknown. The change is
+        recorded only if it is strong evidence for a change in roll and pitch, which a shifted load and a weak motor
+        both make. A change in yaw alone is not recorded.
 
         Args:
             windows: (w,) lengths of the windows, in blocks.
@@ -442,29 +457,42 @@ class MotorLossDetector:
             evidence: Logarithms of the Bayes factors of all causes, some of them by window.
         """
         is_lasting = windows * BLOCK_SECONDS >= STALE_SECONDS
-        # Added to the logarithms of Bayes factors, this leaves out the windows that are too short.
-        log_selection = np.where(is_lasting, 0.0, -inf)
-        # (w,) the sum of the Bayes factors of all causes that change roll and pitch, by window, then of all causes.
-        tilt_causes = log_sum(
+        # (w,) by window, for all causes that change roll and pitch, and for all causes.
+        tilt_log_factors = log_sum(
             [
                 evidence.all_axes_log_factors,
                 evidence.load_log_factors,
                 *evidence.motor_log_factors_by_window,
             ]
         )
-        any_cause = log_sum([evidence.yaw_log_factors, tilt_causes])
-        lasting_change = log_selection + any_cause
-        if lasting_change.max() < self._threshold:
+        any_log_factors = log_sum([evidence.yaw_log_factors, tilt_log_factors])
+        any_log_factors = _of_lasting_windows(any_log_factors, is_lasting)
+        if any_log_factors.max() < self._threshold:
             return
-        window = int(np.argmax(lasting_change))
-        change = _DatedChange(changes, window, int(windows[window]))
-        block_count = change.block_count
+        change = _DatedChange.most_likely(changes, windows, any_log_factors)
         # The rivals are a change in yaw alone, and no change at all, with a Bayes factor of 1.
         rivals = [log_sum(evidence.yaw_log_factors), 0.0]
-        log_odds = log_sum(log_selection + tilt_causes) - log_sum(rivals)
+        tilt_log_factor = log_sum(_of_lasting_windows(tilt_log_factors, is_lasting))
+        log_odds_of_tilt = tilt_log_factor - log_sum(rivals)
+        causes = cause_probabilities(evidence, is_lasting)
+        self._renew_reference(change, float(log_odds_of_tilt), causes)
+
+    def _renew_reference(
+        self, change: _DatedChange, log_odds: float, causes: CauseProbabilities
+    ) -> None:
+        """Makes the blocks since a change of the torque the reference for later flight; the earlier ones are dropped.
+
+        The change is recorded too if its odds are strong evidence, and no turn of the vehicle in wind explains it.
+
+        Args:
+            change: The change of the balance.
+            log_odds: Logarithm of the odds that something changed in roll and pitch.
+            causes: What may have changed it.
+        """
+        block_count = change.block_count
         if log_odds >= STRONG_EVIDENCE_NATS and self._is_independent_of_heading(change):
-            causes = cause_probabilities(evidence, is_lasting)
-            block_count = self._add_torque_change(change, float(log_odds), causes)
+            # Recording the change dates its beginning more closely.
+            block_count = self._add_torque_change(change, log_odds, causes)
         self._blocks.keep_last(block_count)
 
     def _add_torque_change(

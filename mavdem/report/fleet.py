@@ -204,7 +204,7 @@ def vehicle_name_or_type(
 
 
 def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
-    """Returns the name of a vehicle within a sentence, such as "Quadrotor 3A0041…2B37" for a serial number.
+    """Returns the name of a vehicle that tells it from others, such as "Quadrotor 3A0041…2B37" for a serial number.
 
     Args:
         name: name of the vehicle in its logs, which may be a serial number or made of a system id.
@@ -213,15 +213,17 @@ def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool =
         is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        The text of :func:`vehicle_name_or_type`; for a serial number with its first and last characters after it, and
-        for the hash of a calibration such as "Quadrotor (unnamed, …6f6923)".
+        The name or, if the logs have only a serial number, the type with a part of that number. A log without either is
+        named by the hash of its calibration, as in "Quadrotor (unnamed, …6f6923)".
     """
-    label = vehicle_name_or_type(name, frame, names, is_shared=is_shared)
-    if is_shared or name in names.vehicles or not is_serial(name):
-        return label
+    name_or_type = vehicle_name_or_type(name, frame, names, is_shared=is_shared)
+    has_name_of_owner = name in names.vehicles
+    if has_name_of_owner or is_shared or not is_serial(name):
+        return name_or_type
+    # Several vehicles have the same type, so that a part of the number follows it.
     if is_calibration_name(name):
-        return f"{label} (unnamed, {short_name(name)})"
-    return f"{label} {short_name(name)}"
+        return f"{name_or_type} (unnamed, {short_name(name)})"
+    return f"{name_or_type} {short_name(name)}"
 
 
 def has_section(name: str, flights: Flights) -> bool:

@@ -193,7 +193,8 @@ def _unstated_remedies(
 ) -> list[str]:
     """Returns the remedies for the control loops of one axis that the user has not read already.
 
-    There are up to two sentences: the remedy of the advice on the gains, and the remedy of the decision on the loops.
+    There are up to two sentences: what to do about the gains, and what to do about the loops. If one of them contains
+    the other, it stands alone.
 
     Args:
         tuning: for each axis its advice, or the fact (coded finding) that says why there is none; and the decision on
@@ -207,20 +208,23 @@ def _unstated_remedies(
     candidates = _remedies_besides_tuning(tuning, axis)
     if not _is_put_off_by_next_step(tuning, advice_on_gains):
         candidates.insert(0, advice_on_gains.remedy)
-    remedies: list[str] = []
-    for remedy in candidates:
-        text_above = " ".join([report, *remedies])
-        if remedy not in stated_remedies and remedy not in text_above:
-            # A remedy that is part of this one need not stand before it.
-            remedies = [earlier for earlier in remedies if earlier not in remedy]
-            remedies.append(remedy)
-    return remedies
+    new_remedies = []
+    for remedy in dict.fromkeys(candidates):
+        if remedy not in stated_remedies and remedy not in report:
+            new_remedies.append(remedy)
+    if len(new_remedies) == 2:
+        remedy_of_gains, remedy_of_loops = new_remedies
+        if remedy_of_gains in remedy_of_loops:
+            return [remedy_of_loops]
+        if remedy_of_loops in remedy_of_gains:
+            return [remedy_of_gains]
+    return new_remedies
 
 
 def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
-    """Returns whether a fact forbids to fly before one repair, and the next step of the report before another.
+    """Returns whether a fact asks for a repair before the next flight, and so does the next step of the report.
 
-    A report has one repair to make before the next flight, that of its next step.
+    Then a report states only the repair of its next step, which is the more urgent one.
 
     Args:
         tuning: the judgement of the flight, with the next step.
@@ -237,8 +241,11 @@ def _forbids_flight(fact: Fact) -> bool:
     """
     if fact.forbids_flight:
         return True
-    reasons = (fact.figures.get("reason"), *fact.figures.get("reasons", ()))
-    return any(isinstance(reason, Fact) and _forbids_flight(reason) for reason in reasons)
+    for reason in (fact.figures.get("reason"), *fact.figures.get("reasons", ())):
+        # Other figures of this name are texts.
+        if isinstance(reason, Fact) and _forbids_flight(reason):
+            return True
+    return False
 
 
 def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:
@@ -368,10 +375,8 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
     return list(groups.values())
 
 
-def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
-    """Returns the key by which axes are grouped: axes with the same key share one report on their gains.
-
-    An axis with an identified loop has a report of its own. Axes without one share a report if it has the same text.
+def _group_key(tuning: Tuning, axis: str) -> str:
+    """Returns the text by which axes are grouped: axes with the same text share one report on their gains.
 
     Args:
         tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact (coded
@@ -379,20 +384,18 @@ def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The name of an axis with an identified loop. Otherwise an empty text instead of the name, and then the texts of
-        the report: the reason why no loop was identified, and the remedies.
+        The name of an axis with an identified loop, which has a report of its own. Otherwise the text of the report:
+        the reason why no loop was identified, and the remedies.
     """
     advice_or_reason = tuning.axes[axis]
     if isinstance(advice_or_reason, Advice):
-        return (axis,)
-    no_name = ""
-    reason_text = advice_or_reason.sentence_and_remedy
-    further_remedies = []
+        return axis
+    report = advice_or_reason.sentence_and_remedy
     for remedy in _remedies_besides_tuning(tuning, axis):
         # The reason may state the remedy already.
-        if remedy not in reason_text:
-            further_remedies.append(remedy)
-    return (no_name, reason_text, *further_remedies)
+        if remedy not in report:
+            report += f" {remedy}"
+    return report
 
 
 def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool) -> list[Fact]:
@@ -444,8 +447,6 @@ def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
         advice_on_gains = advice_on_gains.replace(action=action)
     if axis in tuning.doubtful_axes:
         return [advice_on_gains]
-    if axis in tuning.doubtful_axes:
-        return [advice_on_gains]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
     return [advice_on_gains, *reasons]
 
@@ -489,48 +490,23 @@ def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
 def _faults_in_flight(
     tuning: Tuning, axes: Iterable[str], report: str, headline_above: str
 ) -> list[Sentence]:
-    """Returns what the flight shows of axes whose loops are not known, such as that an axis swings, and what to do.
+    """Returns what is wrong with axes whose loops are not known, such as that they swing, and what to do about it.
 
-    A decision on the loops of an axis has a reason, what is wrong, and a remedy. It is left out if the reader has both
-    already: the reason as the headline; or the reason in the report, and the remedy in the next step below it.
+    What stands in the report on these axes, in the headline, or in the next step is not repeated.
 
     Args:
-        tuning: the fact why the loop of each axis is not known, and the decision on its loops.
-        axes: axes that the report names together.
+        tuning: the judgement of the flight, with its next step and a decision on the loops of each axis.
+        axes: axes that the report names together; none of their loops is known.
         report: text on these axes, which the sentences will follow.
-        headline_above: headline that stands above the report.
-
-    Returns:
-        A sentence for all axes that are to be watched or bad for the same reason.
+        headline_above: headline that stands above the report; empty without one.
     """
-    next_step = str(tuning.judgement.next_step)
-    decisions = {}
+    faults = {}
     for axis in axes:
-        if not _has_fault_in_flight(tuning, axis):
-            continue
-        decision = tuning.judgement.loop_decisions[axis]
-        reason = str(decision.reason)
-        is_in_report = reason == report and decision.fact.remedy in next_step
-        is_headline = reason == headline_above
-        if not is_in_report and not is_headline:
-            decisions[axis] = decision
-    return decision_sentences(decisions, next_step, lead_end=" in flight:")
-
-
-def _has_fault_in_flight(tuning: Tuning, axis: str) -> bool:
-    """Returns whether the loop of an axis is not known, but the flight shows that something is wrong with the axis.
-
-    An example is an axis that swings. The remedy for that does not make the loop known, so that a report states it
-    apart from what leads to new gains.
-
-    Args:
-        tuning: advice on the gains of each axis, or the fact that says why its loop is not known.
-        axis: "roll", "pitch" or "yaw".
-    """
-    is_loop_unknown = isinstance(tuning.axes[axis], Fact)
-    # The decision is the judgement of the axis by all that was measured, with a reason.
-    decision = tuning.judgement.loop_decisions.get(axis)
-    return is_loop_unknown and decision is not None and decision.reason.is_watch_or_bad
+        decision = tuning.judgement.loop_decisions.get(axis)
+        if decision is not None and decision.reason.is_watch_or_bad:
+            faults[axis] = decision
+    texts_elsewhere = (headline_above, report, str(tuning.judgement.next_step))
+    return decision_sentences(faults, texts_elsewhere, lead_end=" in flight:")
 
 
 def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
@@ -539,16 +515,21 @@ def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
     This report comes from that command, so that its next step and its advice on gains say the rest.
 
     Args:
-        tuning: the advice on each axis, and the decision on its loops.
+        tuning: the advice on each axis, or the fact that its loop is not known; and the decision on its loops.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        A list with one sentence; empty if there is nothing else to do, or if a sentence on the fault in flight says it.
+        A list with one sentence; empty if there is nothing else to do, or if the report says it in another place.
     """
     decision = tuning.judgement.loop_decisions.get(axis)
-    if decision is None or decision.action is None or _has_fault_in_flight(tuning, axis):
+    if decision is None or decision.action is None:
         return []
     if decision.action.code in (*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS):
+        return []
+    is_loop_unknown = isinstance(tuning.axes[axis], Fact)
+    if is_loop_unknown and decision.reason.is_watch_or_bad:
+        # The remedy of a fault, such as that the axis swings, does not make the loop known. So it does not stand with
+        # what leads to new gains, but in a sentence on the fault.
         return []
     if decision.action.code is LoopAction.FLY_DOUBLETS and _advises_flight(tuning.axes[axis]):
         # One flight is enough: the reason why no gains are advised names it already.
@@ -596,7 +577,7 @@ def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -
 
 
 def decision_sentences(
-    decisions: DecisionsByAxis, next_step: str = "", lead_end: str = ":"
+    decisions: DecisionsByAxis, texts_elsewhere: Collection[str] = (), lead_end: str = ":"
 ) -> list[Sentence]:
     """Returns the decisions on control loops in sentences: for each axis what is wrong, and what to do.
 
@@ -605,31 +586,36 @@ def decision_sentences(
 
     Args:
         decisions: decision on the loops by axis.
-        next_step: text of the next step on the page; actions that it contains are not repeated.
+        texts_elsewhere: other texts of the page, such as its next step; reasons and actions in them are not repeated.
         lead_end: what follows the names of the axes at the beginning of each sentence.
     """
 
-    def action_of(axis: str) -> str:
-        """Returns the action on an axis; empty if the next step contains it."""
-        action = decisions[axis].fact.remedy
-        if action in next_step:
-            return ""
-        return action
+    def lead(axes: Collection[str]) -> str:
+        """Returns the beginning of a sentence on some axes, such as "Roll and pitch:"."""
+        return f"{listed(axes).capitalize()}{lead_end}"
 
-    axes_by_action = group_by(decisions, action_of)
+    axes_by_action = group_by(
+        decisions, lambda axis: _unless_in(texts_elsewhere, decisions[axis].fact.remedy)
+    )
     sentences = []
     for action, axes in axes_by_action.items():
-        axes_by_reason = group_by(axes, lambda axis: str(decisions[axis].reason))
-        has_single_reason = len(axes_by_reason) == 1
-        for reason, axes_of_reason in axes_by_reason.items():
+        axes_by_reason = group_by(
+            axes, lambda axis: _unless_in(texts_elsewhere, str(decisions[axis].reason))
+        )
+        if len(axes_by_reason) == 1:
             # A single reason and its action make one sentence.
-            text = f"{reason} {action}".strip() if has_single_reason else reason
-            sentences.append(
-                Sentence(text, lead=f"{listed(axes_of_reason).capitalize()}{lead_end}")
-            )
-        if action and not has_single_reason:
-            sentences.append(Sentence(action, lead=f"{listed(axes).capitalize()}{lead_end}"))
-    return sentences
+            (reason,) = axes_by_reason
+            sentences.append(Sentence(f"{reason} {action}".strip(), lead(axes)))
+            continue
+        for reason, axes_of_reason in axes_by_reason.items():
+            sentences.append(Sentence(reason, lead(axes_of_reason)))
+        sentences.append(Sentence(action, lead(axes)))
+    return [sentence for sentence in sentences if sentence.text]
+
+
+def _unless_in(texts: Collection[str], sentence: str) -> str:
+    """Returns a sentence, or an empty text if one of these texts contains it already."""
+    return "" if any(sentence in text for text in texts) else sentence
 
 
 def _texts_in_next_step(tuning: Tuning) -> set[str]:
@@ -1096,12 +1082,12 @@ def _gain_sentences(advice: Advice) -> list[Sentence]:
     """Returns sentences on what the advised gains of one axis are expected to do.
 
     They state the expected deviation of the angle in wind, what comes after this step if it does not reach the margins,
-    unusual ratios of the gains, and the noise in the demand. The template "loop_gains" has the words.
+    unusual ratios of the gains, and the noise in the demand. The template "loop_gains" makes them.
 
     Args:
-        advice: gains by name of the parameter, and the control loop before and after.
+        advice: the gains that flew and the advised ones, with the control loop that has each of them, and notes.
     """
-    # Reasons for the gains themselves are stated in another place.
+    # Notes that say why the gains are no others stand beside the gains.
     unusual_notes = [note for note in advice.notes if note.code not in REASONS_FOR_GAINS]
     return render_section(
         "loop_gains", advice=advice, unusual_notes=unusual_notes, largest_step=MAX_GAIN_STEP

@@ -24,6 +24,7 @@ from mavdem.assessment.axis.findings import (
 from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.vehicle_verdict import VehicleVerdict
+from mavdem.containers import group_by
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Fact, Level
@@ -726,23 +727,21 @@ def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -
     """
     if physical is None:
         return []
-    reasons = physical.reasons
-    # The status is "reported", "biased" or "not identifiable".
+    # A parameter that is reported has no reason.
+    reasons = {name: reason for name, reason in physical.reasons.items() if reason is not None}
     have_all_same_status = len(set(physical.status.values())) == 1
-    if have_all_same_status:
+    if have_all_same_status and "effect" in reasons:
         # The other parameters follow from the effectiveness, so that its reason is the cause of theirs.
         reasons = {"effect": reasons["effect"]}
-    # Parameters with the same reason share a text.
-    parameters_by_reason = dict[str, list[str]]()
-    for name, reason in reasons.items():
-        if reason is None:
-            continue
-        reason_text = reason.sentence if is_doubtful else reason.sentence_and_remedy
-        parameter_and_status = f"{PARAMETERS[name]} {physical.status[name]}"
-        parameters_by_reason.setdefault(reason_text, []).append(parameter_and_status)
+
+    def reason_text(name: str) -> str:
+        """Returns the reason for the status of a parameter, with advice unless the flight is doubtful."""
+        return reasons[name].sentence if is_doubtful else reasons[name].sentence_and_remedy
+
     texts = []
-    for reason_text, parameters in parameters_by_reason.items():
-        texts.append(f"{listed(parameters).capitalize()}: {reason_text}")
+    for text, names in group_by(reasons, reason_text).items():
+        parameters = listed([f"{PARAMETERS[name]} {physical.status[name]}" for name in names])
+        texts.append(f"{parameters.capitalize()}: {text}")
     return texts
 
 

@@ -5,7 +5,6 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from mavdem.facts import Fact, Facts, NamedFacts
-from mavdem.facts.ending import Ending
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.blocks import Sentence
@@ -87,57 +86,55 @@ def _witness_time(witness: Fact) -> float:
     return inf if witness.code in FACTS_OF_END else -inf
 
 
-def cause_sentences(fact: Fact) -> list[Sentence]:
-    """Returns the sentence with the evidence for the cause of an event or, without a cause, for the event itself.
-
-    Args:
-        fact: the event, whose figure ``cause`` may be its cause.
-
-    Returns:
-        A list with one sentence. It is empty if neither was checked, and if the event is a flight lost for an unknown
-        cause: what the sensors show of the loss is no evidence for its cause.
-    """
-    if _witnesses_of_cause(fact):
-        # Only the witnesses of the cause remain, and the sentence is about these.
-        return evidence_sentences(fact.replace(witnesses=()))
-    is_loss_of_unknown_cause = fact.code in Ending
-    return [] if is_loss_of_unknown_cause else evidence_sentences(fact)
-
-
 def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
     """Returns the sentence below a headline, on a page and on the screen, that says which measurements confirm it.
 
-    If the event in the headline has a cause, the evidence for the cause is stated, since what followed is in the list
-    of events. Of all measurements the first ``MAX_WITNESSES_OF_HEADLINE`` that the headline does not name itself are
-    quoted. An event that only the autopilot reports, such as an empty battery, is confirmed by no measurement of its
-    own. Its evidence is then what the status light of the same subject measured, if that light warns too.
+    It quotes at most ``MAX_WITNESSES_OF_HEADLINE`` measurements. If the event has a cause, they are those of the cause,
+    since what followed is in the list of events.
 
     Args:
-        fact: the headline, a coded finding.
+        fact: the headline, a coded finding on an event.
         lights: status lights by name, each the judgement of one part of the vehicle with a level.
 
     Returns:
         A list with one sentence; empty if nothing confirms the headline, or if it states its evidence itself.
     """
+    witnesses = _witnesses_of_cause(fact) or _independent_witnesses(fact)
+    if not witnesses:
+        return _light_as_evidence(fact, lights)
+    headline_text = headline(fact)
+    witnesses_not_in_headline = []
+    for witness in witnesses:
+        if as_clause(witness) not in headline_text:
+            witnesses_not_in_headline.append(witness)
+    event = _without_cause(fact).replace(witnesses=witnesses_not_in_headline)
+    return evidence_sentences(event, MAX_WITNESSES_OF_HEADLINE)
+
+
+def _light_as_evidence(event: Fact, lights: NamedFacts) -> list[Sentence]:
+    """Returns the judgement of the part of the vehicle that an event is about, as evidence for the event.
+
+    It stands for measurements of the event itself, which an event that only the autopilot reports, such as an empty
+    battery, does not have.
+
+    Args:
+        event: the event, a coded finding.
+        lights: status lights by name, each the judgement of one part of the vehicle with a level.
+
+    Returns:
+        A list with one sentence; empty if the part is not judged, or is not found to be at fault.
+    """
     # Imported here, since pages without a headline need nothing of it.
     from mavdem.assessment.event_lights import light_of_event
 
-    witnesses = _witnesses_of_cause(fact) or _independent_witnesses(fact)
-    if witnesses:
-        headline_text = headline(fact)
-        new_witnesses = []
-        for witness in witnesses:
-            if as_clause(witness) not in headline_text:
-                new_witnesses.append(witness)
-        event = _without_cause(fact).replace(witnesses=new_witnesses)
-        return evidence_sentences(event, MAX_WITNESSES_OF_HEADLINE)
-    # Without a measurement of its own, the light of the same subject may confirm the event.
-    light_name = light_of_event(fact)
+    light_name = light_of_event(event)
     light = None if light_name is None else lights.get(light_name)
     if light is None or not light.is_watch_or_bad:
         return []
-    states_event_itself = light.code is fact.code
-    return [] if states_event_itself else [Sentence(light.sentence, lead="Why:")]
+    if light.code is event.code:
+        # The judgement is the event itself, which is no evidence for it.
+        return []
+    return [Sentence(light.sentence, lead="Why:")]
 
 
 def _witnesses_of_cause(fact: Fact) -> Facts:
@@ -198,31 +195,22 @@ def evidence_text(fact: Fact) -> str:
 
 
 def evidence_texts(fact: Fact) -> frozenset[str]:
-    """Returns the texts of evidence that a list of events need not repeat below an event that it has shown.
+    """Returns the evidence for an event itself, and that for its cause, as texts; without those that are empty.
 
-    Later events often have the same evidence. There are up to three texts: all evidence for the event, the evidence
-    without that for its cause, and the evidence for its cause alone.
+    A list of events shows each of them once, with the first event that has it (:func:`new_evidence_text`).
 
     Args:
         fact: the event.
-
-    Returns:
-        The texts that are not empty.
     """
-    texts = (
-        evidence_text(fact),
-        evidence_text(_without_cause(fact)),
-        joined_sentences(cause_sentences(fact)),
-    )
-    return frozenset(text for text in texts if text)
+    texts = {evidence_text(_without_cause(fact)), evidence_text(_without_own_witnesses(fact))}
+    return frozenset(texts - {""})
 
 
 def new_evidence_text(fact: Fact, shown_texts: Collection[str]) -> str:
     """Returns the evidence for an event in a list of events, without what the list has shown for an earlier event.
 
     The same measurements often confirm several events: a vehicle that loses control and then hits the ground sinks
-    once. They are shown with the first of these events. Below a later one remains what is new, which may be the
-    evidence for its cause.
+    once. They are shown with the first of these events.
 
     Args:
         fact: the event, whose figure ``cause`` may be its cause.
@@ -230,22 +218,24 @@ def new_evidence_text(fact: Fact, shown_texts: Collection[str]) -> str:
             other texts of the page.
 
     Returns:
-        All evidence as text if the evidence for the event itself is new. Otherwise the evidence for its cause alone;
-        empty if this was shown too, or if the event has no cause.
+        The evidence for the cause and that for the event itself, each if it was not shown; empty without any.
     """
-    text_without_cause = evidence_text(_without_cause(fact))
-    if text_without_cause not in shown_texts:
-        new_text = evidence_text(fact)
-    elif "cause" in fact.figures:
-        new_text = joined_sentences(cause_sentences(fact))
-    else:
-        new_text = ""
-    return "" if new_text in shown_texts else new_text
+    event = fact
+    if evidence_text(_without_own_witnesses(fact)) in shown_texts:
+        event = _without_cause(event)
+    if evidence_text(_without_cause(fact)) in shown_texts:
+        event = _without_own_witnesses(event)
+    return evidence_text(event)
 
 
 def _without_cause(fact: Fact) -> Fact:
     """Returns an event without its cause, so that only the evidence for the event itself remains."""
     return fact.replace(cause=None) if "cause" in fact.figures else fact
+
+
+def _without_own_witnesses(fact: Fact) -> Fact:
+    """Returns an event without the measurements that confirm or contradict it: the evidence for its cause remains."""
+    return fact.replace(witnesses=())
 
 
 def joined_sentences(sentences: Iterable[Sentence]) -> str:

@@ -965,15 +965,17 @@ class Library:
         Returns:
             ``kept``, bytes of all results, and ``files``, names of the downloads, separated by commas.
         """
-        # The progress file is no result, and is removed next.
-        paths = [path for path in self.results_folder(entry).iterdir() if path.name != PROGRESS]
-        # Two files are only for comparisons of flights.
-        names = {path.name for path in paths} - {SERIES_FILE, PARAMETERS_FILE}
-        names.update(name for name in recordings.split(",") if name)
-        return {
-            "kept": sum(path.stat().st_size for path in paths),
-            "files": ",".join(sorted(names)),
-        }
+        total_size = 0
+        downloads = {name for name in recordings.split(",") if name}
+        for path in self.results_folder(entry).iterdir():
+            if path.name == PROGRESS:
+                # The progress of the reading is no result; this file is removed next.
+                continue
+            total_size += path.stat().st_size
+            # Series and parameters are stored only for comparisons of flights.
+            if path.name not in (SERIES_FILE, PARAMETERS_FILE):
+                downloads.add(path.name)
+        return {"kept": total_size, "files": ",".join(sorted(downloads))}
 
     # Files and SQL
 

@@ -790,7 +790,7 @@ class LinkMonitor:
         self._render_page(session)
 
     def _render_page(self, session: LiveSession) -> None:
-        """Renders the HTML page of the running session as it is now.
+        """Renders the page that the link shows now: that of the running session, or of the one before.
 
         Until a vehicle is received, the page of the session before stays, if there was one, so that its end can be
         read.
@@ -803,9 +803,11 @@ class LinkMonitor:
         self._update_summary(session, status)
         if self._finished_page and not _awaits_vehicle(status):
             self._forget_finished_page()
+        # The pages of both sessions show verdicts. A new one renews the page of the finished session.
         self._update_verdicts()
-        html = self._finished_page
-        if not html:
+        if self._finished_page:
+            html = self._finished_page
+        else:
             status = self._shown_status(session)
             html = self._page_of_running_session(session, status)
         self._page = SessionPage.made_now(html, session, status, start_time)
@@ -930,8 +932,12 @@ def _is_end_unknown(status: SessionStatus) -> bool:
     Args:
         status: status at the end of the session.
     """
-    has_restarted_in_air = bool(status.verdicts) and status.verdicts[-1].is_lost_in_air
-    return has_restarted_in_air or status.link_loss is not None
+    was_link_lost_in_air = status.link_loss is not None
+    if was_link_lost_in_air or not status.verdicts:
+        return was_link_lost_in_air
+    verdict_on_latest_flight = status.verdicts[-1]
+    # The autopilot restarted in this case.
+    return verdict_on_latest_flight.is_lost_in_air
 
 
 def _is_on_ground(status: SessionStatus) -> bool:
@@ -982,11 +988,11 @@ def _awaits_vehicle(status: SessionStatus) -> bool:
 
 
 def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
-    """Returns the verdict of the library on a recording, or that it is not judged yet.
+    """Returns the verdict of the library on a recording as a fact (a coded finding), or that it is not judged yet.
 
     Args:
-        entry: the recording in the library with the verdict that is shown (:func:`entry_beside_fleet`). It has a level
-            once it is judged.
+        entry: the recording in the library, with its verdict by its log and by that comparison. Once it is judged, the
+            verdict has a level, such as good; and each light (the judgement of one subject, such as wind) too.
         is_compared: whether its motors have been compared with the vehicle's other flights. Before that no verdict is
             given, since it might be an all-clear that the comparison then takes back.
     """
@@ -998,9 +1004,8 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
             next_step=entry.next_step,
             levels={light: getattr(entry, light) for light in Light},
         )
-    state = RecordingState.BEING_READ
-    if entry.stage == Stage.FAILED:
-        state = RecordingState.FAILED
+    has_failed = entry.stage == Stage.FAILED
+    state = RecordingState.FAILED if has_failed else RecordingState.BEING_READ
     return Fact(SessionFact.RECORDING_NOT_JUDGED, kind=state)
 
 

@@ -212,25 +212,29 @@ class Pages:
         }
 
     def _judged_flights(self, entries: Sequence[LibraryEntry], *, may_read: bool) -> JsonValues:
-        """Returns what the table of flights shows of each: its verdict by its log and beside the vehicle's others.
+        """Returns the values of a template with a table of flights, which shows the verdict on each flight.
+
+        The verdict is by the log of the flight. If a comparison with other flights of the vehicle shows a fault or
+        drift of the motors, it says that too, and a link compares the flight with a healthy one.
 
         Args:
             entries: index entries of the flights, whose verdicts are by their logs alone.
-            may_read: whether the visitor may read all flights, and so compare two.
+            may_read: whether the visitor may read all flights; there are no such links otherwise.
 
         Returns:
-            Values by the names in the template: ``entries`` with the verdicts that are shown; ``anomalous_rows``, the
-            row in the fleet's table of each flight whose motors have a fault or drift, by the entry's id; and
-            ``flights_to_compare``, the healthy flight to compare it with.
+            ``entries`` with the verdicts that are shown; ``anomalous_rows``, the row in the fleet's table of each
+            flight whose motors have a fault or drift, by the entry's id; and ``flights_to_compare``, the entry of the
+            healthy flight, by the same id.
         """
         anomalous_rows = self._library.rows_with_motor_anomaly(entries)
         flights_to_compare = {}
         if may_read:
             flights_to_compare = self._flights_to_compare(entries, anomalous_rows)
+        shown_entries = []
+        for entry in entries:
+            shown_entries.append(entry_beside_fleet(entry, anomalous_rows.get(entry.id)))
         return {
-            "entries": [
-                entry_beside_fleet(entry, anomalous_rows.get(entry.id)) for entry in entries
-            ],
+            "entries": shown_entries,
             "anomalous_rows": anomalous_rows,
             "flights_to_compare": flights_to_compare,
         }
@@ -566,7 +570,8 @@ class Pages:
     ) -> Response:
         """Returns the page on which a user assigns flights to vehicles, for logs that have only a MAVLink system id.
 
-        Flights of several vehicles may have the same id, so that the page does not compare them.
+        Several vehicles may have the same id, so that this page, unlike that of a vehicle, shows no changes over its
+        flights.
 
         Args:
             request: the request, for the rights of its sender.
@@ -576,9 +581,12 @@ class Pages:
         Returns:
             The page.
         """
-        visitor = self._visible_library.visitor_values(request)
-        judged_flights = self._judged_flights(entries, may_read=True)
-        html = render_server_page("unnamed_vehicles", name=name, **judged_flights, **visitor)
+        html = render_server_page(
+            "unnamed_vehicles",
+            name=name,
+            **self._judged_flights(entries, may_read=True),
+            **self._visible_library.visitor_values(request),
+        )
         return HTMLResponse(html)
 
     def compare(self, request: HttpRequest) -> Response:

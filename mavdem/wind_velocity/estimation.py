@@ -235,15 +235,18 @@ class _SampledWind:
         """Returns the largest mean wind speed over the duration of a gust, m/s, with its interval.
 
         Args:
-            may_be_calm: whether still air is likely, too. It has no gusts, so that the interval then begins at 0. That
-                of the samples does not, since the speed of a scattered velocity is above 0.
+            may_be_calm: whether the whole flight may have been in still air; then the interval begins at 0.
         """
         speeds = np.hypot(*self.velocity.T)[:, np.newaxis]
         gust = float(running_means(speeds, self.steps_of_gust).max())
+        # (N,) the largest gust in each sample.
         sampled_gusts = running_means(self._speeds, self.steps_of_gust).max(axis=0)
-        # A gust is too short for the noise to average out.
+        # A gust is too short for the noise to average out, so that the variance is that of a single time step.
         low, high = speed_interval(sampled_gusts, self._noise_variance_of_flight, gust)
-        return IntervalEstimate(gust, 0.0 if may_be_calm else low, high)
+        if may_be_calm:
+            # Errors of a velocity make its speed larger than 0, so that the samples never show still air.
+            low = 0.0
+        return IntervalEstimate(gust, low, high)
 
 
 def _turbulence_intensity(velocity: Array) -> float:
@@ -253,9 +256,9 @@ def _turbulence_intensity(velocity: Array) -> float:
         velocity: wind velocity, north and east (T, 2), m/s.
     """
     mean_velocity = velocity.mean(axis=0)
-    # The product with the mean velocity is the wind along the mean direction, times the mean speed.
-    mean_speed_square = max(mean_velocity @ mean_velocity, MIN_SPEED)
-    return float((velocity @ mean_velocity).std() / mean_speed_square)
+    mean_speed = max(float(np.hypot(*mean_velocity)), MIN_SPEED)
+    speed_along_mean = velocity @ (mean_velocity / mean_speed)
+    return float(speed_along_mean.std()) / mean_speed
 
 
 class _DragOfFlight(NamedTuple):

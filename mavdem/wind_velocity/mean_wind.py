@@ -44,7 +44,7 @@ NOISE_SEED = 2
 """Seed of these random errors, so that a flight always has the same intervals."""
 
 MIN_SPEED = 1e-9
-"""Least speed, m/s, or square of a speed, in a denominator: it only avoids a division by 0."""
+"""Least speed in a denominator, m/s: it only avoids a division by 0."""
 
 
 def lower_speed_bound(low: float, high: float) -> float:

@@ -182,7 +182,9 @@ def test_the_closing_list_of_a_live_flight_has_the_event_of_its_headline():
         Event(40.0, Fact(ReportedEvent.MOTORS_DISARMED, time=40.0), reception=0.0),
     )
     events = _numbered_live_events(history, unjudged(HIT), ())
-    listed = [(one.cause.code, one.total) for one in Head(Level.BAD, {}, events).brief_events]
+    listed = [
+        (one.fault_or_fact.code, one.total) for one in Head(Level.BAD, {}, events).brief_events
+    ]
     assert listed == [
         (MotionEvent.CLIPPED, 4),
         (MotionEvent.ATTITUDE_LOST, 1),
@@ -212,7 +214,7 @@ def test_loops_do_not_repeat_the_next_step():
     assert action
     (stated,) = decision_sentences(decisions)
     assert stated.text == f"{reason} {action}"
-    (stated,) = decision_sentences(decisions, f"{action} Then land.")
+    (stated,) = decision_sentences(decisions, [f"{action} Then land."])
     assert stated.text == str(reason)
 
 

@@ -247,12 +247,10 @@ def response_comparison(
 ) -> Fact | None:
     """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
 
-    The gains |T| of both are compared at some frequencies. The identification of the loop has compared the response of
-    the rate at all frequencies already (:attr:`Loop.agrees`). If the two comparisons contradict each other, this one is
-    left out, so that no report calls the same loop right in one place and wrong in another. The exception is an angle
-    that differs: its response depends on the attitude controller too, which that of the rate does not show.
-
-    If the identification did not decide, a difference is left out only if it does not show that the loop is wrong.
+    The gains |T| of both are compared at some frequencies. When the loop was identified, its prediction of the rate was
+    compared with the measured rate at all frequencies (:attr:`Loop.agrees`, None if that could not be decided). So that
+    no report calls the same loop right in one place and wrong in another, that comparison decides where the two
+    contradict each other on the rate.
 
     Args:
         measured_response: response of rate or angle to its setpoint, measured in flight.
@@ -261,17 +259,18 @@ def response_comparison(
         closed_loop: (F,) predicted frequency response of the closed loop.
 
     Returns:
-        The fact; None if the comparison is left out.
+        The fact; None if it would contradict the identification, or if the difference has another likely cause.
     """
     comparison = measured_response.comparison(frequency, closed_loop)
-    is_of_attitude = measured_response.loop == "attitude"
-    differs_only_in_angle = is_of_attitude and loop.agrees is True and not comparison.is_good
-    if loop.agrees is not None and not differs_only_in_angle:
-        contradicts_identification = comparison.is_good != loop.agrees
-        return None if contradicts_identification else comparison
-    if not comparison.is_good and _has_other_cause_of_difference(loop):
+    if comparison.is_good:
+        return None if loop.agrees is False else comparison
+    if loop.agrees is False:
+        # Both comparisons show that the loop is wrong.
+        return comparison
+    if loop.agrees is True and measured_response.loop == "rate":
         return None
-    return comparison
+    # The rate does not contradict the loop, but the response of an angle depends on the attitude controller too.
+    return None if _has_other_cause_of_difference(loop) else comparison
 
 
 def _has_other_cause_of_difference(loop: Loop) -> bool:

@@ -305,23 +305,22 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
 
 
 def headline_blocks(
-    headlines: Mapping[str, str | None], comparison_headline: Sequence[Sentence] = ()
+    headlines: Mapping[str, str | None], texts_above: Collection[str] = ()
 ) -> Blocks:
     """Returns the headline of each log's own review, as a sentence that begins "A by itself:" or "B by itself:".
 
     Args:
         headlines: headline of the review of each log, by side, "A" and "B"; None for a side without one.
-        comparison_headline: the sentences above, which head the comparison of both logs.
+        texts_above: texts that stand above; a headline that one of them contains is left out.
 
     Returns:
-        A sentence for each side whose headline the comparison does not contain already; one for both sides with the
-        same headline.
+        A sentence for each side; one for both sides with the same headline.
     """
     sides_by_headline = dict[str, list[str]]()
     for side, headline in headlines.items():
         if not headline:
             continue
-        is_stated_above = any(headline in sentence.text for sentence in comparison_headline)
+        is_stated_above = any(headline in text for text in texts_above)
         if not is_stated_above:
             sides_by_headline.setdefault(headline, []).append(side)
     blocks = Blocks()

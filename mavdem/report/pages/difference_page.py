@@ -3,9 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from math import sqrt
+from typing import NamedTuple, Self
 
 import numpy as np
 
+from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.comparability import STATE_NAMES
@@ -306,83 +308,108 @@ def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapte
 
 
 def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
-    """Returns why step responses are missing that only the other flight has; none where both have the same ones.
-
-    The sentence of a side has each reason once, with all axes that it is about: a log that is too slow is so on all.
+    """Returns why step responses are missing that only the other flight has: a sentence for each flight without some.
 
     Args:
         reviews_by_side: review documents of both logs, by side, "A" and "B".
     """
-    # The axes of each reason by side. The reason has a placeholder where its sentence names its subject, a loop of an
-    # axis such as "roll rate", and is kept with the name of the loop.
-    axes_of_reasons = dict[str, dict[tuple[str, str], list[str]]]()
-    for axis, loop_name in product(AXES, LOOP_NAMES):
-        responses_by_side = {}
-        for side, review in reviews_by_side.items():
-            responses_by_side[side] = value_at(review, f"axes.{axis}.{loop_name}") or {}
-        is_measured_anywhere = any(
-            response.get("measured") for response in responses_by_side.values()
-        )
-        if not is_measured_anywhere:
-            continue
-        for side, response in responses_by_side.items():
-            if not response.get("measured"):
-                axes_by_reason = axes_of_reasons.setdefault(side, {})
-                for fact in response.get("facts") or ():
-                    sentence = fact["sentence"]
-                    loop_of_subject = ""
-                    # Words such as "controller" contain the name of an axis, so that the whole subject is looked for.
-                    if fact.get("subject") == f"{axis} {loop_name}":
-                        loop_of_subject = loop_name
-                        sentence = sentence.replace(fact["subject"], SUBJECT_PLACEHOLDER)
-                    axes_by_reason.setdefault((sentence, loop_of_subject), []).append(axis)
     sentences = []
-    for side, axes_by_reason in axes_of_reasons.items():
-        reasons = []
-        for (reason, loop_of_subject), axes in axes_by_reason.items():
-            reasons.append(reason.replace(SUBJECT_PLACEHOLDER, f"{listed(axes)} {loop_of_subject}"))
+    for side in reviews_by_side:
+        reasons = _reasons_for_missing_steps(reviews_by_side, side)
         if reasons:
             sentences.append(Sentence(" ".join(reasons), f"Not measured in {side}:"))
     return sentences
 
 
-def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
-    """Returns the chapter on how each flight was judged by itself: its status lights, and its headline.
+def _reasons_for_missing_steps(reviews_by_side: Reviews, side: str) -> list[str]:
+    """Returns why step responses are missing in one flight that the other one has.
 
-    A status light is the judgement of one subject, such as the motors. The headline is the most important one.
+    Each reason stands once, with all axes that it is about: a log that is too slow is so on all.
 
     Args:
-        reviewed: comparison of both flights.
-        headline: the sentences that head the comparison; what they state is not repeated.
+        reviews_by_side: review documents of both logs, by side, "A" and "B".
+        side: the side whose missing responses are explained.
+    """
+    axes_by_reason = dict[_ReasonOfAxes, list[str]]()
+    for axis, loop_name in product(AXES, LOOP_NAMES):
+        responses = {
+            each_side: value_at(review, f"axes.{axis}.{loop_name}") or {}
+            for each_side, review in reviews_by_side.items()
+        }
+        is_measured_anywhere = any(response.get("measured") for response in responses.values())
+        if responses[side].get("measured") or not is_measured_anywhere:
+            continue
+        for fact in responses[side].get("facts") or ():
+            reason = _ReasonOfAxes.from_fact(fact, axis, loop_name)
+            axes_by_reason.setdefault(reason, []).append(axis)
+    return [reason.text(axes) for reason, axes in axes_by_reason.items()]
+
+
+class _ReasonOfAxes(NamedTuple):
+    """Why a step response is missing, without the axis, so that the reason is equal on all axes that it is about."""
+
+    sentence: str
+    """The reason; ``SUBJECT_PLACEHOLDER`` stands where it names its subject, a loop of an axis such as "roll rate"."""
+
+    loop_of_subject: str
+    """Name of that loop, "rate" or "attitude"; empty if the reason has no such subject."""
+
+    @classmethod
+    def from_fact(cls, fact: JsonValues, axis: str, loop_name: str) -> Self:
+        """Returns the reason that a fact in a review document states.
+
+        Args:
+            fact: the fact, with its sentence and its subject.
+            axis: "roll", "pitch" or "yaw", of the response that is missing.
+            loop_name: "rate" or "attitude", of the same.
+        """
+        # Words such as "controller" contain the name of an axis, so that the whole subject is looked for.
+        if fact.get("subject") == f"{axis} {loop_name}":
+            sentence = fact["sentence"].replace(fact["subject"], SUBJECT_PLACEHOLDER)
+            return cls(sentence, loop_name)
+        return cls(fact["sentence"], "")
+
+    def text(self, axes: Sequence[str]) -> str:
+        """Returns the reason for some axes, as in "The roll and pitch rate is logged too slowly."."""
+        return self.sentence.replace(SUBJECT_PLACEHOLDER, f"{listed(axes)} {self.loop_of_subject}")
+
+
+def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
+    """Returns the chapter "Lights of both": how each flight was judged by its own log.
+
+    It has the status lights of both flights, each the judgement of one subject, such as the motors, and then the
+    headline of each flight, which states the most urgent of them. A headline that the reader has seen already, at the
+    head of the comparison or as the reason for a light, is left out.
+
+    Args:
+        reviewed: comparison of both flights, with their reviews.
+        headline: the sentences that head the comparison.
     """
     blocks = light_blocks(reviewed.reviews)
-    if reviewed.difference.is_of_same_flight:
-        return Chapter("Lights of both", blocks)
-    headlines = {}
-    for side, review in reviewed.reviews.items():
-        headlines[side] = value_at(review, "headline.sentence")
-    sentences_above = [*headline, *_reasons_in_tables(blocks)]
-    return Chapter("Lights of both", [*blocks, *headline_blocks(headlines, sentences_above)])
+    # A flight that is compared with itself has one headline, which says nothing about a difference.
+    if not reviewed.difference.is_of_same_flight:
+        headlines = {}
+        for side, review in reviewed.reviews.items():
+            headlines[side] = value_at(review, "headline.sentence")
+        texts_of_comparison = [sentence.text for sentence in headline]
+        reasons_of_lights = _reasons_in_tables(blocks)
+        blocks += headline_blocks(headlines, [*texts_of_comparison, *reasons_of_lights])
+    return Chapter("Lights of both", blocks)
 
 
-def _reasons_in_tables(blocks: Blocks) -> list[Sentence]:
-    """Returns the sentences that stand in the cells of tables as reasons for a level.
+def _reasons_in_tables(blocks: Blocks) -> list[str]:
+    """Returns the texts that stand in the cells of tables as reasons for a level, such as why a light is bad.
 
     Args:
         blocks: sentences and tables of a chapter.
-
-    Returns:
-        The reasons as sentences, so that other parts of the page need not repeat them.
     """
-    sentences = []
+    reasons = []
     for block in blocks:
         if not isinstance(block, Table):
             continue
         for row in block.rows:
-            for cell in row:
-                if isinstance(cell, Rated):
-                    sentences.append(Sentence(cell.reason))
-    return sentences
+            reasons += [cell.reason for cell in row if isinstance(cell, Rated)]
+    return reasons
 
 
 def _change_chapter(reviewed: ReviewedDifference) -> Chapter:

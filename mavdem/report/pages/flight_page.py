@@ -22,7 +22,7 @@ from mavdem.assessment.motor_failure import failure_commands
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned
-from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts import Code, Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, NextStep, Purpose
 from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
@@ -456,7 +456,7 @@ def _numbered_events(
     """Returns the events of a log as the list on its page shows them; those with a time are numbered from 1 on.
 
     Several events may have the same remedy or the same evidence, which the page shows only once. So each event gets the
-    texts that stand above it, which the template does not repeat.
+    texts that stand above it, which are not shown with it.
 
     Args:
         events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
@@ -473,22 +473,19 @@ def _numbered_events(
     number = 0
     texts_above = {evidence_of_headline}
     texts_of_lights = {str(light) for light in (lights or {}).values()}
-    causes = set()
+    identities_of_causes = set()
     if headline is not None:
-        causes = {(cause.code, cause.time, cause.subject) for cause in _named_causes(headline)}
+        identities_of_causes = {_event_identity(cause) for cause in _named_causes(headline)}
     for fact in with_saturations_counted(events):
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
-        # The headline may have figures that the event has not, such as a motor that was weak before.
-        is_headline = headline is not None and (
-            (fact.code, fact.time, fact.subject) == (headline.code, headline.time, headline.subject)
-        )
+        identity = _event_identity(fact)
         page_event = PageEvent(
             Event(nan, fact),
-            is_headline=is_headline,
-            is_cause_of_headline=(fact.code, fact.time, fact.subject) in causes,
+            is_headline=headline is not None and identity == _event_identity(headline),
+            is_cause_of_headline=identity in identities_of_causes,
             is_light=str(fact) in texts_of_lights,
-            repeated=frozenset(texts_above),
+            texts_above=frozenset(texts_above),
         )
         if fact.time is not None:
             number += 1
@@ -506,20 +503,32 @@ def _numbered_events(
 
 
 def _named_causes(headline: Fact) -> list[Fact]:
-    """Returns the facts that a headline on a loss names as its cause: what failed first, and reports of the autopilot.
+    """Returns the events that a headline on a lost flight names as causes: what failed first, and reports of that.
 
     Args:
-        headline: the headline, a fact (a coded finding with figures). Facts in the figures of a fact are what its
-            sentence names besides: "cause" is what failed first, and "word" is what the autopilot reported of it. The
-            "witnesses" of a cause are measurements that confirm it, each of which may name a report as its own "cause".
+        headline: the headline, a fact (a coded finding), whose figures may be facts too. If it is on something else
+            than a lost flight, it has no such figures, and names no causes.
     """
-    cause = headline.figures.get("cause")
-    candidates = [cause, headline.figures.get("word")]
-    if isinstance(cause, Fact):
-        for witness in cause.figures.get("witnesses", ()):
-            candidates.append(witness.figures.get("cause"))
-    # Of a headline on something else these figures are missing, or are no facts.
-    return [candidate for candidate in candidates if isinstance(candidate, Fact)]
+    first_failure = headline.figures.get("cause")
+    motor_report_of_autopilot = headline.figures.get("word")
+    causes = [first_failure, motor_report_of_autopilot]
+    if isinstance(first_failure, Fact):
+        # The failure is confirmed by findings of sensors, and by messages of the autopilot, which are a figure too.
+        for finding in first_failure.figures.get("witnesses", ()):
+            causes.append(finding.figures.get("cause"))
+    # A figure may be missing or, where the cause has no fact, a word.
+    return [cause for cause in causes if isinstance(cause, Fact)]
+
+
+def _event_identity(event: Fact) -> tuple[Code, float | None, str]:
+    """Returns what an event has in common with its copies: its code, time, s, and subject.
+
+    A copy may have further figures: a headline also has that of a motor that was weak before the event, for example.
+
+    Args:
+        event: the event, or a headline that states it.
+    """
+    return event.code, event.time, event.subject
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
@@ -535,11 +544,10 @@ def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
     labels_by_event = {}
     for page_event in events:
         fact = page_event.event.fact
-        labels_by_event[fact.code, fact.time, fact.subject] = str(page_event.number)
+        labels_by_event[_event_identity(fact)] = str(page_event.number)
     labels = []
     for event in timeline.events:
-        fact = event.fact
-        labels.append(labels_by_event.get((fact.code, fact.time, fact.subject), ""))
+        labels.append(labels_by_event.get(_event_identity(event.fact), ""))
     return tuple(labels)
 
 
@@ -1300,7 +1308,7 @@ def _numbered_live_events(
                 is_headline=is_headline,
                 is_over=(cause.code, cause.subject) not in active_causes,
                 is_advice_current=not has_silence_ended,
-                repeated=frozenset([remedy] if remedy in next_step else []),
+                texts_above=frozenset([remedy] if remedy in next_step else []),
                 moment=moment_text(event),
             )
         )

@@ -123,19 +123,16 @@ def _script_hash(source: str) -> str:
 
 @cache
 def _server_environment() -> Environment:
-    """Returns Jinja's environment for the pages of the server: that of all pages, with more filters and values.
-
-    All templates are compiled at once, so that the first visitor does not wait for that.
-    """
-    # An overlay shares the settings of the environment, but has its own values.
+    """Returns Jinja's environment for the pages of the server: that of all pages, with more filters and values."""
+    # An overlay shares the settings and filters of the environment. Its values are made a dictionary of its own below.
     jinja = environment().overlay()
-    # Templates write these names after a bar, as in {{ time | utc }}.
+    # Filters turn a value into text; a template writes them after a bar, as in {{ time | utc }}.
     jinja.filters["brief"] = _short_vehicle_name
     jinja.filters["unnamed"] = _unnamed_vehicle
     jinja.filters["utc"] = _utc_text
     jinja.filters["minutes"] = _minutes_text
     jinja.filters["metres"] = _metres_text
-    # Names of constants and functions that the templates use.
+    # Constants and functions that the templates use by these names.
     values = {
         "lights": [str(light) for light in Light],
         "healths": HEALTH_LEVELS,
@@ -143,8 +140,8 @@ def _server_environment() -> Environment:
         "MAX_VEHICLE_LINKS": MAX_VEHICLE_LINKS,
         "wind_speed_text": wind_speed_text,
     }
-    # A dictionary of its own: the environment of other pages does not have these values.
     jinja.globals = {**jinja.globals, **interface_words(), **values}
+    # All templates are compiled now, so that the first visitor does not wait for that.
     for name in jinja.list_templates(["html"]):
         jinja.get_template(name)
     return jinja

@@ -121,9 +121,8 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
             flights the latest counts.
 
     Returns:
-        A changed copy, as :func:`review_with_anomaly` makes it, with the health of the motors as ``motor_health``. A
-        review without status lights (judgements of one subject each), such as the empty one of a fleet, gets that of
-        the motors alone. If the motors were not compared, the review itself.
+        A changed copy, with the health of the motors as ``motor_health``; the review itself if the motors were not
+        compared.
     """
     flown_rows = [row for row in rows if row.is_read]
     if not flown_rows:
@@ -132,19 +131,31 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
     row = worst_row(latest_flight)
     if row.health_reason is None:
         return review
-    judged_review = review_with_anomaly(review, motor_anomaly(row))
-    if not review and row.headline_level == Level.BAD:
-        # A fleet has no review whose bad headline would be kept. So the anomaly must not become its headline here.
-        judged_review = review
-    if not judged_review.get("lights"):
-        # A fleet has no lights either, except the judgement of the motors.
-        motors_light = {
-            "level": HEALTH_LEVELS[MotorHealth(row.health)],
-            "sentence": row.health_reason,
-            "subject": suspected_motor(row),
-        }
-        judged_review = {**judged_review, "lights": {Light.MOTORS: motors_light}}
+    if review:
+        judged_review = review_with_anomaly(review, motor_anomaly(row))
+    else:
+        judged_review = _review_of_fleet(row)
     return {**judged_review, "motor_health": _motor_health_document(row)}
+
+
+def _review_of_fleet(row: FlightRow) -> Mapping[str, Any]:
+    """Returns the review of a whole fleet, which judges nothing but the motors in its latest flight.
+
+    It has the status light of the motors, the judgement of them alone. If they have an anomaly, it is the headline,
+    unless the headline of the flight by its own log is bad: that is more urgent.
+
+    Args:
+        row: row of the latest flight in the fleet's table, with the health of its motors.
+    """
+    motors_light = {
+        "level": HEALTH_LEVELS[MotorHealth(row.health)],
+        "sentence": row.health_reason,
+        "subject": suspected_motor(row),
+    }
+    review: Mapping[str, Any] = {"lights": {Light.MOTORS: motors_light}}
+    if row.headline_level == Level.BAD:
+        return review
+    return {**review_with_anomaly({}, motor_anomaly(row)), **review}
 
 
 def _motor_health_document(row: FlightRow) -> JsonValues:

@@ -160,7 +160,7 @@ class PageEvent(NamedTuple):
     is_advice_current: bool = True
     """Whether what to do about it is still to be done: no longer of a silence of a live link that has ended."""
 
-    repeated: frozenset[str] = frozenset()
+    texts_above: frozenset[str] = frozenset()
     """Texts that the page has above it, and that are not repeated: what to do about it, and what shows it."""
 
     total: int = 1
@@ -170,12 +170,12 @@ class PageEvent(NamedTuple):
     """When it was reported in a live session; empty in a log, where its time is that of the charts."""
 
     @property
-    def cause(self) -> Fact:
-        """What happened: of an alarm of a live session, what it is about."""
+    def fault_or_fact(self) -> Fact:
+        """What happened, a coded finding: of an alarm of a live session the fault that raised it."""
         fact = self.event.fact
         if fact.code is SessionFact.ALARM:
-            cause: Fact = fact.figures["reason"]
-            return cause
+            fault: Fact = fact.figures["reason"]
+            return fault
         return fact
 
     @property
@@ -185,12 +185,12 @@ class PageEvent(NamedTuple):
         Some events stand elsewhere on the page in full: in the headline, in a status light (one of eight judgements on
         a flight), or in the evidence of the headline. Of these the list has the first clause only.
         """
-        if self.is_headline and self.cause.code is SessionFact.FLIGHT_VERDICT:
+        if self.is_headline and self.fault_or_fact.code is SessionFact.FLIGHT_VERDICT:
             # Its first clause is only the number of the flight.
-            sentence = headline(self.cause)
+            sentence = headline(self.fault_or_fact)
         elif self.is_headline:
-            # The clause of an alarm is that of its cause, which follows the word "Alarm".
-            sentence = first_clause(str(self.cause))
+            # The clause of an alarm is that of its fault, which follows the word "Alarm".
+            sentence = first_clause(str(self.fault_or_fact))
         elif self.is_light:
             sentence = first_clause(str(self.event.fact))
         elif self.is_cause_of_headline:
@@ -200,12 +200,12 @@ class PageEvent(NamedTuple):
         sentence = self._without_time(sentence)
         if self.total == 1:
             return sentence
-        return f"{without_full_stop(sentence)}{count_text(self.cause, self.total)}."
+        return f"{without_full_stop(sentence)}{count_text(self.fault_or_fact, self.total)}."
 
     @property
     def sentence(self) -> str:
         """What happened and, unless the page has that already, what to do about it."""
-        is_remedy_repeated = self.event.fact.remedy in self.repeated
+        is_remedy_repeated = self.event.fact.remedy in self.texts_above
         if is_remedy_repeated or not self.is_advice_current:
             return self._without_time(str(self.event.fact))
         return self._without_time(self.event.sentence)
@@ -227,7 +227,7 @@ class PageEvent(NamedTuple):
     @property
     def why(self) -> str:
         """What shows it; empty if nothing does, or if the page has that already."""
-        return new_evidence_text(self.event.fact, self.repeated)
+        return new_evidence_text(self.event.fact, self.texts_above)
 
     @property
     def seconds(self) -> float:
@@ -417,28 +417,11 @@ class Head(NamedTuple):
         events_of_flight = [shown for shown in self.events if not shown.event.is_session_state]
         if self.is_newest_first or len(events_of_flight) <= MAX_BRIEF_EVENTS:
             return events_of_flight
-        causes = [page_event.cause for page_event in events_of_flight]
+        facts = [page_event.fault_or_fact for page_event in events_of_flight]
         # The number of events of each kind, by the index of its longest one, which is shown; the worst kind first.
-        count_by_index = {kind.event_index: kind.event_count for kind in worst_events(causes)}
-        indices = list(count_by_index)
-        index_of_headline = None
-        indices_of_causes = []
-        for index, page_event in enumerate(events_of_flight):
-            if page_event.is_headline and index_of_headline is None:
-                index_of_headline = index
-            if page_event.is_cause_of_headline:
-                indices_of_causes.append(index)
-        if index_of_headline is not None:
-            other_indices = [index for index in indices if index != index_of_headline]
-            indices = [index_of_headline, *other_indices]
-        shown_indices = {*indices[:MAX_BRIEF_EVENTS], *indices_of_causes}
-        if not shown_indices:
-            half = MAX_BRIEF_EVENTS // 2
-            last_index = len(events_of_flight) - 1
-            shown_indices = {*range(half), *range(last_index, last_index - half, -1)}
+        count_by_index = {kind.event_index: kind.event_count for kind in worst_events(facts)}
         brief_events = []
-        # Sorted by their indices, they are in the order of time.
-        for index in sorted(shown_indices):
+        for index in _brief_indices(events_of_flight, list(count_by_index)):
             total = count_by_index.get(index, 1)
             brief_events.append(events_of_flight[index]._replace(total=total))
         return brief_events
@@ -482,6 +465,31 @@ class Head(NamedTuple):
             return True
         facts = [page_event.event.fact for page_event in self.events]
         return any(fact.remedy or evidence_text(fact) for fact in facts)
+
+
+def _brief_indices(events: Sequence[PageEvent], worst_indices: Sequence[int]) -> list[int]:
+    """Selects the events of a flight for the short list on its page, and returns their indices in ascending order.
+
+    Args:
+        events: all events of the flight, in the order of time, more than ``MAX_BRIEF_EVENTS``.
+        worst_indices: indices of the worst event of each kind, the worst kind first.
+
+    Returns:
+        The event of the headline and the worst ones, together at most ``MAX_BRIEF_EVENTS``, and the causes that the
+        headline names. Of a flight without such events, the first and the last ones.
+    """
+    headline_indices = [index for index, event in enumerate(events) if event.is_headline]
+    cause_indices = [index for index, event in enumerate(events) if event.is_cause_of_headline]
+    # The event of the headline comes first, so that it is not among those that are left out.
+    most_important_indices = headline_indices[:1]
+    for index in worst_indices:
+        if index not in most_important_indices:
+            most_important_indices.append(index)
+    shown_indices = {*most_important_indices[:MAX_BRIEF_EVENTS], *cause_indices}
+    if shown_indices:
+        return sorted(shown_indices)
+    half = MAX_BRIEF_EVENTS // 2
+    return [*range(half), *range(len(events) - half, len(events))]
 
 
 class KeyEntry(NamedTuple):

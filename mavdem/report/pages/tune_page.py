@@ -279,10 +279,10 @@ def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
 def _groups_of_columns(
     charts: Mapping[str, Mapping[str, Sequence[Panel]]], assessment: Assessment, caption: str
 ) -> list[Group]:
-    """Arranges charts in columns: one for each axis or, if there is only one axis, one for each of its loops.
+    """Arranges charts in columns: one for each axis or, if only one axis has charts, one for each of its loops.
 
     Args:
-        charts: charts by axis, and then by loop, "rate" or "attitude".
+        charts: charts by axis, and then by loop, "rate" or "attitude"; an axis may have none.
         assessment: assessment of the log. Its judgement of the stability margins names the axis with the worst ones,
             whose column a phone shows first.
         caption: text below the charts.
@@ -290,16 +290,18 @@ def _groups_of_columns(
     Returns:
         A list with one group of columns; empty without charts.
     """
-    charts_by_axis = {axis: loops for axis, loops in charts.items() if loops}
-    if not charts_by_axis:
+    axes_with_charts = [axis for axis, charts_by_loop in charts.items() if charts_by_loop]
+    if not axes_with_charts:
         return []
     columns: dict[str, Sequence[Panel]] = {}
-    for axis, charts_by_loop in charts_by_axis.items():
-        if len(charts_by_axis) == 1:
-            columns.update(charts_by_loop)
-        else:
-            columns[axis] = list(chain.from_iterable(charts_by_loop.values()))
-    return [Group.of_axes(columns, assessment.lights[Light.MARGINS], caption)]
+    if len(axes_with_charts) == 1:
+        (axis,) = axes_with_charts
+        columns.update(charts[axis])
+    else:
+        for axis in axes_with_charts:
+            columns[axis] = list(chain.from_iterable(charts[axis].values()))
+    margins_light = assessment.lights[Light.MARGINS]
+    return [Group.of_axes(columns, margins_light, caption)]
 
 
 def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:

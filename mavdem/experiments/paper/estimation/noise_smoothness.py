@@ -356,14 +356,13 @@ def _recorded_table(
 ) -> tuple[Block, ...]:
     """Returns the table of the learned smoothness on recorded flights.
 
-    A row shows the smoothness s that was learned with some settings of DEM, and compares the forecast error with this s
-    to the error with the default s = dt: their ratio, in how many windows the learned s has the lower error, and
-    whether a paired test distinguishes the two.
+    A row has the smoothness s that was learned with some settings of DEM, in time steps dt, and the error of forecasts
+    with this s relative to the error with the default s = dt. It also has the number of windows in which the learned s
+    has the lower error, and the result of a paired test of the two.
 
     Args:
         results_by_settings: results of all windows of the flights, by name of the settings.
-        comparisons: forecast errors with the learned smoothness (ours) compared with those of the default smoothness
-            (theirs), by the name of the model's settings.
+        comparisons: paired comparison of the errors with learned and with default smoothness, by the same names.
 
     Returns:
         A sentence and the table.
