@@ -290,6 +290,7 @@ def _satellite_height_in_boot(
     difference = height_difference(signals, boot)
     if difference is None:
         return None
+    # Minus infinity, if it stays, says that the take-off was not recorded.
     take_off = -np.inf
     for flight_start, _ in flights_in_boot(signals, boot):
         if flight_start <= time_of_doubt:

@@ -203,11 +203,10 @@ class Dashboard:
         return self.file is not None and self.file.is_broken
 
     def open(self, row_format: RowFormat) -> LiveView | None:
-        """Prepares the view for samples with these motors and units, and returns it.
+        """Prepares the view for samples of a new format, and returns it; the live session then adds its samples to it.
 
-        A sample (row) has the vehicle's inputs, the motor outputs, and its outputs, such as the roll angle, at one
-        time. The live session calls this whenever the format of its samples becomes known or changes, as when another
-        motor message comes, and then adds them to the view.
+        A sample (row) has the outputs of all motors, which are the inputs of the model, and the outputs of the model,
+        such as the roll angle, at one time. Its format is new at first, and when other motor messages come.
 
         Args:
             row_format: Motors, units and sampling step of the samples.

@@ -333,13 +333,10 @@ def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
     """
     health = vehicle_health(flights)
     has_anomaly = health in ANOMALOUS_HEALTHS
-    # The latest flight with an anomaly gives the motor, the probability and the reason.
-    latest_anomalous_row = None
-    for flight in reversed(flights):
-        if worst_health(flight) in ANOMALOUS_HEALTHS:
-            latest_anomalous_row = worst_row(flight)
-            break
-    flights_by_health = Counter(worst_health(flight) for flight in flights)
+    # It gives the motor, the probability and the reason.
+    latest_anomalous_row = _latest_anomalous_row(flights)
+    counts_by_health = Counter(worst_health(flight) for flight in flights)
+    anomalous_healths = [name for name in ANOMALOUS_HEALTHS if counts_by_health[name]]
     latest_flight, all_flights = render_section(
         "fleet_vehicle",
         health=health,
@@ -347,20 +344,32 @@ def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
         bad_headline=bad_headline(flights),
         headline=log_row(flights[-1]).headline,
         flight_count=len(flights),
-        counts=flights_by_health,
-        anomalous_healths=[health for health in ANOMALOUS_HEALTHS if flights_by_health[health]],
+        counts=counts_by_health,
+        anomalous_healths=anomalous_healths,
         reason=_reason_for_latest_health(flights),
         latest_anomalous_row=latest_anomalous_row,
         is_shared=has_shared_name(flights),
         has_reason=has_reason,
     )
+    # Motors that are healthy now may have had an anomaly in an earlier flight.
+    present_anomaly = latest_anomalous_row if has_anomaly else None
     reason = ""
-    present_anomaly = None
-    if latest_anomalous_row is not None and has_anomaly:
-        present_anomaly = latest_anomalous_row
+    if present_anomaly is not None:
         reason = first_sentence(present_anomaly.health_reason or "")
     next_step = _next_step(flights, present_anomaly)
     return VehicleTexts(latest_flight.text, reason, all_flights.text, next_step)
+
+
+def _latest_anomalous_row(flights: Flights) -> FlightRow | None:
+    """Returns the row of the latest flight whose motors have a fault or a drift, for the axis in the worst health.
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date.
+    """
+    for flight in reversed(flights):
+        if worst_health(flight) in ANOMALOUS_HEALTHS:
+            return worst_row(flight)
+    return None
 
 
 def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:

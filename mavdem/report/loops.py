@@ -93,8 +93,6 @@ def tune_blocks(
     """
     blocks = Blocks()
     stated_remedies = _texts_in_next_step(tuning)
-    # A caution that several axes share is shown with the first of them, and then taken off this list.
-    unshown_cautions = _shared_cautions(tuning.axes)
     axes_with_stated_gains: list[str] = []
     for axes in _axes_with_same_new_gains(tuning):
         # What is said of the new gains of several axes stands once, before their margins.
@@ -123,28 +121,41 @@ def tune_blocks(
         if isinstance(advice, Fact):
             blocks += _faults_in_flight(tuning, axes, report, headline_above)
             continue
-        is_doubtful = _has_doubtful_margins(tuning, axis)
+        is_rating_in_report = any(fact.code is LoopFact.MARGIN_RATING for fact in facts)
         # Without gains to compare, one sentence on the margins is enough.
-        are_margins_in_report = any(fact.code is LoopFact.MARGIN_RATING for fact in facts)
-        if has_gains_elsewhere or not (advice.refusals and are_margins_in_report):
+        if has_gains_elsewhere or not (advice.refusals and is_rating_in_report):
             table = _gain_and_margin_table(
                 advice,
                 waits=tuning.waits(advice),
-                is_doubtful=is_doubtful,
+                is_doubtful=_has_doubtful_margins(tuning, axis),
                 has_gains=not has_gains_elsewhere,
             )
             blocks.append(table)
-        # A page shows the cautions about gains that change beside its table of gains.
-        are_gains_elsewhere = has_gains_elsewhere and bool(advice.parameters)
-        cautions_of_axis = [caution for caution in unshown_cautions if axis in caution.axes]
-        for caution in cautions_of_axis:
-            unshown_cautions.remove(caution)
-            if not (are_gains_elsewhere and caution.is_about_gains_to_set):
-                blocks.append(caution.sentence)
+        blocks += _caution_sentences(tuning, advice, has_gains_elsewhere=has_gains_elsewhere)
         if is_full:
-            blocks += _axis_details(advice, is_doubtful=is_doubtful)
+            blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
     return [*blocks, *_unchecked_effects(tuning)] if is_full else blocks
+
+
+def _caution_sentences(
+    tuning: Tuning, advice: Advice, *, has_gains_elsewhere: bool
+) -> list[Sentence]:
+    """Returns the cautions about the identified loop of one axis; one that several axes share is shown with the first.
+
+    Args:
+        tuning: advice for all axes, the first of which have shown their cautions already.
+        advice: advice on the axis.
+        has_gains_elsewhere: whether a page has a table of the gains to set elsewhere. Beside it stand the cautions
+            about these gains.
+    """
+    are_gains_elsewhere = has_gains_elsewhere and bool(advice.parameters)
+    sentences = []
+    for caution in _shared_cautions(tuning.axes):
+        is_elsewhere = are_gains_elsewhere and caution.is_about_gains_to_set
+        if caution.axes[0] == advice.before.axis and not is_elsewhere:
+            sentences.append(caution.sentence)
+    return sentences
 
 
 def _report_sentences(

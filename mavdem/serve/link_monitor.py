@@ -892,21 +892,19 @@ class LinkMonitor:
             The latest verdict of the library that forbids to fly. Without one, the fact that the end of the flight
             before was not received, or None if it was. All are about flights since the server started.
         """
-        latest_flight = self._stored_flight
-        flights = list(self._faulty_flights)
-        if latest_flight is not None:
-            flights.append(latest_flight)
-        earlier_flights = [
-            flight
-            for flight in flights
-            if flight.vehicle == vehicle and flight.entry_id != shown_entry_id
-        ]
+        earlier_flights = []
+        for flight in (*self._faulty_flights, self._stored_flight):
+            if flight is None or flight.entry_id == shown_entry_id:
+                continue
+            if flight.vehicle == vehicle:
+                earlier_flights.append(flight)
         for flight in reversed(earlier_flights):
             if flight.forbids_flight:
                 return flight.verdict
-        is_flight_before = latest_flight in earlier_flights
-        if latest_flight is not None and is_flight_before and latest_flight.is_end_unknown:
-            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=latest_flight.verdict)
+        # Of flights before the one that was stored last, this is no longer asked.
+        flight_before = self._stored_flight
+        if flight_before in earlier_flights and flight_before.is_end_unknown:
+            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=flight_before.verdict)
         return None
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:

@@ -141,12 +141,12 @@ class WindVelocity(ImmutableResult):
 
         The speed of the wind follows from the lean, and may then be biased.
         """
-        doubt = self.reasons.get("speed")
-        if doubt is None or self.calm:
+        reason_against_speed = self.reasons.get("speed")
+        if reason_against_speed is None or self.calm:
+            # The speed is reported, or the air may be still.
             return False
-        # The other doubt about a speed is that the drag is uncertain; whatever the drag, the vehicle then leans against
-        # the wind.
-        is_only_by_drag: bool = doubt.figures["by_drag"]
+        # A speed that is uncertain only by the drag does not doubt the lean: the vehicle leans against the wind.
+        is_only_by_drag: bool = reason_against_speed.figures["by_drag"]
         return not is_only_by_drag
 
     @property

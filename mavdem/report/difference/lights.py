@@ -218,16 +218,17 @@ def _vibration_by_imu(light: JsonValues) -> dict[str, float]:
 
 
 def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
-    """Returns a remark for the reader if a status light is about another IMU in each of two logs, as IMU 1 and IMU 3.
+    """Returns a remark to be added to a sentence on the vibration, if it is that of another IMU in each of two logs.
+
+    The light of the vibration, its judgement, is about the IMU that vibrates most: its subject, such as "IMU 3". The
+    vibrations of two IMUs cannot be compared, so that the remark has those of the same IMU.
 
     Args:
-        lights_by_side: the same light in the review document of each log, by side, "A" and "B". The light on vibration
-            has as its subject the IMU that vibrates most.
+        lights_by_side: the same light in the review document of each log, by side, "A" and "B".
 
     Returns:
         The remark with a space before it: the vibration of each of these IMUs in both logs or, if neither was recorded
-        in both, that they are different sensors. Empty if both lights are about the same IMU, or about something else
-        than an IMU.
+        in both, that they are different sensors. Empty for the same IMU, and for a light about something else.
     """
     first_light, second_light = lights_by_side.values()
     first_subject = first_light.get("subject") or ""
@@ -236,8 +237,8 @@ def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
     if not are_imus or first_subject == second_subject:
         return ""
     comparisons = []
-    for imu, (first_level, second_level) in vibrations_of_same_imu(lights_by_side).items():
-        comparisons.append(f"{imu}: {rounded(first_level)} → {rounded(second_level)} m/s²")
+    for imu, (vibration_in_a, vibration_in_b) in vibrations_of_same_imu(lights_by_side).items():
+        comparisons.append(f"{imu}: {rounded(vibration_in_a)} → {rounded(vibration_in_b)} m/s²")
     if not comparisons:
         sensors = f"{first_subject} and {second_subject}"
         return f" {sensors} are different sensors: their difference is no change."

@@ -151,16 +151,16 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         reviewed: comparison of both flights.
         headline: the sentences that head the comparison.
     """
-    summary = _headline_in_two_sizes(reviewed, headline)
-    if not reviewed.difference.is_of_same_flight:
-        summary += identity_remarks(reviewed)
-        if not reviewed.parameters:
-            # Changed parameters have a chapter.
-            summary += parameter_sentences(reviewed)
-    summary += next_blocks(reviewed)
-    if not reviewed.difference.is_of_same_flight:
-        summary += condition_table(reviewed)
-    return summary
+    blocks_of_headline = _headline_in_two_sizes(reviewed, headline)
+    next_step = next_blocks(reviewed)
+    if reviewed.difference.is_of_same_flight:
+        # A flight that is compared with itself needs no remarks.
+        return [*blocks_of_headline, *next_step]
+    remarks = Blocks(identity_remarks(reviewed))
+    if not reviewed.parameters:
+        # Changed parameters have a chapter.
+        remarks += parameter_sentences(reviewed)
+    return [*blocks_of_headline, *remarks, *next_step, *condition_table(reviewed)]
 
 
 def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
