@@ -15,7 +15,7 @@ from mavdem.fleet.parameter_changes import changed_parameters, parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.stored_rows import is_fleet, read_brief_rows, read_rows
-from mavdem.fleet.tracking import assess_rows
+from mavdem.fleet.tracking import assess_rows, rows_without_health
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 
@@ -180,9 +180,7 @@ def with_motors_judged(
 ) -> tuple[VehicleState, VehicleState]:
     """Judges the motors of two logs by comparison with each other, as ``mavdem track`` judges the flights of a vehicle.
 
-    The health of motors shows only in several flights of one vehicle, so that the flights of both states are judged
-    together. States that are fleets are returned as they are, since their flights are judged already. So are logs of
-    different vehicles, which cannot be judged together.
+    States that are fleets are returned as they are, since their flights are judged already.
 
     Args:
         before: flights of the first state.
@@ -193,17 +191,35 @@ def with_motors_judged(
     """
     # Only states of logs have the messages of their vehicles.
     are_logs = bool(before.vehicles) and bool(after.vehicles)
-    vehicle_names = before.names | after.names
-    are_of_one_vehicle = len(vehicle_names) == 1 and UNKNOWN not in vehicle_names
-    if not are_logs or not are_of_one_vehicle:
+    if not are_logs:
         return before, after
+    rows_before, rows_after = rows_judged_by_each_other(before.rows, after.rows)
+    return before._replace(rows=rows_before), after._replace(rows=rows_after)
+
+
+def rows_judged_by_each_other(
+    before: FlightRows, after: FlightRows
+) -> tuple[FlightRows, FlightRows]:
+    """Judges the motors of two logs by comparison with each other, and with no third flight of the vehicle.
+
+    The health of motors shows only in several flights of one vehicle, so that the flights of both logs are judged
+    together. Logs of different vehicles cannot be; their motors then have no health by comparison.
+
+    Args:
+        before: rows of the first log in the fleet's table. They may have been judged with other flights as well, which
+            does not count here.
+        after: rows of the second log.
+
+    Returns:
+        The rows of the first and of the second log, in their order, with the health of the motors.
+    """
+    vehicle_names = {row.vehicle for row in (*before, *after) if row.is_read}
+    are_of_one_vehicle = len(vehicle_names) == 1 and UNKNOWN not in vehicle_names
+    if not are_of_one_vehicle:
+        return rows_without_health(before), rows_without_health(after)
     # Neither of two logs is a baseline that is known to be healthy.
-    judged_rows = assess_safely([*before.rows, *after.rows], assess_rows, healthy_rows=[])
-    count_before = len(before.rows)
-    return (
-        before._replace(rows=judged_rows[:count_before]),
-        after._replace(rows=judged_rows[count_before:]),
-    )
+    judged_rows = assess_safely([*before, *after], assess_rows, healthy_rows=[])
+    return judged_rows[: len(before)], judged_rows[len(before) :]
 
 
 def states_of_common_vehicle(

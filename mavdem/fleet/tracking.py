@@ -73,12 +73,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     Returns:
         The same rows in their order, with the columns of health.
     """
-    # Columns of an earlier judgement are cleared first.
-    columns_without_judgement: JsonValues = dict.fromkeys(
-        (*ASSESSMENT_COLUMNS, *COMPARISON_COLUMNS)
-    )
-    columns_without_judgement["health"] = UNKNOWN
-    rows = [replace(row, **columns_without_judgement) for row in rows]
+    rows = rows_without_health(rows)
     rows_of_flights = [row for row in rows if row.is_read]
     if not rows_of_flights:
         return rows
@@ -113,6 +108,13 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
             )
         assessed_rows.append(row)
     return assessed_rows
+
+
+def rows_without_health(rows: FlightRows) -> FlightRows:
+    """Returns the rows of flights as they are before their motors are compared with those of other flights."""
+    columns: JsonValues = dict.fromkeys((*ASSESSMENT_COLUMNS, *COMPARISON_COLUMNS))
+    columns["health"] = UNKNOWN
+    return [replace(row, **columns) for row in rows]
 
 
 def _health_by_flight(

@@ -26,6 +26,7 @@ from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.parameter_changes import parse_parameters
 from mavdem.fleet.row import FlightRow, FlightRows
+from mavdem.fleet.state import rows_judged_by_each_other
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.ingest.telemetry import Parameters
@@ -654,9 +655,13 @@ class Pages:
             # Damaged parameters of the index count as not known.
             parameters_before = parse_parameters(entry_before.gains) or {}
             parameters_after = parse_parameters(entry_after.gains) or {}
+        # The page is about two flights, so that their motors are judged by these alone, as `mavdem diff` does it.
+        rows_before, rows_after = rows_judged_by_each_other(
+            self._rows_of_listed_vehicle(entry_before), self._rows_of_listed_vehicle(entry_after)
+        )
         reviewed = compared_states(
-            self._compared_state(entry_before, parameters_before),
-            self._compared_state(entry_after, parameters_after),
+            self._compared_state(entry_before, rows_before, parameters_before),
+            self._compared_state(entry_after, rows_after, parameters_after),
         )
         tracked_sides = []
         outdated_sides = []
@@ -672,19 +677,26 @@ class Pages:
             tracked_sides=tuple(tracked_sides), outdated_sides=tuple(outdated_sides)
         )
 
-    def _compared_state(self, entry: LibraryEntry, parameters: Parameters) -> ComparedState:
-        """Returns what is compared of a flight: its rows, its review, and the given parameters of its autopilot."""
+    def _compared_state(
+        self, entry: LibraryEntry, rows: FlightRows, parameters: Parameters
+    ) -> ComparedState:
+        """Returns what is compared of a flight: its rows, its review, and the given parameters of its autopilot.
+
+        Args:
+            entry: the flight.
+            rows: its rows in the fleet's table, by the vehicle's name in the log.
+            parameters: parameters of the autopilot by name.
+        """
         review = self._visible_library.review(entry) or {}
-        return ComparedState(self._rows_of_listed_vehicle(entry), review, parameters)
+        return ComparedState(self._library.names.rows_with_given_names(rows), review, parameters)
 
     def _series(self, entry: LibraryEntry) -> FlightSeries | None:
         """Returns the time series of a flight; None if an earlier version has read it, or its results are lost."""
         return read_series(self._library.results_folder(entry))
 
     def _rows_of_listed_vehicle(self, entry: LibraryEntry) -> FlightRows:
-        """Returns the fleet's rows of a log, of the vehicle under which it is listed, with the vehicle's given name."""
-        rows = [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
-        return self._library.names.rows_with_given_names(rows)
+        """Returns the fleet's rows of a log, of the vehicle under which it is listed."""
+        return [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
 
     def script(self, request: HttpRequest) -> Response:
         """Answers with the JavaScript of the pages."""

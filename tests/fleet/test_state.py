@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.state import VehicleState, with_motors_judged
+from mavdem.fleet.state import VehicleState, rows_judged_by_each_other, with_motors_judged
 from mavdem.fleet.tracking import assess_rows
 from mavdem.ingest.telemetry import Telemetry
 
@@ -49,6 +49,15 @@ def test_two_logs_have_the_health_that_a_fleet_of_both_has():
     # The order in which both are named changes nothing.
     swapped = with_motors_judged(after, before)
     assert [vehicle_state.rows[0].suspect_motor for vehicle_state in swapped] == [1, None]
+
+
+def test_two_flights_of_a_fleet_are_judged_by_each_other_alone():
+    """Motor 1 is weak in the last of three flights: the first and the last are judged as if there were no second."""
+    before, between, after = state(1), state(2), state(3, balance=WEAK_MOTOR_1)
+    in_fleet = assess_rows([*before.rows, *between.rows, *after.rows], [])
+    alone = assess_rows([*before.rows, *after.rows], [])
+    assert in_fleet[2].health_reason != alone[1].health_reason
+    assert rows_judged_by_each_other(in_fleet[:1], in_fleet[2:]) == (alone[:1], alone[1:])
 
 
 def test_a_sound_flight_beside_a_single_one_has_a_probability_but_no_health():

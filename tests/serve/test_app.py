@@ -362,10 +362,8 @@ def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_o
     select = served.get(f"/f/{ids['weak']}").text.partition('<select id="partner"')[2]
     partners = re.findall('<option value="([^"]*)">', select.partition("</select>")[0])
     assert partners == [ids["sound"], ids["weak before"], ids["first"]]
-    compared = served.get(address.replace("&amp;", "&")).text
-    assert "<strong>B by itself:</strong> Motor 3 lost thrust." in compared
-    comparison = served.get(f"/compare?a={ids['first']}&b={ids['sound']}").text
-    assert "lost thrust" not in comparison
+    # The page of two flights judges their motors by these alone, and not beside the vehicle's other flights.
+    assert "lost thrust" not in served.get(address.replace("&amp;", "&")).text
     # A baseline is what flights are compared with, also where a later one is sound.
     assert served.ask("PUT", "/api/baseline", {"flights": [ids["first"]]}).status == 200
     assert "Compare with first.ulg" in served.get("/").text
