@@ -224,7 +224,7 @@ def live_command(
 
     LINK is a connection string of pymavlink: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
     serial port such as /dev/ttyACM0,115200. A dashboard shows the measured and the predicted roll, the motors, the
-    model, the wind and the free energy. The first model comes 3 to 10 s after take-off. Oscillation, motors, vibration,
+    model, the wind and the free energy. The first model comes 3 to 20 s after take-off. Oscillation, motors, vibration,
     battery and the autopilot's warnings are watched from take-off on; alarms are in red.
 
     Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C, SIGTERM

@@ -116,7 +116,7 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
 @mark.parametrize(
     "line, sentence",
     {
-        "none.bin --out fleet": "none.bin names no log. Check the name.",
+        "none.bin --out fleet": "There is no log of the name none.bin, nor in a folder of that name. Check the name.",
         "x.bin --out x.bin": "x.bin' is a file.",
         "x.bin --out fleet --jobs 2 --scheduler tcp://127.0.0.1:9": "--jobs",
         "x.bin --out fleet --memory-limit 3": "--memory-limit",
