@@ -258,24 +258,7 @@ class LiveSession:
         Args:
             now: present time, s of the monotonic clock.
         """
-        # After a landing a model is learned from the samples before it; it becomes the latest model when it is ready.
-        self.flight.learning.adopt_model_before_landing()
-        # A computer that has no time for fits has no time to judge a model either.
-        is_busy = self.backlog.postpones(DelayedWork.PHYSICAL_FITS)
-        self._margin_review.update(
-            now,
-            self.stream,
-            is_busy=is_busy,
-            # Advice on gains comes with the assessment of the recording.
-            is_recording_assessed=self.gain_adviser is not None,
-        )
-        self.flight.judging.update(
-            now,
-            self.flight.learning,
-            self.stream,
-            is_busy=is_busy,
-            has_rate_setpoint=self._has_rate_setpoint,
-        )
+        self._judge_model(now)
         self.report_gain_advice()
         self._presentation.report_omissions()
         status = self.status
@@ -293,6 +276,31 @@ class LiveSession:
         self._milestone_reporter.margins_follow = self.gain_adviser is not None
         self._milestone_reporter.update(
             self.flight.learning, status, self.stream.now, self.stream.boot
+        )
+
+    def _judge_model(self, now: float) -> None:
+        """Judges the latest model of the flight, and the stability margins, if this computer has time for it.
+
+        Args:
+            now: present time, s of the monotonic clock.
+        """
+        # After a landing a model is learned from the samples before it; it becomes the latest model when it is ready.
+        self.flight.learning.adopt_model_before_landing()
+        # A computer that has no time for fits has no time to judge a model either.
+        is_busy = self.backlog.postpones(DelayedWork.PHYSICAL_FITS)
+        self._margin_review.update(
+            now,
+            self.stream,
+            is_busy=is_busy,
+            # Advice on gains comes with the assessment of the recording.
+            is_recording_assessed=self.gain_adviser is not None,
+        )
+        self.flight.judging.update(
+            now,
+            self.flight.learning,
+            self.stream,
+            is_busy=is_busy,
+            has_rate_setpoint=self._has_rate_setpoint,
         )
 
     def _postpone_tasks(self) -> None:

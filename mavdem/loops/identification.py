@@ -146,11 +146,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
         NotLearnable: as for :func:`identify_plant_in_loop`.
     """
     record = Record.from_flights(flights)
-    assert signals.model_inputs is not None
-    # If the positions of the motors are only assumed, the mixer must come from the autopilot's parameters.
-    geometry = signals.model_inputs.geometry
-    mixer_row = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
-    controller = logged_controller(record.parameters, signals.axis, mixer_row)
+    controller = _controller_of_record(signals, record)
     mixer_gains = inputs_per_demand(controller, record)
     messages = _loop_messages(signals, boot_number(flights[0]), controller, mixer_gains)
     window_starts = np.array(list(_window_starts(flights, messages.streams)))
@@ -167,23 +163,52 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
         spectra = _loop_spectra(signals, messages, window_starts, known_controller)
         # A fast check before the fit. Aliasing may halve the share that is coherent with the reference, so half of the
         # limit is enough here. An output at a limit cannot follow, so its share is added as if it followed. The
-        # comparisons are negated so that a share of NaN is refused.
+        # comparison is negated so that a share of NaN is refused.
         coherent_share = _coherent_share(spectra)
         if not coherent_share + saturated_share >= MIN_REFERENCE_SHARE / 2:
             raise NotLearnable(LoopFact.NOT_STEERED, share=coherent_share)
         posterior = AxisPosterior(spectra, known_controller, messages.rounding, saturated_share)
-        try:
-            fit = identify_axis(posterior)
-            reference_share = fit.reference_share
-        except np.linalg.LinAlgError:
-            raise NotLearnable(LoopFact.LOOP_NOT_FOUND) from None
-    # The same check with the fitted model, which includes aliasing.
+        fit = _checked_fit(posterior)
+    return _IdentifiedLoop(fit, controller, mixer_gains)
+
+
+def _controller_of_record(signals: Signals, record: Record) -> Controller:
+    """Returns the rate and attitude controller of one axis, with the gains and filters of the logged parameters.
+
+    Args:
+        signals: logged time series of the vehicle for the axis, with the geometry of its motors.
+        record: the flights, with the parameters of the autopilot.
+    """
+    assert signals.model_inputs is not None
+    geometry = signals.model_inputs.geometry
+    # If the positions of the motors are only assumed, the mixer must come from the autopilot's parameters.
+    mixer_row = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
+    return logged_controller(record.parameters, signals.axis, mixer_row)
+
+
+def _checked_fit(posterior: AxisPosterior) -> IdentifiedAxis:
+    """Returns the parameters of one axis that maximise their posterior, if the fit passes its checks.
+
+    Args:
+        posterior: posterior of the parameters, given the spectra of the flight.
+
+    Raises:
+        NotLearnable: the fit fails; too little of the motion followed setpoints by the fitted model; or the controller
+            has another gain than its parameters.
+    """
+    try:
+        fit = identify_axis(posterior)
+        reference_share = fit.reference_share
+    except np.linalg.LinAlgError:
+        raise NotLearnable(LoopFact.LOOP_NOT_FOUND) from None
+    # Output that the limits of the motors cut off cannot follow, so its share is added as if it followed. The
+    # comparison is negated so that a share of NaN is refused.
     if not reference_share + fit.saturation_loss >= MIN_REFERENCE_SHARE:
         raise NotLearnable(LoopFact.NOT_STEERED, share=reference_share)
     # If the fitted gain of the controller differs from its parameters' gain, the model of the controller is wrong.
     if not fit.controller_consistent:
         raise NotLearnable(LoopFact.LOOP_NOT_FOUND)
-    return _IdentifiedLoop(fit, controller, mixer_gains)
+    return fit
 
 
 class _LoopMessages(NamedTuple):
@@ -205,11 +230,6 @@ def _loop_messages(
     signals: Signals, boot: int, controller: Controller, mixer_gains: Array
 ) -> _LoopMessages:
     """Returns the logged quantities of one axis' loop in one boot, each at the stamps of its own messages.
-
-    The attitude controller adds the error of the angle, times the angle gain, to the rate setpoint. ArduPilot's message
-    ATTITUDE_TARGET lacks this correction, while its log message RATE contains it, and a log does not say which it is.
-    So one candidate is the setpoint as logged, and for ArduPilot another is the setpoint with the correction added.
-    :func:`_with_best_setpoint` chooses between them.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -245,28 +265,55 @@ def _loop_messages(
         raise NotLearnable(
             LoopFact.NO_RATE_SETPOINT, is_logged=is_logged, least_rate=MIN_SLOW_MOTION_RATE
         )
-    # The reference of each candidate is its setpoint plus angle gain × angle: the rate setpoint at an angle of 0.
-    rate_setpoint = setpoints["rad/s"]
+    output_step = np.median(np.diff(outputs.time))
+    demand = controller.demand_from_outputs(outputs.values, output_step)
+    candidates = _candidates_with_references(
+        setpoints["rad/s"], setpoints.get("rad"), angle, controller
+    )
+    is_at_limit = controller.outputs_at_limit(outputs.values, inputs.scale.upper_limit)
+    return _LoopMessages(
+        streams=[rate, Messages(outputs.time, demand), *candidates],
+        at_limit=Messages(outputs.time, is_at_limit.astype(np.float64)),
+        rounding=inputs.scale.step / float(np.linalg.norm(mixer_gains)),
+    )
+
+
+def _candidates_with_references(
+    rate_setpoint: Messages,
+    angle_setpoint: Messages | None,
+    angle: Messages,
+    controller: Controller,
+) -> list[Messages]:
+    """Returns one or two candidates of the setpoint that the rate controller had, each followed by its reference.
+
+    The attitude controller adds the error of the angle, times the angle gain, to the rate setpoint. ArduPilot's message
+    ATTITUDE_TARGET lacks this correction, while its log message RATE contains it, and a log does not say which it is.
+    So one candidate is the setpoint as logged, and for ArduPilot another is the setpoint with the correction added.
+    :func:`_with_best_setpoint` chooses between them.
+
+    Args:
+        rate_setpoint: setpoint of the rate as logged, rad/s.
+        angle_setpoint: setpoint of the angle, rad; None if none is logged.
+        angle: measured angle, rad.
+        controller: controller of the axis, with its angle gain, 1/s.
+
+    Returns:
+        The candidates and references in turn, rad/s, all at the stamps of the logged setpoint. A reference is the
+        candidate plus angle gain × angle, which is the rate setpoint at an angle of 0.
+    """
     time = rate_setpoint.time
     angle_feedback = controller.angle_gain * np.interp(time, angle.time, angle.values)
     candidates = [rate_setpoint.values]
-    if controller.is_ardupilot and "rad" in setpoints:
-        angle_setpoint = setpoints["rad"]
+    if controller.is_ardupilot and angle_setpoint is not None:
         angle_demand = controller.angle_gain * np.interp(
             time, angle_setpoint.time, angle_setpoint.values
         )
         candidates.append(rate_setpoint.values + angle_demand - angle_feedback)
-    output_step = np.median(np.diff(outputs.time))
-    demand = controller.demand_from_outputs(outputs.values, output_step)
-    streams = [rate, Messages(outputs.time, demand)]
+    candidates_and_references = []
     for values in candidates:
-        streams += [Messages(time, values), Messages(time, values + angle_feedback)]
-    is_at_limit = controller.outputs_at_limit(outputs.values, inputs.scale.upper_limit)
-    return _LoopMessages(
-        streams=streams,
-        at_limit=Messages(outputs.time, is_at_limit.astype(np.float64)),
-        rounding=inputs.scale.step / float(np.linalg.norm(mixer_gains)),
-    )
+        candidates_and_references.append(Messages(time, values))
+        candidates_and_references.append(Messages(time, values + angle_feedback))
+    return candidates_and_references
 
 
 def _loop_spectra(

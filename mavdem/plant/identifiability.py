@@ -324,18 +324,7 @@ def _checks_of_parameter(name: str, measures: IdentifiabilityMeasures) -> Iterat
         Each check, with the status REPORTED if it is passed. Some checks are omitted if they cannot fail.
     """
     rate = 1 / measures.dt
-
-    wind_status = WIND_SHARE.status(measures.wind_share)
-    # Autopilots counteract the wind, so the motors seem to have less effect than they have, and the effect is estimated
-    # too low.
-    has_known_bias = wind_status == Status.BIASED and name == "effect"
-    wind_doubt = Fact(
-        ParameterDoubt.WIND_SHARE_HIGH,
-        share=measures.wind_share,
-        share_limit=WIND_SHARE.reported,
-        bias=OmissionErrors.wind_bias if has_known_bias else None,
-    )
-    yield _Check(wind_status, wind_doubt)
+    yield _check_of_wind(name, measures)
 
     # Without quick inputs the motors answer slow wind only, and its torque cannot be told from theirs.
     is_slow_motion = measures.quick_share < MIN_QUICK_SHARE
@@ -346,46 +335,18 @@ def _checks_of_parameter(name: str, measures: IdentifiabilityMeasures) -> Iterat
         )
         yield _Check(Status.NOT_IDENTIFIABLE, only_slow_inputs)
 
-    # Commands that change faster than the sampling rate are not completely recorded, nor is the motion that they cause.
     if measures.alias_share > MAX_ALIAS_SHARE:
-        # The log does not show how fast they are. So the advice is the rate from which on it hardly matters what they
-        # do between samples, or, for a log that has this rate, all cycles of the controller.
-        least_rate = MIN_RESOLVED_RATE if rate < MIN_RESOLVED_RATE else None
-        too_fast_commands = Fact(
-            ParameterDoubt.COMMANDS_TOO_FAST,
-            share=measures.alias_share,
-            rate=rate,
-            least_rate=least_rate,
-        )
-        yield _Check(Status.NOT_IDENTIFIABLE, too_fast_commands)
+        yield _failed_check_of_command_speed(measures.alias_share, rate)
 
     # Random error of the estimate.
     relative_sd = measures.sd[name]
     uncertain_estimate = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=relative_sd)
     yield _Check(RELATIVE_SD[name].status(relative_sd), uncertain_estimate)
 
-    spectrum_range = measures.spectrum_range[name]
-    # The spectrum of the wind is assumed, so an estimate that depends on the assumption is uncertain. The fact states
-    # the range of the logarithm as a relative change; beyond a factor of e it contains no number.
-    relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
-    depends_on_spectrum = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
-    yield _Check(SPECTRUM_RANGE[name].status(spectrum_range), depends_on_spectrum)
+    yield _check_of_spectrum(name, measures.spectrum_range[name])
 
-    # If the motor lag is too short to be resolved, delays by gyro filters are estimated as motor lag, which biases the
-    # effect.
-    if name == "effect" and measures.lag_unresolved:
-        filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
-        yield _Check(Status.BIASED, filter_as_lag)
-
-    # The prior of the motors' effects is the mixer. Where a flight contradicts it, a motor does not answer its command,
-    # or the model does not describe the axis: neither single effects nor their errors are right. An effect that is
-    # biased by a filter that was taken for lag contradicts the mixer too, and shows nothing about the motors.
-    if name == "effect" and not measures.lag_unresolved:
-        is_contradicted = (
-            measures.motor_deviation > SIGNIFICANT_SIGMAS * measures.motor_deviation_sd
-        )
-        motors_differ = Fact(ParameterDoubt.MOTORS_DIFFER, share=measures.motor_deviation)
-        yield _Check(Status.BIASED if is_contradicted else Status.REPORTED, motors_differ)
+    if name == "effect":
+        yield _check_of_effect(measures)
 
     # A lag shorter than RESOLVED_LAG time steps cannot be distinguished from a delay.
     if name == "lag" and measures.lag < RESOLVED_LAG * measures.dt:
@@ -397,3 +358,74 @@ def _checks_of_parameter(name: str, measures: IdentifiabilityMeasures) -> Iterat
     if name != "effect" and is_slow and measures.lag < SEPARABLE_LAG * measures.dt:
         mixed = Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate, least_rate=MIN_RESOLVED_RATE)
         yield _Check(Status.BIASED, mixed)
+
+
+def _check_of_wind(name: str, measures: IdentifiabilityMeasures) -> _Check:
+    """Returns the check whether the wind moved the vehicle too much for one parameter to be identified.
+
+    Args:
+        name: the parameter, "effect", "damping" or "lag".
+        measures: measures of the fit, with the share of the wind in the torque that moved the vehicle.
+    """
+    wind_status = WIND_SHARE.status(measures.wind_share)
+    # Autopilots counteract the wind, so the motors seem to have less effect than they have, and the effect is estimated
+    # too low.
+    has_known_bias = wind_status == Status.BIASED and name == "effect"
+    wind_doubt = Fact(
+        ParameterDoubt.WIND_SHARE_HIGH,
+        share=measures.wind_share,
+        share_limit=WIND_SHARE.reported,
+        bias=OmissionErrors.wind_bias if has_known_bias else None,
+    )
+    return _Check(wind_status, wind_doubt)
+
+
+def _failed_check_of_command_speed(alias_share: float, rate: float) -> _Check:
+    """Returns the failed check of commands that change faster than the sampling rate.
+
+    Neither they nor the motion that they cause are completely recorded.
+
+    Args:
+        alias_share: share of the commands' variance above half of the Nyquist frequency.
+        rate: sampling rate, Hz.
+    """
+    # The log does not show how fast they are. So the advice is the rate from which on it hardly matters what they do
+    # between samples, or, for a log that has this rate, all cycles of the controller.
+    least_rate = MIN_RESOLVED_RATE if rate < MIN_RESOLVED_RATE else None
+    too_fast_commands = Fact(
+        ParameterDoubt.COMMANDS_TOO_FAST, share=alias_share, rate=rate, least_rate=least_rate
+    )
+    return _Check(Status.NOT_IDENTIFIABLE, too_fast_commands)
+
+
+def _check_of_spectrum(name: str, spectrum_range: float) -> _Check:
+    """Returns the check whether the estimate of one parameter depends on the spectrum of the wind, which is assumed.
+
+    Args:
+        name: the parameter, "effect", "damping" or "lag".
+        spectrum_range: range of the logarithm of the estimate over the assumed spectra.
+    """
+    # The fact states the range of the logarithm as a relative change; beyond a factor of e it contains no number.
+    relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
+    depends_on_spectrum = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
+    return _Check(SPECTRUM_RANGE[name].status(spectrum_range), depends_on_spectrum)
+
+
+def _check_of_effect(measures: IdentifiabilityMeasures) -> _Check:
+    """Returns the check whether the effect of the motors is biased, by filters of the gyro or by a motor that differs.
+
+    If the motor lag is too short to be resolved, delays by gyro filters are estimated as motor lag, which biases the
+    effect. Such an effect contradicts the mixer, the prior of the motors' effects, and shows nothing about the motors.
+
+    Where a flight contradicts the mixer otherwise, a motor does not answer its command, or the model does not describe
+    the axis: neither single effects nor their errors are right.
+
+    Args:
+        measures: measures of the fit.
+    """
+    if measures.lag_unresolved:
+        filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
+        return _Check(Status.BIASED, filter_as_lag)
+    is_contradicted = measures.motor_deviation > SIGNIFICANT_SIGMAS * measures.motor_deviation_sd
+    motors_differ = Fact(ParameterDoubt.MOTORS_DIFFER, share=measures.motor_deviation)
+    return _Check(Status.BIASED if is_contradicted else Status.REPORTED, motors_differ)

@@ -318,49 +318,98 @@ def _health_summary(
         lists_follow: whether a list of the vehicles follows the headline. Then, of more than two urgent vehicles, the
             headline names the most urgent one only.
     """
-    urgent_texts: list[str] = []
-    reason = ""
-    next_steps: list[str] = []
+    labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
+    urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
+    healthy = [vehicle for vehicle in labelled_vehicles if vehicle.flights.health == MotorHealth.OK]
+    recovered_labels = [vehicle.label for vehicle in healthy if vehicle.flights.had_anomaly]
     watched_count = 0
-    recovered_labels = []
-    healthy_count = 0
-    # The most urgent vehicle is named first; of equally urgent ones the first in the alphabet.
-    for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name)):
-        vehicle = vehicles[name]
-        is_shared = name in shared_names
-        label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
-        if vehicle.needs_look:
-            is_most_urgent = not urgent_texts
-            # The only vehicle of a fleet need not be named.
-            subject = "" if len(vehicles) == 1 else f"{label}: "
-            if is_most_urgent and vehicle.texts.reason and not lists_follow:
-                reason = subject + vehicle.texts.reason
-            if vehicle.texts.next_step:
-                next_steps.append(subject + vehicle.texts.next_step)
-            # A list that follows has the reasons.
-            why = "" if lists_follow else f" ({as_clause(vehicle.texts.latest_flight)})"
-            urgent_texts.append(f"{label}{why}")
-        elif vehicle.last.badge_level is Level.WATCH:
+    for vehicle in labelled_vehicles:
+        is_watched = vehicle.flights.last.badge_level is Level.WATCH
+        if is_watched and not vehicle.flights.needs_look:
             watched_count += 1
-        if vehicle.health == MotorHealth.OK:
-            healthy_count += 1
-            if vehicle.had_anomaly:
-                recovered_labels.append(label)
-    if lists_follow and len(urgent_texts) > MAX_NAMED_BEFORE_LIST:
+    next_steps = []
+    for vehicle in urgent:
+        next_step = vehicle.flights.texts.next_step
+        if next_step:
+            next_steps.append(f"{vehicle.subject}{next_step}")
+    if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:
         # The list below has the others, and what to do about them.
-        urgent_list = f"first {urgent_texts[0]}"
+        urgent_list = f"first {urgent[0].label}"
         next_steps = next_steps[:1]
     else:
-        urgent_list = abbreviated_list(urgent_texts)
+        urgent_list = abbreviated_list(_urgent_texts(urgent, has_reasons=not lists_follow))
     return HealthSummary(
-        urgent_count=len(urgent_texts),
+        urgent_count=len(urgent),
         urgent_list=urgent_list,
         watched_count=watched_count,
         recovered_list=abbreviated_list(sorted(recovered_labels)),
-        healthy_count=healthy_count,
-        reason=reason,
+        healthy_count=len(healthy),
+        # A list that follows has the reasons.
+        reason="" if lists_follow else _reason_of_most_urgent(urgent),
         next_steps=next_steps[:MAX_LISTED_NAMES],
     )
+
+
+class _LabelledVehicle(NamedTuple):
+    """A vehicle of a fleet with the name by which the headline of the fleet calls it."""
+
+    label: str
+    """What it is called: a name that somebody or its logs gave, or its frame and both ends of a serial number."""
+
+    subject: str
+    """What a sentence on it begins with: the label and a colon. It is empty for the only vehicle of a fleet."""
+
+    flights: VehicleFlights
+    """What is known of it from its flights together."""
+
+
+def _labelled_by_urgency(
+    vehicles: Mapping[str, VehicleFlights], names: GivenNames, shared_names: Collection[str]
+) -> list[_LabelledVehicle]:
+    """Returns the vehicles of a fleet, the most urgent one first; of equally urgent ones the first in the alphabet.
+
+    Args:
+        vehicles: summary of each vehicle, by its name in the logs.
+        names: names that owners gave to vehicles.
+        shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
+    """
+    labelled_vehicles = []
+    for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name)):
+        flights = vehicles[name]
+        is_shared = name in shared_names
+        label = vehicle_label(name, flights.last.frame, names, is_shared=is_shared)
+        subject = "" if len(vehicles) == 1 else f"{label}: "
+        labelled_vehicles.append(_LabelledVehicle(label, subject, flights))
+    return labelled_vehicles
+
+
+def _urgent_texts(urgent: Sequence[_LabelledVehicle], *, has_reasons: bool) -> list[str]:
+    """Returns the label of each vehicle that needs a look.
+
+    Args:
+        urgent: these vehicles.
+        has_reasons: whether what was found in the latest flight follows each label in parentheses.
+    """
+    if not has_reasons:
+        return [vehicle.label for vehicle in urgent]
+    texts = []
+    for vehicle in urgent:
+        finding = as_clause(vehicle.flights.texts.latest_flight)
+        texts.append(f"{vehicle.label} ({finding})")
+    return texts
+
+
+def _reason_of_most_urgent(urgent: Sequence[_LabelledVehicle]) -> str:
+    """Returns why the motors of the most urgent vehicle are judged as they are; empty without a reason or a vehicle.
+
+    Args:
+        urgent: the vehicles that need a look, the most urgent one first.
+    """
+    if not urgent:
+        return ""
+    most_urgent = urgent[0]
+    reason = most_urgent.flights.texts.reason
+    return f"{most_urgent.subject}{reason}" if reason else ""
 
 
 class FlownTotals(NamedTuple):

@@ -200,50 +200,127 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     Returns:
         Mean and covariance of the ten scaled parameters, and the fraction of the force that steering explains.
     """
-    prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
-    precision = scipy.linalg.block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
-    steered_fraction = steered_share(grid)
-    # Factors of the information: four entries of drag, two of lean, and four of gusts and noise.
-    information_fractions = np.repeat([steered_fraction**2, _turned_fraction(grid), 1.0], [4, 2, 4])
-    max_deviation = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
-    mean = prior_mean
+    prior = _Prior.with_drag(drag)
+    information_used = _InformationUsed.of_flight(grid)
+    mean = prior.mean
     highest_log_posterior = np.nan
     log_posteriors = list[float]()
     while len(log_posteriors) < MAX_ITERATIONS:
-        expansion = _expand_log_likelihood(mean, grid)
-        information = expansion.information * np.sqrt(
-            np.outer(information_fractions, information_fractions)
-        )
-        # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
-        model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
-        discount = np.eye(PARAMETER_COUNT) - information @ MODEL_ERROR @ np.linalg.solve(
-            model_precision, MODEL_ERROR.T
-        )
-        # A drag is less probable if the mean force would then mean an improbable wind. This holds without manoeuvres as
-        # well.
-        speed_slope = expansion.speed_slope * (1 - steered_fraction)
-        force_prior_gradient = expansion.prior_gradient * (1 - steered_fraction)
-        covariance = np.linalg.inv(
-            precision + discount @ information + np.outer(speed_slope, speed_slope)
-        )
-        deviation = mean - prior_mean
-        log_posterior = expansion.log_likelihood - deviation @ precision @ deviation / 2
+        expansion = _expand_log_posterior(mean, grid, prior, information_used)
+        log_posterior = expansion.log_posterior
         if log_posterior > highest_log_posterior or np.isnan(highest_log_posterior):
             highest_log_posterior = log_posterior
-            best_posterior = DragPosterior(mean, (covariance + covariance.T) / 2, steered_fraction)
+            covariance = (expansion.covariance + expansion.covariance.T) / 2
+            best_posterior = DragPosterior(mean, covariance, information_used.steered_fraction)
         log_posteriors.append(log_posterior)
         if _has_converged(log_posteriors):
             break
-        gradient = discount @ (information_fractions * expansion.gradient)
-        step = covariance @ (gradient + force_prior_gradient - precision @ deviation)
-        mean = np.clip(
-            mean + np.clip(step, -MAX_STEP, MAX_STEP),
-            prior_mean - max_deviation,
-            prior_mean + max_deviation,
-        )
-        if np.all(abs(step) < CONVERGED_STEP * np.sqrt(np.diag(covariance))):
+        step = expansion.covariance @ expansion.gradient
+        mean = prior.clipped(mean + np.clip(step, -MAX_STEP, MAX_STEP))
+        if np.all(abs(step) < CONVERGED_STEP * np.sqrt(np.diag(expansion.covariance))):
             break
     return best_posterior
+
+
+class _Prior(NamedTuple):
+    """Gaussian prior of the ten scaled parameters."""
+
+    mean: Array
+    """Mean (10,)."""
+
+    precision: Array
+    """Inverse (10, 10) of the covariance."""
+
+    @classmethod
+    def with_drag(cls, drag: Drag) -> _Prior:
+        """Returns the prior of drag and lean of a vehicle, with that of gusts and noise, which is the same for all.
+
+        Args:
+            drag: mean and covariance of the six parameters of drag and lean.
+        """
+        gust_precision = np.diag(GUST_PRIOR_SD**-2)
+        return cls(
+            mean=np.append(drag.mean, GUST_PRIOR_MEAN),
+            precision=scipy.linalg.block_diag(np.linalg.inv(drag.covariance), gust_precision),
+        )
+
+    def clipped(self, parameters: Array) -> Array:
+        """Returns scaled parameters (10,), none further from its prior mean than ``MAX_PRIOR_DEVIATIONS``."""
+        max_deviation = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(self.precision))
+        clipped: Array = np.clip(parameters, self.mean - max_deviation, self.mean + max_deviation)
+        return clipped
+
+
+class _InformationUsed(NamedTuple):
+    """How much of a flight's information on the scaled parameters is used, by how the vehicle manoeuvred."""
+
+    steered_fraction: float
+    """Fraction of the force's variance that opposes the velocity, as in manoeuvres."""
+
+    fractions: Array
+    """Fraction (10,) of the information on each parameter that is used."""
+
+    @classmethod
+    def of_flight(cls, grid: MotionGrid) -> _InformationUsed:
+        """Returns the fractions of a flight: for drag by its manoeuvres, for lean by its turns of the yaw.
+
+        Args:
+            grid: motion of the flight.
+        """
+        steered_fraction = steered_share(grid)
+        # Four entries of drag, two of lean, and four of gusts and noise.
+        fractions = np.repeat([steered_fraction**2, _turned_fraction(grid), 1.0], [4, 2, 4])
+        return cls(steered_fraction, fractions)
+
+
+class _PosteriorExpansion(NamedTuple):
+    """The posterior of the scaled parameters about some values of them, to second order."""
+
+    log_posterior: float
+    """Log posterior density, up to a constant, without the prior of the mean force."""
+
+    gradient: Array
+    """Gradient (10,) of the log posterior density, with that prior."""
+
+    covariance: Array
+    """Inverse (10, 10) of the information, with that prior."""
+
+
+def _expand_log_posterior(
+    parameters: Array, grid: MotionGrid, prior: _Prior, information_used: _InformationUsed
+) -> _PosteriorExpansion:
+    """Expands the log posterior of the scaled parameters to second order, for one step of Fisher scoring.
+
+    Args:
+        parameters: point of the expansion (10,).
+        grid: motion of the flight.
+        prior: prior of the scaled parameters.
+        information_used: how much of the flight's information on each of them is used.
+    """
+    likelihood = _expand_log_likelihood(parameters, grid)
+    fractions = information_used.fractions
+    information = likelihood.information * np.sqrt(np.outer(fractions, fractions))
+    # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
+    model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
+    discount = np.eye(PARAMETER_COUNT) - information @ MODEL_ERROR @ np.linalg.solve(
+        model_precision, MODEL_ERROR.T
+    )
+    # A drag is less probable if the mean force would then mean an improbable wind. This holds without manoeuvres as
+    # well.
+    not_steered_fraction = 1 - information_used.steered_fraction
+    speed_slope = likelihood.speed_slope * not_steered_fraction
+    force_prior_gradient = likelihood.prior_gradient * not_steered_fraction
+    deviation = parameters - prior.mean
+    gradient = discount @ (fractions * likelihood.gradient)
+    return _PosteriorExpansion(
+        log_posterior=float(
+            likelihood.log_likelihood - deviation @ prior.precision @ deviation / 2
+        ),
+        gradient=gradient + force_prior_gradient - prior.precision @ deviation,
+        covariance=np.linalg.inv(
+            prior.precision + discount @ information + np.outer(speed_slope, speed_slope)
+        ),
+    )
 
 
 def _has_converged(log_posteriors: Sequence[float]) -> bool:

@@ -1,6 +1,8 @@
 """Estimation of the wind velocity of one flight from the attitude and the velocity of the vehicle."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -25,6 +27,7 @@ from mavdem.wind_velocity.drag_identification import (
 )
 from mavdem.wind_velocity.identifiability import (
     MAX_REMAINING_DRAG_SD,
+    DoubtedFigure,
     doubts_on_wind,
     is_lean_more_uncertain,
 )
@@ -42,6 +45,7 @@ from mavdem.wind_velocity.mean_wind import (
 from mavdem.wind_velocity.motion_grid import (
     MAX_STEPS,
     MotionGrid,
+    MotionSamples,
     flight_grid,
     validated_motion,
 )
@@ -85,31 +89,27 @@ def estimate_wind(
     samples = validated_motion(time, attitude, velocity)
     heights = _validated_heights(height, len(time))[samples.usable]
     prior = Drag.validated_or_population(drag)
-    with one_thread():
-        coarse = flight_grid(samples, max_steps=MAX_STEPS // 2)
-        fine = flight_grid(samples, max_steps=MAX_STEPS)
-        posterior = identify_drag(coarse, prior)
-        parameter_samples = sampled_parameters(posterior)
-        winds = _SampledWind.from_states(sampled_winds(fine, parameter_samples), fine.step)
+    flight = _smoothed_flight(samples, prior)
+    grid, winds = flight.grid, flight.winds
     wind_of_steps = winds.velocity
-    mean_wind = mean_wind_of_steps(winds.velocities, winds.noise_variances, fine.step)
-    air_velocity = _air_velocity(fine, wind_of_steps)
-    flight_drag = _drag_of_flight(posterior, prior, mean_air_speed(air_velocity))
+    mean_wind = mean_wind_of_steps(winds.velocities, winds.noise_variances, grid.step)
+    air_velocity = _air_velocity(grid, wind_of_steps)
+    flight_drag = _drag_of_flight(flight.posterior, prior, mean_air_speed(air_velocity))
     doubts = doubts_on_wind(
         mean_wind,
         flight_drag.relative_sd,
         flight_drag.remaining_sd,
-        is_lean_more_uncertain(winds.velocities.mean(axis=0), parameter_samples),
-        posterior.steered_share,
+        is_lean_more_uncertain(winds.velocities.mean(axis=0), flight.parameter_samples),
+        flight.posterior.steered_share,
         prior.source,
     )
-    status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
-    for doubt in doubts:
-        status[doubt.figure] = doubt.status
+    status = _status_of_figures(doubts)
     lowest_speed = lower_speed_bound(mean_wind.low, mean_wind.high)
     gust = winds.largest_gust(may_be_calm=lowest_speed == 0)
     mean_speed = winds.mean_speed()
-    step_heights = np.interp(fine.time, samples.time, heights)
+    step_heights = np.interp(grid.time, samples.time, heights)
+    minutes = mean_wind_by_minute(winds.velocities, winds.noise_variances, grid.time, grid.step)
+    profile = wind_profile(winds.velocities, winds.noise_variances, step_heights, grid.step)
     return WindVelocity(
         speed=mean_wind.speed,
         speed_interval=(lowest_speed, mean_wind.high),
@@ -119,24 +119,64 @@ def estimate_wind(
         direction_interval=mean_wind.direction_half_width,
         gust=gust.value,
         gust_interval=gust.interval,
-        gust_seconds=winds.steps_of_gust * fine.step,
+        gust_seconds=winds.steps_of_gust * grid.step,
         turbulence_intensity=_turbulence_intensity(wind_of_steps),
-        time=fine.time,
+        time=grid.time,
         velocity=wind_of_steps,
         band=winds.band,
-        along=_air_velocity(fine, wind_of_steps.mean(axis=0)),
+        along=_air_velocity(grid, wind_of_steps.mean(axis=0)),
         air_velocity=air_velocity,
-        minutes=tuple(
-            mean_wind_by_minute(winds.velocities, winds.noise_variances, fine.time, fine.step)
-        ),
-        profile=tuple(
-            wind_profile(winds.velocities, winds.noise_variances, step_heights, fine.step)
-        ),
+        minutes=tuple(minutes),
+        profile=tuple(profile),
         drag=flight_drag.drag,
         status=status,
         reasons={doubt.figure: doubt.reason for doubt in doubts},
         advice=_flight_advice(mean_wind, lowest_speed, status, flight_drag),
     )
+
+
+class _SmoothedFlight(NamedTuple):
+    """The wind of a flight for samples of the drag, and the posterior of the drag by the flight."""
+
+    grid: MotionGrid
+    """Motion of the flight at T even time steps."""
+
+    winds: _SampledWind
+    """Wind at these steps in each of N samples."""
+
+    posterior: DragPosterior
+    """Posterior of drag, lean, gusts and noise."""
+
+    parameter_samples: Array
+    """The N samples of these parameters (N, 10) from their posterior."""
+
+
+def _smoothed_flight(samples: MotionSamples, prior: Drag) -> _SmoothedFlight:
+    """Identifies the drag on a coarse grid of time, and smooths the wind on a fine one for samples of the drag.
+
+    Args:
+        samples: attitude and velocity of the flight.
+        prior: drag of the vehicle before the flight.
+    """
+    with one_thread():
+        coarse_grid = flight_grid(samples, max_steps=MAX_STEPS // 2)
+        grid = flight_grid(samples, max_steps=MAX_STEPS)
+        posterior = identify_drag(coarse_grid, prior)
+        parameter_samples = sampled_parameters(posterior)
+        winds = _SampledWind.from_states(sampled_winds(grid, parameter_samples), grid.step)
+    return _SmoothedFlight(grid, winds, posterior, parameter_samples)
+
+
+def _status_of_figures(doubts: Sequence[DoubtedFigure]) -> dict[str, Status]:
+    """Returns whether "speed", "direction" and "drag" of a wind are reported, biased or not identifiable.
+
+    Args:
+        doubts: the figures that are not reported, with their status.
+    """
+    status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
+    for doubt in doubts:
+        status[doubt.figure] = doubt.status
+    return status
 
 
 def _validated_heights(height: Array | None, count: int) -> Array:

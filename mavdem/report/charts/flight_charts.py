@@ -1,5 +1,7 @@
 """Charts of a flight: step responses, open loops with their margins, and the spectra and spectrograms of sensors."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -10,7 +12,7 @@ from mavdem.assessment.axis.responses import NO_STEPS, LoopResponse, Responses, 
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.filters import gyro_response
-from mavdem.loops.margins import Complex
+from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.measured_response import MIN_COMPARED_FREQUENCY
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import (
@@ -212,54 +214,112 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
         loops: the loops of one axis by their names in legends: "now" with the gains that flew, and "new" if any change.
         loop_name: "rate" or "attitude".
     """
-    gains = []
-    phases = []
-    sensitivities = []
-    crossovers = []
-    for name, loop in loops.items():
-        colour = LOOP_COLOURS[name]
-        open_loop = loop.open_loop(loop_name)
-        # The response has the estimate in its first row, then draws from the posterior, which give the band.
-        is_shown = open_loop.frequency >= MIN_COMPARED_FREQUENCY
-        frequency = open_loop.frequency[is_shown]
-        response = open_loop.response[:, is_shown]
-        decibels = 20 * np.log10(abs(response))
-        sensitivity = 1 / abs(1 + response)
-        gains.append(line_with_quantile_band(name, colour, frequency, decibels))
-        phases.append(line_with_quantile_band(name, colour, frequency, _unwrapped_phase(response)))
-        sensitivities.append(line_with_quantile_band(name, colour, frequency, sensitivity))
-        margin = f"{open_loop.phase_margin:.0f}°"
-        crossovers.append(Mark(open_loop.crossover, margin, colour))
-    # The phase margin stands beside the mark in the chart of the phase alone.
-    unnamed_marks = tuple(mark._replace(name="") for mark in crossovers)
+    shown_loops = [_ShownLoop.of(name, loop.open_loop(loop_name)) for name, loop in loops.items()]
     axis = next(iter(loops.values())).axis.capitalize()
     title = f"{axis} {loop_name}"
-    # The limits show a wide range about the crossovers, at 0 dB and −180°, where the margins are read.
     return (
-        Chart(
-            f"{title}: gain (dB)",
-            FREQUENCY,
-            Axis("gain (dB)", limits=(-40.0, 30.0)),
-            tuple(gains),
-            levels=(0.0,),
-            marks=unnamed_marks,
-        ),
-        Chart(
-            f"{title}: phase (°)",
-            FREQUENCY,
-            Axis("phase (°)", limits=(-300.0, -45.0)),
-            tuple(phases),
-            levels=(-180.0,),
-            marks=tuple(crossovers),
-        ),
-        Chart(
-            f"{title}: sensitivity",
-            FREQUENCY,
-            Axis("sensitivity |S|", is_logarithmic=True),
-            tuple(sensitivities),
-            levels=SENSITIVITY_LEVELS,
-            marks=unnamed_marks,
-        ),
+        _open_loop_gain_chart(title, shown_loops),
+        _open_loop_phase_chart(title, shown_loops),
+        _sensitivity_chart(title, shown_loops),
+    )
+
+
+class _ShownLoop(NamedTuple):
+    """An open loop as the charts of its gain, phase and sensitivity show it."""
+
+    name: str
+    """Name in the legends, "now" or "new"."""
+
+    frequency: Array
+    """The F frequencies that are shown, Hz."""
+
+    response: Complex
+    """Open-loop response (N, F): the estimate in the first row, then draws from the posterior, which give the band."""
+
+    crossover: float
+    """Frequency at which the gain is 1, Hz."""
+
+    phase_margin: float
+    """Phase margin there, degrees."""
+
+    @classmethod
+    def of(cls, name: str, open_loop: OpenLoop) -> _ShownLoop:
+        """Returns a loop with its response at the frequencies that are shown.
+
+        Args:
+            name: name in the legends.
+            open_loop: the loop, with its margins.
+        """
+        is_shown = open_loop.frequency >= MIN_COMPARED_FREQUENCY
+        return cls(
+            name=name,
+            frequency=open_loop.frequency[is_shown],
+            response=open_loop.response[:, is_shown],
+            crossover=open_loop.crossover,
+            phase_margin=open_loop.phase_margin,
+        )
+
+    def line(self, values: Array) -> Line:
+        """Returns a line over frequency with a 90 % band, in the colour of the loop.
+
+        Args:
+            values: what the chart shows of the response (N, F).
+        """
+        return line_with_quantile_band(self.name, LOOP_COLOURS[self.name], self.frequency, values)
+
+    def crossover_mark(self, words: str = "") -> Mark:
+        """Returns a mark at the crossover frequency, with words beside it."""
+        return Mark(self.crossover, words, LOOP_COLOURS[self.name])
+
+
+def _open_loop_gain_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Chart:
+    """Returns the chart of the gain of open loops, dB, in a wide range about the crossovers at 0 dB.
+
+    Args:
+        title: axis and loop, such as "Roll rate".
+        shown_loops: the loops.
+    """
+    return Chart(
+        f"{title}: gain (dB)",
+        FREQUENCY,
+        Axis("gain (dB)", limits=(-40.0, 30.0)),
+        tuple(loop.line(20 * np.log10(abs(loop.response))) for loop in shown_loops),
+        levels=(0.0,),
+        marks=tuple(loop.crossover_mark() for loop in shown_loops),
+    )
+
+
+def _open_loop_phase_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Chart:
+    """Returns the chart of the phase of open loops, degrees, in a wide range about −180°, with the phase margins.
+
+    Args:
+        title: axis and loop, such as "Roll rate".
+        shown_loops: the loops.
+    """
+    return Chart(
+        f"{title}: phase (°)",
+        FREQUENCY,
+        Axis("phase (°)", limits=(-300.0, -45.0)),
+        tuple(loop.line(_unwrapped_phase(loop.response)) for loop in shown_loops),
+        levels=(-180.0,),
+        marks=tuple(loop.crossover_mark(f"{loop.phase_margin:.0f}°") for loop in shown_loops),
+    )
+
+
+def _sensitivity_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Chart:
+    """Returns the chart of the sensitivity |1/(1 + L)| of loops, with L the open-loop response.
+
+    Args:
+        title: axis and loop, such as "Roll rate".
+        shown_loops: the loops.
+    """
+    return Chart(
+        f"{title}: sensitivity",
+        FREQUENCY,
+        Axis("sensitivity |S|", is_logarithmic=True),
+        tuple(loop.line(1 / abs(1 + loop.response)) for loop in shown_loops),
+        levels=SENSITIVITY_LEVELS,
+        marks=tuple(loop.crossover_mark() for loop in shown_loops),
     )
 
 

@@ -752,45 +752,68 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         The timeline without events, with those charts that have a finite value; None with less than two measured
         samples.
     """
-    # Imported here: the timeline of a log needs nothing of live sessions.
-    from mavdem.live.history import SAMPLE_PERIOD
-
-    table = history.table
-    columns = _LiveColumns.from_table(table)
-    offset = history.flight.timeline_offset
-    columns = columns._replace(time=columns.time - offset)
+    columns = _LiveColumns.from_table(history.table)
     if np.count_nonzero(np.isfinite(columns.measured_angle)) < 2:
         return None
-    # A row of NaN at the beginning of each segment breaks the lines there; it has the time of the first sample.
-    segment_starts = np.flatnonzero(np.diff(columns.segment)) + 1
-    time = np.insert(columns.time, segment_starts, columns.time[segment_starts])
-    broken_columns = _LiveColumns.from_table(np.insert(table, segment_starts, np.nan, axis=0))
-    drawn_charts = []
-    for chart in _live_charts(history.motor_names, axis, broken_columns._replace(time=time)):
-        # A setpoint that does not come has no line, and no entry in the legend.
-        # Where messages come too slowly for rows, or a landing has ended them, the slower samples are no gap.
-        lines = tuple(
-            line._replace(bridged_gap=MAX_GAP_STEPS * SAMPLE_PERIOD)
-            for line in chart.lines
-            if np.isfinite(line.y).any()
-        )
-        if lines:
-            drawn_charts.append(chart._replace(lines=lines))
+    offset = history.flight.timeline_offset
+    columns = columns._replace(time=columns.time - offset)
+    broken_columns = _columns_broken_at_segments(history.table)
+    broken_columns = broken_columns._replace(time=broken_columns.time - offset)
+    charts = _with_known_lines(_live_charts(history.motor_names, axis, broken_columns))
     voltage_lines = _live_voltage_lines(history)
     if voltage_lines:
-        drawn_charts.append(over_time("Battery", "V", voltage_lines))
-    position = _live_position(history, columns)
+        charts.append(over_time("Battery", "V", voltage_lines))
     headings = np.degrees(columns.yaw[np.isfinite(columns.yaw)]) % FULL_TURN
     learned_intervals = [(start - offset, end - offset) for start, end in history.learned_intervals]
     return Timeline(
-        flight_charts=tuple(drawn_charts),
-        span=(time[0], time[-1]),
+        flight_charts=tuple(charts),
+        span=(columns.time[0], columns.time[-1]),
         grey_intervals=tuple(learned_intervals),
         grey_meaning="what the model was learned from",
-        position=position,
+        position=_live_position(history, columns),
         heading=float(headings[-1]) if len(headings) else None,
         time_axis=_time_axis_of_boot(history),
     )
+
+
+def _columns_broken_at_segments(table: Array) -> _LiveColumns:
+    """Returns the columns of a live flight's table with a row more at each new segment, at which lines break.
+
+    The table has one row after another although nothing was received between two segments. The additional row has
+    the time of the first sample of the segment, and NaN in all other columns.
+
+    Args:
+        table: ``LiveHistory.table``, (N, 17 + k) with k motors.
+    """
+    columns = _LiveColumns.from_table(table)
+    # The difference number i is the one between the rows i and i + 1, the later of which begins a segment.
+    segment_starts = np.flatnonzero(np.diff(columns.segment)) + 1
+    time = np.insert(columns.time, segment_starts, columns.time[segment_starts])
+    broken_table = np.insert(table, segment_starts, np.nan, axis=0)
+    return _LiveColumns.from_table(broken_table)._replace(time=time)
+
+
+def _with_known_lines(charts: Iterable[Chart]) -> list[Chart]:
+    """Returns the charts of a live flight that have a finite value, without those lines that have none.
+
+    A setpoint that does not come has no line then, and no entry in the legend.
+
+    Args:
+        charts: charts over time, with NaN where nothing is known.
+    """
+    # Imported here: the timeline of a log needs nothing of live sessions.
+    from mavdem.live.history import SAMPLE_PERIOD
+
+    charts_with_lines = []
+    for chart in charts:
+        lines = []
+        for line in chart.lines:
+            if np.isfinite(line.y).any():
+                # Where messages come too slowly for rows, or a landing has ended them, the slower samples are no gap.
+                lines.append(line._replace(bridged_gap=MAX_GAP_STEPS * SAMPLE_PERIOD))
+        if lines:
+            charts_with_lines.append(chart._replace(lines=tuple(lines)))
+    return charts_with_lines
 
 
 def _live_voltage_lines(history: LiveHistory) -> list[Line]:
@@ -853,29 +876,8 @@ def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -
         axis: axis that was learned.
         columns: values over time, with NaN where lines break.
     """
-    # Imported here: the timeline of a log needs nothing of live sessions.
-    from mavdem.live.history import REPORTED_HORIZON
-
     time = columns.time
-    horizon = f"{REPORTED_HORIZON:g} s ahead"
-    setpoints = {"roll": columns.roll_setpoint, "pitch": columns.pitch_setpoint}
-    angles = {"roll": columns.roll, "pitch": columns.pitch, axis: columns.measured_angle}
-    other_axis = "pitch" if axis == "roll" else "roll"
-    for name in (axis, other_axis):
-        angle_lines = [
-            Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[name]),
-            Line("measured", MEASURED, time, ANGLE_UNIT.scale * angles[name]),
-        ]
-        if name == axis:
-            prediction = Line.with_band(
-                horizon,
-                PREDICTED,
-                time,
-                ANGLE_UNIT.scale * columns.predicted_angle,
-                ANGLE_UNIT.scale * columns.predicted_half_width,
-            )
-            angle_lines.append(prediction.clipped_to(angle_lines))
-        yield over_time(name.capitalize(), ANGLE_UNIT.name, angle_lines)
+    yield from _live_angle_charts(axis, columns)
     yield over_time("Height", "m", [Line("height", MEASURED, time, columns.height)])
 
     motor_lines = []
@@ -893,3 +895,37 @@ def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -
 
     speed_line = _speed_line("wind", time, columns.wind_speed, columns.speed_half_width)
     yield over_time("Wind now", "m/s", [speed_line])
+
+
+def _live_angle_charts(axis: str, columns: _LiveColumns) -> Iterator[Chart]:
+    """Yields charts of roll and pitch of a live flight, degrees, each with its setpoint.
+
+    The axis that was learned comes first, with what the model predicted of it.
+
+    Args:
+        axis: axis that was learned, "roll" or "pitch".
+        columns: values over time, rad, with NaN where lines break.
+    """
+    # Imported here: the timeline of a log needs nothing of live sessions.
+    from mavdem.live.history import REPORTED_HORIZON
+
+    time = columns.time
+    setpoints = {"roll": columns.roll_setpoint, "pitch": columns.pitch_setpoint}
+    angles = {"roll": columns.roll, "pitch": columns.pitch, axis: columns.measured_angle}
+    other_axis = "pitch" if axis == "roll" else "roll"
+    for name in (axis, other_axis):
+        lines = [
+            Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[name]),
+            Line("measured", MEASURED, time, ANGLE_UNIT.scale * angles[name]),
+        ]
+        if name == axis:
+            prediction = Line.with_band(
+                f"{REPORTED_HORIZON:g} s ahead",
+                PREDICTED,
+                time,
+                ANGLE_UNIT.scale * columns.predicted_angle,
+                ANGLE_UNIT.scale * columns.predicted_half_width,
+            )
+            # A prediction that diverges must not determine the range of the chart.
+            lines.append(prediction.clipped_to(lines))
+        yield over_time(name.capitalize(), ANGLE_UNIT.name, lines)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
+from mavdem.containers import JsonValues
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.urgency import Urgency
@@ -103,19 +104,12 @@ def fleet_page(
     """
     lines = _newest_first(summaries)
     cells = [_named_cells(line, names) for line in lines]
-    table_rows = []
-    for line, line_cells in zip(lines, cells, strict=True):
-        table_rows.append([line.link, line.file, *line_cells])
     vehicles = _vehicle_sections(summaries, changes or {}, charts, names)
     blocks = fleet_blocks(summaries, names, lists_follow=True)
     # The page begins with the summary; the reasons why logs were not used come at its end. Without a vehicle there are
     # only such reasons, and the page begins with them.
-    summary_length = len(blocks)
-    if vehicles:
-        for number, block in enumerate(blocks, start=1):
-            if isinstance(block, Sentence) and block.lead == LAST_SUMMARY_LEAD:
-                summary_length = number
-                break
+    summary_length = _summary_length(blocks) if vehicles else len(blocks)
+    serial_labels = _labels_of_serial_numbers(summaries, names)
     return render_page(
         environment().get_template("fleet.html"),
         blocks=blocks[:summary_length],
@@ -130,25 +124,66 @@ def fleet_page(
         marks=LEVEL_MARKS,
         whole=WHOLE_FLIGHTS,
         calendar=_flight_calendar(lines),
-        without_simulated="; simulated ones only where a name says which vehicle was simulated"
-        if any(not line.is_counted for line in lines)
-        else "",
+        without_simulated=_remark_on_simulated_flights(lines),
         has_given_names=bool(names.vehicles),
         rose=_wind_drawing(summaries),
         bars=_bar_count(vehicles_with_section(summaries)),
         widths=[column.width for column in COLUMNS.values()],
         areas={name: column.area for name, column in COLUMNS.items()},
-        first=Table(
-            [*COLUMNS], [_cells_with_rated_health(row) for row in cells[:FIRST_SHOWN]], words=True
-        ),
-        table={
-            "kinds": [column.kind for column in COLUMNS.values()],
-            "rows": table_rows,
-            "urgencies": [line.urgency for line in lines],
-            "levels": BADGE_LEVELS,
-            "labels": _labels_of_serial_numbers(summaries, names),
-        },
+        first=_table_without_scripts(cells),
+        table=_table_of_scripts(lines, cells, serial_labels),
     )
+
+
+def _summary_length(blocks: Sequence[Block]) -> int:
+    """Returns how many blocks the summary at the top of a fleet's page has: all up to the paragraph on what was flown.
+
+    Args:
+        blocks: sentences and tables on the fleet: the summary, and then the reasons why logs were not used.
+    """
+    for count, block in enumerate(blocks, start=1):
+        if isinstance(block, Sentence) and block.lead == LAST_SUMMARY_LEAD:
+            return count
+    return len(blocks)
+
+
+def _remark_on_simulated_flights(lines: Sequence[FlightLine]) -> str:
+    """Returns words on simulated flights that do not count, for the end of a sentence; empty if the fleet has none."""
+    if all(line.is_counted for line in lines):
+        return ""
+    return "; simulated ones only where a name says which vehicle was simulated"
+
+
+def _table_without_scripts(cells: Sequence[Sequence[str]]) -> Table:
+    """Returns the table of the newest flights of a fleet that a browser without scripts shows.
+
+    Args:
+        cells: text of each cell of all flights, the newest first, in the order of ``COLUMNS``.
+    """
+    rows = [_cells_with_rated_health(cells_of_flight) for cells_of_flight in cells[:FIRST_SHOWN]]
+    return Table([*COLUMNS], rows, words=True)
+
+
+def _table_of_scripts(
+    lines: Sequence[FlightLine], cells: Sequence[Sequence[str]], serial_labels: Mapping[str, str]
+) -> JsonValues:
+    """Returns the table of all flights of a fleet as data, from which the page's script draws, sorts and searches it.
+
+    Args:
+        lines: lines of the flights, the newest first, with address and file of each and how urgent it is.
+        cells: text of each cell of the same flights, in the order of ``COLUMNS``.
+        serial_labels: what a vehicle is called on the page, by the serial number in its logs.
+    """
+    rows = []
+    for line, cells_of_flight in zip(lines, cells, strict=True):
+        rows.append([line.link, line.file, *cells_of_flight])
+    return {
+        "kinds": [column.kind for column in COLUMNS.values()],
+        "rows": rows,
+        "urgencies": [line.urgency for line in lines],
+        "levels": BADGE_LEVELS,
+        "labels": serial_labels,
+    }
 
 
 def _cells_with_rated_health(cells: Sequence[str]) -> list[str]:
@@ -314,11 +349,11 @@ class VehicleSection:
     """What to do next about it; empty where nothing is wrong."""
     summary: str
     """What was found in all its flights; may be empty."""
-    changes: Sequence[Block]
+    changes: Sequence[Block] = ()
     """What changed since the baseline."""
-    charts: Markup
+    charts: Markup = Markup()
     """Its charts over the flights; empty without any."""
-    is_open: bool
+    is_open: bool = False
     """Whether it is unfolded at first."""
 
 
@@ -347,48 +382,76 @@ def _vehicle_sections(
     Returns:
         The sections, the most urgent vehicle first.
     """
+    vehicles = _vehicles_told_apart(summaries)
+    summaries_by_name = {summary.name: summary for summary in summaries}
+    names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name))
+    names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1]
+    names_with_charts = names_with_charts[:MAX_DRAWN]
+    bar_count = _bar_count(vehicles)
+    urgent_count = sum(vehicle.needs_look for vehicle in vehicles.values())
+    sections = []
+    for name in names_by_urgency:
+        vehicle = vehicles[name]
+        section = _vehicle_section(summaries_by_name[name], vehicle, bar_count, names)
+        section.changes = changes.get(name, ())
+        if name in names_with_charts:
+            # Charts are HTML that this program made itself, so that nothing in it has to be escaped.
+            section.charts = Markup(charts(name))  # noqa: S704
+        is_only_urgent = vehicle.needs_look and urgent_count == 1
+        section.is_open = is_only_urgent and vehicle.health != UNKNOWN
+        sections.append(section)
+    return sections
+
+
+def _vehicles_told_apart(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
+    """Returns the vehicles whose logs, or whose user, tell them from others: those with a section on a fleet's page.
+
+    Args:
+        summaries: summary of the flights under each name.
+
+    Returns:
+        Summary of the flights by the name of the vehicle.
+    """
     shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     vehicles = {}
     for name, vehicle in vehicles_with_section(summaries).items():
         # A baseline says that the flights under a shared name are of one vehicle, and then motors are judged.
         if name not in shared_names or vehicle.health != UNKNOWN:
             vehicles[name] = vehicle
-    names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name))
-    names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1]
-    names_with_charts = names_with_charts[:MAX_DRAWN]
-    bar_count = _bar_count(vehicles)
-    latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
-    air_times = {summary.name: summary.flown.air_seconds for summary in summaries}
-    urgent_count = sum(vehicle.needs_look for vehicle in vehicles.values())
-    sections = []
-    for name in names_by_urgency:
-        vehicle = vehicles[name]
-        latest_line = latest_lines[name]
-        is_shared = name in shared_names
-        label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
-        sections.append(
-            VehicleSection(
-                name=name,
-                label=label,
-                serial=_identification(name, names, is_shared=is_shared),
-                searched=label if is_shared else names.vehicle(name),
-                last=vehicle.last,
-                link=latest_line.link if latest_line is not None else "",
-                file=_flight_name(latest_line, names) if latest_line is not None else "",
-                other_lights=_other_lights(vehicle.last),
-                flights=vehicle.flight_count,
-                air_time=flown_time_text(air_times[name]) if air_times[name] else "",
-                bars=_level_bars(vehicle.levels, bar_count),
-                note=_note_on_vehicle(vehicle),
-                next_step=vehicle.texts.next_step,
-                summary=vehicle.texts.all_flights,
-                changes=changes.get(name, ()),
-                # Charts are HTML that this program made itself, so that nothing in it has to be escaped.
-                charts=Markup(charts(name) if name in names_with_charts else ""),  # noqa: S704
-                is_open=vehicle.needs_look and urgent_count == 1 and vehicle.health != UNKNOWN,
-            )
-        )
-    return sections
+    return vehicles
+
+
+def _vehicle_section(
+    summary: VehicleSummary, vehicle: VehicleFlights, bar_count: int, names: GivenNames
+) -> VehicleSection:
+    """Returns the folded section of a fleet's page on one vehicle, without its charts and its changes.
+
+    Args:
+        summary: summary of all logs under the vehicle's name.
+        vehicle: what is known of the vehicle from its flights together.
+        bar_count: number of flights for which the picture of the latest flights has room.
+        names: names that were given to vehicles and flights.
+    """
+    is_shared = summary.has_shared_name
+    label = vehicle_label(summary.name, vehicle.last.frame, names, is_shared=is_shared)
+    latest_line = _latest_line(summary)
+    air_seconds = summary.flown.air_seconds
+    return VehicleSection(
+        name=summary.name,
+        label=label,
+        serial=_identification(summary.name, names, is_shared=is_shared),
+        searched=label if is_shared else names.vehicle(summary.name),
+        last=vehicle.last,
+        link="" if latest_line is None else latest_line.link,
+        file="" if latest_line is None else _flight_name(latest_line, names),
+        other_lights=_other_lights(vehicle.last),
+        flights=vehicle.flight_count,
+        air_time=flown_time_text(air_seconds) if air_seconds else "",
+        bars=_level_bars(vehicle.levels, bar_count),
+        note=_note_on_vehicle(vehicle),
+        next_step=vehicle.texts.next_step,
+        summary=vehicle.texts.all_flights,
+    )
 
 
 def _identification(logged_name: str, given_names: GivenNames, *, is_shared: bool) -> str:

@@ -144,6 +144,9 @@ CHARTS_OF_LIGHTS = {Light.MOTORS: "Motors", Light.POWER: "Battery"}
 GAINS_TITLE = "Gains"
 """Title of a live page's chapter with the gains that were advised after a landing."""
 
+EVENTS_IN_GAINS_CHAPTER = (GainFact.GAINS_ADVISED, GainFact.TWIN_ANGLE_ERROR)
+"""Events of a live session that the chapter on gains has, so that the list of events leaves them out."""
+
 SILENCES_OF_LINK = (LinkFact.LOST_IN_FLIGHT, LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED)
 """Events of a live session whose advice is out of date once messages come again."""
 
@@ -206,8 +209,8 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     # Sentences refer to parts of the page, where those of the terminal name commands.
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
-        timeline = assessment_timeline(assessment, has_all_flights=True)
         evidence = headline_evidence(assessment.headline, assessment.lights)
+        timeline = assessment_timeline(assessment, has_all_flights=True)
         events = _numbered_events(
             assessment.events,
             timeline,
@@ -219,24 +222,38 @@ def log_page(
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = _log_chapters(name, assessment, contents, timeline, advice)
-        head = Head(
-            assessment.headline.level,
-            lights=lights_with_reason_once(assessment.lights, assessment.headline),
-            events=events,
-            timeline=timeline,
-            analysis=assessment.analysis,
-            light_anchors=_anchors_of_lights(chapters, assessment.lights),
-            path=flown_path(
-                timeline,
-                MapWind.of_flight(assessment.wind, str(assessment.lights.get(Light.WIND, ""))),
-            ),
-            changes=changes,
-            day_in_name=day_in_file_name(Path(assessment.log.source).name),
-        )
+        head = _log_head(assessment, events, timeline, chapters)._replace(changes=changes)
         subtitle = capitalize_first(review_title(assessment).text)
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
         summary = _summary_sentences(assessment, evidence)
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
+
+
+def _log_head(
+    assessment: Assessment,
+    events: Sequence[PageEvent],
+    timeline: Timeline | None,
+    chapters: Sequence[Chapter],
+) -> Head:
+    """Returns the top of the page of a log: level of the headline, status lights, events, charts over time, and a map.
+
+    Args:
+        assessment: all results on a vehicle of the log, with the status lights, each the judgement of one subject.
+        events: the events as the page lists them.
+        timeline: charts of the flight over time, if it has any.
+        chapters: chapters of the page, to which the lights link.
+    """
+    sentence_on_wind = str(assessment.lights.get(Light.WIND, ""))
+    return Head(
+        assessment.headline.level,
+        lights=lights_with_reason_once(assessment.lights, assessment.headline),
+        events=events,
+        timeline=timeline,
+        analysis=assessment.analysis,
+        light_anchors=_anchors_of_lights(chapters, assessment.lights),
+        path=flown_path(timeline, MapWind.of_flight(assessment.wind, sentence_on_wind)),
+        day_in_name=day_in_file_name(Path(assessment.log.source).name),
+    )
 
 
 def _log_chapters(
@@ -469,26 +486,65 @@ def _numbered_events(
     Returns:
         The events in order.
     """
-    page_events = []
-    number = 0
-    texts_above = {evidence_of_headline}
     texts_of_lights = {str(light) for light in (lights or {}).values()}
-    identities_of_causes = set()
+    headline_identity = None
+    cause_identities = set()
     if headline is not None:
-        identities_of_causes = {_event_identity(cause) for cause in _named_causes(headline)}
+        headline_identity = _event_identity(headline)
+        cause_identities = {_event_identity(cause) for cause in _named_causes(headline)}
+    page_events = []
     for fact in with_saturations_counted(events):
-        if fact.remedy in next_step:
-            texts_above.add(fact.remedy)
-        identity = _event_identity(fact)
         page_event = PageEvent(
             Event(nan, fact),
-            is_headline=headline is not None and identity == _event_identity(headline),
-            is_cause_of_headline=identity in identities_of_causes,
+            is_headline=_event_identity(fact) == headline_identity,
+            is_cause_of_headline=_event_identity(fact) in cause_identities,
             is_light=str(fact) in texts_of_lights,
-            texts_above=frozenset(texts_above),
         )
+        page_events.append(page_event)
+    page_events = _with_texts_above(page_events, evidence_of_headline, next_step)
+    return _with_times_and_numbers(page_events, timeline)
+
+
+def _with_texts_above(
+    page_events: Sequence[PageEvent], evidence_of_headline: str, next_step: str
+) -> list[PageEvent]:
+    """Returns the events of a page with the texts that the page has above each of them, and that it does not repeat.
+
+    These are the remedies and the evidence of the events before, and what stands above all events.
+
+    Args:
+        page_events: the events in the order of the list.
+        evidence_of_headline: sentence with the measurements that confirm the headline, above the events.
+        next_step: text of the next step, above the events, which has the remedy of some of them.
+    """
+    texts_above = {evidence_of_headline}
+    events_with_texts = []
+    for page_event in page_events:
+        fact = page_event.event.fact
+        if fact.remedy in next_step:
+            texts_above.add(fact.remedy)
+        events_with_texts.append(page_event._replace(texts_above=frozenset(texts_above)))
+        texts_above.add(fact.remedy)
+        texts_above.update(evidence_texts(fact))
+    return events_with_texts
+
+
+def _with_times_and_numbers(
+    page_events: Sequence[PageEvent], timeline: Timeline | None
+) -> list[PageEvent]:
+    """Returns the events of a log with their times, and those with a time numbered from 1 on.
+
+    Args:
+        page_events: the events in the order of the list.
+        timeline: charts of one boot of the autopilot; events of other boots are not on its clock. None without charts.
+    """
+    numbered_events = []
+    number = 0
+    for page_event in page_events:
+        fact = page_event.event.fact
         if fact.time is not None:
             number += 1
+            # An event that names no boot counts as one of the boot of the charts.
             boot = fact.figures.get("boot")
             has_clock_of_charts = timeline is not None and boot in (None, timeline.boot)
             page_event = page_event._replace(
@@ -496,10 +552,8 @@ def _numbered_events(
                 number=number,
                 is_on_clock_of_charts=has_clock_of_charts,
             )
-        page_events.append(page_event)
-        texts_above.add(fact.remedy)
-        texts_above.update(evidence_texts(fact))
-    return page_events
+        numbered_events.append(page_event)
+    return numbered_events
 
 
 def _named_causes(headline: Fact) -> list[Fact]:
@@ -543,11 +597,8 @@ def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
     """
     labels_by_event = {}
     for page_event in events:
-        fact = page_event.event.fact
-        labels_by_event[_event_identity(fact)] = str(page_event.number)
-    labels = []
-    for event in timeline.events:
-        labels.append(labels_by_event.get(_event_identity(event.fact), ""))
+        labels_by_event[_event_identity(page_event.event.fact)] = str(page_event.number)
+    labels = [labels_by_event.get(_event_identity(event.fact), "") for event in timeline.events]
     return tuple(labels)
 
 
@@ -591,14 +642,23 @@ def _flight_chapters(
     if evidence.trust:
         yield _trust_chapter(evidence.trust)
     if assessment.instances:
-        instances = instance_table(
-            assessment.instances, assessment.lights[Light.VIBRATION], has_flown=evidence.has_flown
-        )
-        level_scope = scope_of_instances_level(assessment.lights)
-        yield Chapter(INSTANCES_TITLE, [instances], level_scope=level_scope)
+        yield _instances_chapter(assessment, has_flown=evidence.has_flown)
     if is_full:
         yield from hardware_chapters(evidence, assessment.lights, timeline)
     yield parameters_chapter(evidence.signals.telemetry, is_full=is_full)
+
+
+def _instances_chapter(assessment: Assessment, *, has_flown: bool) -> Chapter:
+    """Returns the chapter on what a vehicle may have several of, such as batteries and sensors: a table of each one.
+
+    Args:
+        assessment: all results on a vehicle of the log, with these instances and the status lights.
+        has_flown: whether the vehicle flew; otherwise the ranges are taken from the whole log.
+    """
+    vibration_light = assessment.lights[Light.VIBRATION]
+    table = instance_table(assessment.instances, vibration_light, has_flown=has_flown)
+    level_scope = scope_of_instances_level(assessment.lights)
+    return Chapter(INSTANCES_TITLE, [table], level_scope=level_scope)
 
 
 def scope_of_instances_level(lights: NamedFacts) -> str:
@@ -958,82 +1018,136 @@ def live_page(
         refresh_seconds: time after which a server has a newer page, s; None for a page that does not change.
     """
     # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import live_title
+
+    events = _numbered_live_events(history, status.session_judgement, status.alarms)
+    timeline = _marked_live_timeline(history, axis, status, events)
+    chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
+    head = _live_head(history, status, events, timeline)._replace(
+        light_anchors=_live_anchors(timeline, chapters),
+        links=links,
+        saved_flight=saved_flight,
+        files_of_session=files,
+        refresh_seconds=refresh_seconds,
+    )
+    if status.is_over and saved_flight is None:
+        # The page of a flight that a library has says that in its own words.
+        session_end = _session_end(status, is_last=refresh_seconds is None)
+        head = head._replace(session_end=session_end)
+    # A page of a session that goes on is sent every few seconds, and has fewer points for that.
+    max_points = MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE
+    return render_document(
+        live_title(status, link, names),
+        _live_subtitle(status, link),
+        _live_summary(status),
+        chapters,
+        back,
+        head,
+        max_points,
+    )
+
+
+def _marked_live_timeline(
+    history: LiveHistory, axis: str, status: SessionStatus, page_events: Sequence[PageEvent]
+) -> Timeline | None:
+    """Returns the charts of a live page over time, which mark the place of the take-off and the numbered events.
+
+    The chart that shows what the headline warns of comes first. While the link of a vehicle in flight is lost, the axis
+    of time goes on for a while after the last message.
+
+    Args:
+        history: signals of the live flight on one timeline.
+        axis: axis that was learned.
+        status: state of the session now, or at its end.
+        page_events: the events of the page in order of time, some of them numbered.
+
+    Returns:
+        The charts; None if too little was received to draw any.
+    """
+    timeline = live_timeline(history, axis)
+    if timeline is None:
+        return None
+    numbered_events = [event for event in page_events if event.number is not None]
+    first_time, last_time = timeline.span
+    timeline = timeline.with_chart_first(_chart_of_alarm(status.session_judgement))
+    return timeline._replace(
+        takeoff=status.takeoff_position,
+        span=(first_time, last_time + _shown_silence(status)),
+        events=tuple(page_event.event for page_event in numbered_events),
+        event_labels=tuple(str(page_event.number) for page_event in numbered_events),
+    )
+
+
+def _live_head(
+    history: LiveHistory,
+    status: SessionStatus,
+    page_events: Sequence[PageEvent],
+    timeline: Timeline | None,
+) -> Head:
+    """Returns the top of a live page: level of the headline, status lights, events, charts, and state of the vehicle.
+
+    It has what the session shows. What a server adds, such as links to other pages, is not in it yet.
+
+    Args:
+        history: events and signals of the live flight on one timeline.
+        status: state of the session now, or at its end.
+        page_events: the events of the page in order of time. The page of a session that goes on has the newest first.
+        timeline: charts over time; None without any.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import (
         headline_reason,
         light_rows,
         live_alarm,
-        live_title,
-        statement_of_headline,
         unrepaired_fault_text,
         vehicle_state_cells,
     )
 
     judgement = status.session_judgement
-    session_end = ""
-    if status.is_over and saved_flight is None:
-        # The page of a flight that a library has says that in its own words.
-        session_end = _session_end(status, is_last=refresh_seconds is None)
-    timeline = live_timeline(history, axis)
-    if timeline is not None:
-        first_time, last_time = timeline.span
-        timeline = timeline.with_chart_first(_chart_of_alarm(judgement))._replace(
-            takeoff=status.takeoff_position, span=(first_time, last_time + _shown_silence(status))
-        )
-    chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
-    page_events = _numbered_live_events(history, judgement, status.alarms)
-    if timeline is not None:
-        numbered_events = [event for event in page_events if event.number is not None]
-        timeline = timeline._replace(
-            events=tuple(page_event.event for page_event in numbered_events),
-            event_labels=tuple(str(page_event.number) for page_event in numbered_events),
-        )
-    if not status.is_over:
-        page_events.reverse()
-    head = Head(
+    goes_on = not status.is_over
+    return Head(
         judgement.headline.level,
         lights_with_reason_once(judgement.lights),
-        page_events,
+        page_events[::-1] if goes_on else page_events,
         timeline,
         light_figures={row.name: row.figure for row in light_rows(status)},
-        light_anchors=_live_anchors(timeline, chapters),
         timeline_title=_live_timeline_title(status),
         path=flown_path(timeline, _live_map_wind(status)),
         has_log=False,
-        is_newest_first=not status.is_over,
-        is_in_flight=status.is_flying and not status.is_over,
+        is_newest_first=goes_on,
+        is_in_flight=status.is_flying and goes_on,
         flight_number=history.flight.number,
-        links=links,
-        saved_flight=saved_flight,
         is_lost_in_air=status.is_flying and status.loss is None,
         reasons=headline_reason(_judgement_with_reason(status)),
         unrepaired_fault=unrepaired_fault_text(status),
-        vehicle_state=() if status.is_over else vehicle_state_cells(status),
-        session_end=session_end,
-        files_of_session=files,
+        vehicle_state=vehicle_state_cells(status) if goes_on else (),
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
         alarm_count=history.alarm_count,
-        refresh_seconds=refresh_seconds,
     )
+
+
+def _live_summary(status: SessionStatus) -> list[Sentence]:
+    """Returns the sentences at the top of a live page: the headline, what to do next, and how late estimates are.
+
+    What to do stands right below the headline, so that a pilot need not read the reason first.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import statement_of_headline
+
+    judgement = status.session_judgement
     sentences = judgement_sentences(judgement)
     heading = sentences.headline
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
-    # What to do stands right below the headline, so that a pilot need not read the reason first.
     summary = [heading, *_sentences_on_next_step(sentences.next_step)]
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
-    return render_document(
-        live_title(status, link, names),
-        _live_subtitle(status, link),
-        summary,
-        chapters,
-        back,
-        head,
-        # A page of a session that goes on is sent every few seconds.
-        MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE,
-    )
+    return summary
 
 
 def _judgement_with_reason(status: SessionStatus) -> Judgement:
@@ -1262,57 +1376,92 @@ def _numbered_live_events(
         The events in this order, each with whether the headline states it, and whether it is no longer active.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.live.session_status import cause_of_alarm
-    from mavdem.report.live import moment_text, without_basis_of_phase
+    from mavdem.report.live import moment_text
 
-    cause_of_headline = cause_of_alarm(judgement.headline)
+    cause_of_headline = _identity_of_cause(judgement.headline)
+    active_causes = _causes_of_active_alarms(alarms)
     next_step = str(judgement.next_step)
-    is_landing_advised = judgement.next_step.code is NextStep.LAND_NOW
-    active_causes = set()
-    for alarm in alarms:
-        if alarm.code is not WatchFact.ALARM_OVER:
-            cause = cause_of_alarm(alarm)
-            active_causes.add((cause.code, cause.subject))
-    latest_resumption = 0
-    for number_of_event, event in enumerate(history.events):
-        if event.fact.code is RowsFact.MESSAGES_RESUMED:
-            latest_resumption = number_of_event
+    latest_resumption = _index_of_latest_resumption(history.events)
     page_events = []
     numbered_count = 0
-    for number_of_event, event in enumerate(history.events):
-        if event.fact.code in (GainFact.GAINS_ADVISED, GainFact.TWIN_ANGLE_ERROR):
+    for index, event in enumerate(history.events):
+        if event.fact.code in EVENTS_IN_GAINS_CHAPTER:
             continue
-        has_silence_ended = (
-            event.fact.code in SILENCES_OF_LINK and number_of_event < latest_resumption
-        )
         is_in_charts = history.flight.contains(event.seconds)
         number = None
         if is_in_charts and not event.is_session_state:
             numbered_count += 1
             number = numbered_count
-        fact = without_basis_of_phase(event.fact)
-        if is_landing_advised:
-            # What was reported before the alarm must not advise to fly on below it.
-            fact = fact.without_flight_advice
-        remedy = fact.remedy
-        cause = cause_of_alarm(event.fact)
-        is_headline = (cause.code, cause.subject) == (
-            cause_of_headline.code,
-            cause_of_headline.subject,
+        is_ended_silence = event.fact.code in SILENCES_OF_LINK and index < latest_resumption
+        fact = _fact_in_live_list(event.fact, judgement.next_step)
+        time_of_charts = event.seconds - history.flight.timeline_offset
+        cause = _identity_of_cause(event.fact)
+        page_event = PageEvent(
+            event._replace(seconds=time_of_charts, fact=fact),
+            number,
+            is_on_clock_of_charts=is_in_charts,
+            is_headline=cause == cause_of_headline,
+            is_over=cause not in active_causes,
+            is_advice_current=not is_ended_silence,
+            texts_above=frozenset([fact.remedy] if fact.remedy in next_step else []),
+            moment=moment_text(event),
         )
-        page_events.append(
-            PageEvent(
-                event._replace(seconds=event.seconds - history.flight.timeline_offset, fact=fact),
-                number,
-                is_on_clock_of_charts=is_in_charts,
-                is_headline=is_headline,
-                is_over=(cause.code, cause.subject) not in active_causes,
-                is_advice_current=not has_silence_ended,
-                texts_above=frozenset([remedy] if remedy in next_step else []),
-                moment=moment_text(event),
-            )
-        )
+        page_events.append(page_event)
     return page_events
+
+
+def _identity_of_cause(fact: Fact) -> tuple[Code, str]:
+    """Returns by what an event, an alarm and the headline of a live page are matched: code and subject of the cause.
+
+    Args:
+        fact: one of them, a fact (a coded finding). The cause of an alarm is what it warns of, such as a weak motor;
+            any other fact is its own cause.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.live.session_status import cause_of_alarm
+
+    cause = cause_of_alarm(fact)
+    return cause.code, cause.subject
+
+
+def _causes_of_active_alarms(alarms: Facts) -> set[tuple[Code, str]]:
+    """Returns code and subject of what each alarm of a live session warns of, except of alarms that have ended.
+
+    Args:
+        alarms: the latest report on each alarm: that it began, or that it is over.
+    """
+    active_alarms = [alarm for alarm in alarms if alarm.code is not WatchFact.ALARM_OVER]
+    return {_identity_of_cause(alarm) for alarm in active_alarms}
+
+
+def _index_of_latest_resumption(events: Sequence[Event]) -> int:
+    """Returns the index of the last event by which messages came again after a silence of the link; 0 without any.
+
+    Args:
+        events: the events of a live session in the order in which they were reported.
+    """
+    latest_resumption = 0
+    for index, event in enumerate(events):
+        if event.fact.code is RowsFact.MESSAGES_RESUMED:
+            latest_resumption = index
+    return latest_resumption
+
+
+def _fact_in_live_list(fact: Fact, next_step: Fact) -> Fact:
+    """Returns a reported fact as the list of events of a live page states it.
+
+    Args:
+        fact: what was reported, a coded finding.
+        next_step: what to do next, above the list. If it is to land now, an event that was reported before must not
+            advise below it to fly on.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import without_basis_of_phase
+
+    shown_fact = without_basis_of_phase(fact)
+    if next_step.code is NextStep.LAND_NOW:
+        return shown_fact.without_flight_advice
+    return shown_fact
 
 
 def _live_map_wind(status: SessionStatus) -> MapWind | None:
