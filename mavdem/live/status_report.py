@@ -64,22 +64,13 @@ class StatusReport:
         silence = self._silence_as_reason(status)
         no_learning_reason = self._no_learning_reason(is_flying=status.is_flying)
         no_model_reason = silence or status.no_model_reason or no_learning_reason
-        rates = status.rates
-        watch_facts = status.watch_facts
         if silence is not None:
-            is_after_flight = status.flight_number > 0 and not status.is_flying
-            if not is_after_flight:
-                rates = dict.fromkeys(rates, 0.0)
-            watch_facts = tuple(not_watched(fact, silence, self.stream.now) for fact in watch_facts)
+            status = self._status_of_silent_link(status, silence)
         analysis_delay = self.backlog.delay
         if analysis_delay < BEHIND_DELAY:
             # This computer keeps up.
             analysis_delay = 0.0
         message_age = self._message_age()
-        last_reception = None
-        if message_age is not None:
-            seconds_since_reading = clock.monotonic() - self.intake.read_until
-            last_reception = clock.unix_time() - seconds_since_reading - message_age
         status = replace(
             status,
             findings=self.flight.judging.findings,
@@ -94,9 +85,7 @@ class StatusReport:
             state=self.stream.vehicle_state(),
             message_age=message_age,
             motion_age=self.silence.motion_age(self.intake.read_until),
-            last_reception=last_reception,
-            rates=rates,
-            watch_facts=watch_facts,
+            last_reception=self._reception_time(message_age),
             analysis_delay=analysis_delay,
             is_recorded=self.intake.recording is not None,
             absent_messages=self.rates.absent_messages,
@@ -105,6 +94,33 @@ class StatusReport:
         if self.flight.learning.estimate is None:
             return status
         return status.with_predictions(self.flight.learning.estimate)
+
+    def _status_of_silent_link(self, status: SessionStatus, silence: Fact) -> SessionStatus:
+        """Returns the status of the stream for a link that is silent: nothing counts as watched, and no message comes.
+
+        Args:
+            status: status of the stream, which does not notice the silence.
+            silence: the silence, as the reason why nothing is watched.
+        """
+        now = self.stream.now
+        watch_facts = tuple(not_watched(fact, silence, now) for fact in status.watch_facts)
+        status = replace(status, watch_facts=watch_facts)
+        is_after_flight = status.flight_number > 0 and not status.is_flying
+        if is_after_flight:
+            # The lights judge the flight that is over by the rates that it had.
+            return status
+        return replace(status, rates=dict.fromkeys(status.rates, 0.0))
+
+    def _reception_time(self, message_age: float | None) -> float | None:
+        """Returns when the last message of the followed vehicle came, UNIX s; None before any.
+
+        Args:
+            message_age: time from that message to the last look at the link, s; None before any message.
+        """
+        if message_age is None:
+            return None
+        seconds_since_reading = clock.monotonic() - self.intake.read_until
+        return clock.unix_time() - seconds_since_reading - message_age
 
     def _message_age(self) -> float | None:
         """Returns the time since the last message of the followed vehicle came, analysed or not, s; None before any.
