@@ -77,30 +77,47 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
     headlines: list[BadLight] = []
     others: list[BadLight] = []
     for name, lights_by_side in lights_of_both(reviews).items():
-        bad_sides = []
-        is_headline = False
-        for side, light in lights_by_side.items():
-            if light["level"] == Level.BAD:
-                bad_sides.append(side)
-                if light["sentence"] == value_at(reviews[side], "headline.sentence"):
-                    is_headline = True
+        bad_sides = [side for side, light in lights_by_side.items() if light["level"] == Level.BAD]
         if not bad_sides:
             continue
-        first_bad_light = lights_by_side[bad_sides[0]]
-        compared_light = compared_levels(lights_by_side)
-        bad_light = BadLight(
-            name,
-            bad_sides=tuple(bad_sides),
-            axis=value_at(first_bad_light, "figures.axis") or "",
-            levels=compared_light.levels,
-            reasons=compared_light.reasons,
-            remark=compared_light.remark,
-        )
-        if is_headline:
+        bad_light = _bad_light(name, lights_by_side, bad_sides)
+        if any(_is_headline(lights_by_side[side], reviews[side]) for side in bad_sides):
             headlines.append(bad_light)
         else:
             others.append(bad_light)
     return [*headlines, *others]
+
+
+def _is_headline(light: JsonValues, review: Review) -> bool:
+    """Returns whether the headline of a flight states one of its status lights.
+
+    Args:
+        light: the light, the judgement of one subject, as the review has it.
+        review: review document of the flight.
+    """
+    headline_sentence = value_at(review, "headline.sentence")
+    return bool(light["sentence"] == headline_sentence)
+
+
+def _bad_light(
+    name: str, lights_by_side: Mapping[str, JsonValues], bad_sides: Sequence[str]
+) -> BadLight:
+    """Returns a status light that is bad in one or both of two compared logs, with its levels and reasons.
+
+    Args:
+        name: name of the light.
+        lights_by_side: the light as the reviews of both logs have it, by side, "A" and "B".
+        bad_sides: the sides on which it is bad, at least one; the axis is that of the first.
+    """
+    compared_light = compared_levels(lights_by_side)
+    return BadLight(
+        name,
+        bad_sides=tuple(bad_sides),
+        axis=value_at(lights_by_side[bad_sides[0]], "figures.axis") or "",
+        levels=compared_light.levels,
+        reasons=compared_light.reasons,
+        remark=compared_light.remark,
+    )
 
 
 def lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:

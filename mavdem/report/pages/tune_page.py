@@ -265,15 +265,21 @@ def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
     colours = set[str]()
     for panels_by_loop in panels.values():
         for panels_of_loop in panels_by_loop.values():
-            for panel in panels_of_loop:
-                # A panel may also be a drawing, which has no lines.
-                if isinstance(panel, Chart):
-                    colours.update([line.colour for line in panel.lines])
+            colours |= _line_colours(panels_of_loop)
     caption = STEP_CAPTION
     for colour, meaning in COLOUR_MEANINGS.items():
         if colour in colours:
             caption += f" {meaning}"
     return caption
+
+
+def _line_colours(panels: Sequence[Panel]) -> set[str]:
+    """Returns the colours of the lines of all charts among some panels; a drawing has no lines."""
+    colours = set[str]()
+    for panel in panels:
+        if isinstance(panel, Chart):
+            colours.update([line.colour for line in panel.lines])
+    return colours
 
 
 def _groups_of_columns(
