@@ -74,10 +74,7 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
     Returns:
         The changes: parameters of control first, each part in the order of names.
     """
-    changes = []
-    for name in compared_parameters(before, after):
-        if not isclose(before[name], after[name], rel_tol=RELATIVE_ROUNDING):
-            changes.append(ParameterChange(name, before[name], after[name]))
+    changes = _changes_of(compared_parameters(before, after), before, after)
 
     def control_first(change: ParameterChange) -> tuple[bool, str]:
         """Returns the key by which changes are sorted: parameters of control first, then by name."""
@@ -85,6 +82,32 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
         return not is_of_control, change.name
 
     return sorted(changes, key=control_first)
+
+
+def parameters_changed_by_autopilot(before: Parameters, after: Parameters) -> list[ParameterChange]:
+    """Returns the parameters that the autopilot itself set to other values, such as the learned throttle of hover.
+
+    Args:
+        before: values by the autopilot's name, in the first state.
+        after: values in the second state.
+
+    Returns:
+        The changes, in the order of names.
+    """
+    common_names = before.keys() & after.keys()
+    set_by_autopilot = [name for name in common_names if AUTOPILOT_SET_PARAMETERS.search(name)]
+    return sorted(_changes_of(set_by_autopilot, before, after))
+
+
+def _changes_of(
+    names: Iterable[str], before: Parameters, after: Parameters
+) -> list[ParameterChange]:
+    """Returns those of the named parameters, which both states have, that have different values, in the given order."""
+    changes = []
+    for name in names:
+        if not isclose(before[name], after[name], rel_tol=RELATIVE_ROUNDING):
+            changes.append(ParameterChange(name, before[name], after[name]))
+    return changes
 
 
 def compared_parameters(before: Parameters, after: Parameters) -> list[str]:

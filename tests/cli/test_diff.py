@@ -174,7 +174,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     flights = tuple(flight_series(Signals(log)) for log in logs)
     reviewed = reviewed_difference(difference, reviews, parameters)
     page = comparison_page(("a.bin", "b.bin"), reviewed, flights=flights)
-    assert "time since take-off (s)" in page and "Mean motor output (%)" in page
+    assert "recorded time in the air (s)" in page and "Mean motor output (%)" in page
     places = [page.index(f"Motor {motor} output (%)") for motor in (1, 2, 3, 4)]
     assert places == sorted(places) and places[0] > page.index('id="what-changed"')
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)

@@ -23,6 +23,7 @@ from mavdem.fleet.parameter_changes import (
     axes_with_other_gains,
     changed_parameters,
     compared_parameters,
+    parameters_changed_by_autopilot,
     states_without_gains,
 )
 from mavdem.fleet.quantities import (
@@ -433,6 +434,8 @@ def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
     changes = changed_parameters(before, after | {"ANGLE_NEW": 1.0})
     assert changes == [("ATC_RAT_RLL_P", 0.135, 0.2), ("ANGLE_MAX", 3000.0, 4500.0)]
     assert set(compared_parameters(before, after)) == {"ANGLE_MAX", "ATC_RAT_RLL_P"}
+    set_by_autopilot = [("INS_GYROFFS_X", 0.1, 0.2), ("MIS_TOTAL", 1.0, 2.0)]
+    assert parameters_changed_by_autopilot(before, after) == set_by_autopilot
     assert states_without_gains(before, {"MIS_TOTAL": 1.0}) == ("B",)
 
 

@@ -1,4 +1,4 @@
-"""Charts of the longest flights of two logs, drawn over each other from take-off on."""
+"""Charts of the longest flights of two logs, drawn over each other from their start on."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from math import degrees
@@ -16,7 +16,8 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.report.charts.chart import Axis, Chart, Line
 from mavdem.vibration.vibration_message import reported_vibration
 
-TIME_AFTER_TAKE_OFF = Axis("time since take-off (s)")
+TIME_IN_FLIGHT = Axis("recorded time in the air (s)")
+"""Time axis of all charts: it begins at take-off or, of a log that begins in the air, with its first sample."""
 
 ROLL = "Roll (°)"
 PITCH = "Pitch (°)"
@@ -25,6 +26,7 @@ PITCH_ERROR = "Pitch minus its setpoint (°)"
 ROLL_RATE = "Roll rate (°/s)"
 PITCH_RATE = "Pitch rate (°/s)"
 HEIGHT = "Height (m)"
+HEIGHT_ABOVE_START = "Height above the start (m)"
 MEAN_MOTOR_OUTPUT = "Mean motor output (%)"
 BATTERY_VOLTAGE = "Battery voltage (V)"
 
@@ -64,7 +66,9 @@ FLIGHT_SERIES_TITLES = (
 PERCENT = 100.0
 
 FlightSeries = Mapping[str, Array]
-"""What is drawn of one flight: for some of the titles a (2, N) array of times since take-off, s, and values."""
+"""What is drawn of one flight: for some of the titles a (2, N) array of recorded times in the air, s, and values.
+
+They begin at take-off or, of a log that begins in the air, with its first sample."""
 
 
 class FlightInterval(NamedTuple):
@@ -113,7 +117,7 @@ def flight_series(signals: Signals) -> FlightSeries:
     Returns:
         Roll, pitch and how far each is from its setpoint, °; their rates, °/s; height, m; mean output of all motors,
         and the output of each motor averaged over time, % of the range; voltage of the first battery, V; and
-        vibration of each IMU along its worst axis, m/s². Each is an array (2, N) of times since take-off, s, and
+        vibration of each IMU along its worst axis, m/s². Each is an array (2, N) of times in the air, s, and
         values. Empty if the vehicle never flew.
     """
     flight = longest_flight(signals)
@@ -223,10 +227,11 @@ def _scaled(series: TimeSeries, factor: float) -> TimeSeries:
 def flight_series_charts(
     series: Mapping[str, FlightSeries], names: Mapping[str, str], colours: Mapping[str, str]
 ) -> Iterator[Chart]:
-    """Yields a chart of each quantity of two flights, drawn over each other from take-off on.
+    """Yields a chart of each quantity of two flights, drawn over each other from their start on.
 
-    A quantity that neither flight has is left out. The outputs of all motors have one scale, so that they can be
-    compared.
+    The start is the take-off or, of a log that begins in the air, its first sample. Heights are drawn above that of the
+    start, since logs have them above different points. A quantity that neither flight has is left out. The outputs of
+    all motors have one scale, so that they can be compared.
 
     Args:
         series: time series of each flight (:func:`flight_series`), by side, "A" and "B".
@@ -238,18 +243,21 @@ def flight_series_charts(
     for series_of_flight in series.values():
         for times, _ in series_of_flight.values():
             end_times.append(times[-1])
-    time_axis = TIME_AFTER_TAKE_OFF._replace(limits=(0.0, max(end_times, default=0.0)))
+    time_axis = TIME_IN_FLIGHT._replace(limits=(0.0, max(end_times, default=0.0)))
     motor_limits = _motor_limits(series.values())
     for title in FLIGHT_SERIES_TITLES:
         lines = []
         for side, series_of_flight in series.items():
             if title in series_of_flight:
                 times, values = series_of_flight[title]
+                if title == HEIGHT:
+                    values = values - values[0]
                 lines.append(Line(names[side], colours[side], times, values))
         if lines:
             limits = motor_limits if title in MOTOR_OUTPUTS else None
-            axis = Axis(title[0].lower() + title[1:], limits=limits)
-            yield Chart(title, time_axis, axis, tuple(lines), group="flights")
+            chart_title = HEIGHT_ABOVE_START if title == HEIGHT else title
+            axis = Axis(chart_title[0].lower() + chart_title[1:], limits=limits)
+            yield Chart(chart_title, time_axis, axis, tuple(lines), group="flights")
 
 
 def _motor_limits(flights: Iterable[FlightSeries]) -> tuple[float, float] | None:
@@ -279,7 +287,7 @@ def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:
     thinned_by_title = {}
     for title, (times, values) in series.items():
         # Charts can thin their lines, so that each series is made a chart for this.
-        chart = Chart(title, TIME_AFTER_TAKE_OFF, Axis(title), (Line("", "", times, values),))
+        chart = Chart(title, TIME_IN_FLIGHT, Axis(title), (Line("", "", times, values),))
         (line,) = chart.thinned(max_points).lines
         thinned_by_title[title] = np.array([line.x, line.y])
     return thinned_by_title

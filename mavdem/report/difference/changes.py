@@ -155,17 +155,53 @@ def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
     """Returns the tested quantities whose change is doubtful, the most certain first.
 
     A change is doubtful if the quantity's own interval excludes "no change", but the test of all quantities together
-    does not confirm it. A change of a motor's quantity is left out if the judgement of the motors has decided already
-    whether that motor is weak.
+    does not confirm it. The evidence of a weak motor is left out, since the sentence on that motor quotes it.
 
     Args:
         reviewed: comparison of two states.
     """
     doubtful = []
     for change in reviewed.difference.tested:
-        if change.is_doubtful and not reviewed.motors.takes_precedence_over(change):
+        if change.is_doubtful and change not in reviewed.motors.evidence:
             doubtful.append(change)
     return sorted(doubtful, key=lambda change: change.p)
+
+
+def largest_of_first_kind(changes: Sequence[QuantityChange]) -> QuantityChange | None:
+    """Returns the change that a headline names: the largest of those of the same kind as the first, such as trims.
+
+    Changes of different kinds, such as a trim and a phase margin, have no common scale.
+
+    Args:
+        changes: changed quantities, the most relevant first.
+
+    Returns:
+        The change; None without any.
+    """
+    if not changes:
+        return None
+    of_first_kind = [
+        change for change in changes if change.quantity.kind == changes[0].quantity.kind
+    ]
+    return max(of_first_kind, key=lambda change: abs(change.tested_difference))
+
+
+def fault_probability_beside_doubtful_trims(
+    reviewed: ReviewedDifference, doubtful: Iterable[QuantityChange]
+) -> float | None:
+    """Returns the probability of a weak motor by all trims together, where single trims are doubtful.
+
+    Args:
+        reviewed: comparison of two states, with the judgement of their motors.
+        doubtful: the doubtful changes.
+
+    Returns:
+        The probability. None if no trim is doubtful, if a motor is known to be weak, or if the motors were not judged.
+    """
+    are_trims_doubtful = any(change.quantity.kind == SHARE for change in doubtful)
+    if are_trims_doubtful and not reviewed.motors.is_weak:
+        return reviewed.motors.fault_probability
+    return None
 
 
 def result_sentences(
@@ -176,7 +212,7 @@ def result_sentences(
 ) -> list[Sentence]:
     """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
 
-    The most certain of the doubtful changes is named after it or, if nothing changed for sure, in its place. If there
+    The largest of the doubtful changes is named after it or, if nothing changed for sure, in its place. If there
     is no doubtful change either, the sentence says how many figures were compared, and how many are too uncertain.
 
     Args:
@@ -188,13 +224,14 @@ def result_sentences(
     difference = reviewed.difference
     unexplained_changes, changes_by_gains = changes_by_cause(difference, changes)
     doubtful = doubtful_changes(reviewed)
-    # The sentence names the first of these, and says how many others there are. Doubtful changes take the place of
+    # The sentence names one of these, and says how many others there are. Doubtful changes take the place of
     # confirmed ones if there are none.
     candidates = unexplained_changes or doubtful
-    main_change = candidates[0] if candidates else None
+    main_change = largest_of_first_kind(candidates)
+    largest_doubtful = largest_of_first_kind(doubtful)
     doubtful_text = ""
-    if unexplained_changes and doubtful:
-        doubtful_text = change_text(doubtful[0], difference)
+    if unexplained_changes and largest_doubtful is not None:
+        doubtful_text = change_text(largest_doubtful, difference)
     # Outcomes of all figures, and of those for which it was tested whether they changed. The evidence of a weak motor
     # has a sentence of its own.
     evidence = reviewed.motors.evidence
@@ -208,6 +245,8 @@ def result_sentences(
         further_count=len(candidates) - 1,
         is_doubtful=not unexplained_changes,
         doubtful=doubtful_text,
+        fault_rise=FAULT_RISE,
+        fault_probability=fault_probability_beside_doubtful_trims(reviewed, doubtful),
         p=None if main_change is None else main_change.p,
         tested_count=len(difference.tested),
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
@@ -265,7 +304,7 @@ def change_sentences(
         difference, changes_by_relevance(difference, without=motors.evidence)
     )
     texts_above = " ".join(sentence.text for sentence in headline)
-    # The headline names the first change, and how many others there are.
+    # The headline names one change, and how many others there are.
     texts_of_changes = [change_text(change, difference) for change in unexplained_changes]
     further_texts = [text for text in texts_of_changes if text not in texts_above]
     texts_by_gains = [change_text(change, difference) for change in by_gains]
@@ -286,12 +325,10 @@ def change_sentences(
         smallest_p = min(p_values_of_doubtful)
         # Probability that at least one of so many independent quantities has such a p-value by chance.
         chance_of_any = 1 - (1 - smallest_p) ** len(tested_changes)
-    # All trims together give the probability of a weak motor. It is stated if they show none, but single ones are
-    # doubtful.
+    # The headline has the probability of a weak motor if it names a doubtful change.
     fault_probability = None
-    are_trims_doubtful = any(change.quantity.kind == SHARE for change in doubtful)
-    if are_trims_doubtful and not motors.is_weak:
-        fault_probability = motors.fault_probability
+    if not doubtful_changes(reviewed):
+        fault_probability = fault_probability_beside_doubtful_trims(reviewed, doubtful)
     return render_section(
         "difference_changes",
         changed=further_texts,

@@ -62,7 +62,11 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
     unexplained_changes = changes_by_cause(difference, changes).unexplained
     if unexplained_changes:
         return _step_of_unexplained_changes(unexplained_changes, difference)
-    doubtful = doubtful_changes(reviewed)
+    # All trims together decide whether a motor is weak, which a doubtful trim then does not.
+    doubtful = []
+    for change in doubtful_changes(reviewed):
+        if not reviewed.motors.takes_precedence_over(change):
+            doubtful.append(change)
     if not doubtful:
         return []
     motor = ""

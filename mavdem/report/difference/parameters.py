@@ -33,6 +33,8 @@ def parameter_sentences(
         sides_without_parameters=reviewed.sides_without_parameters,
         changed_count=len(reviewed.parameters),
         compared_count=reviewed.compared_parameter_count,
+        common_count=reviewed.common_parameter_count,
+        autopilot_count=len(reviewed.parameters_set_by_autopilot),
         has_two_autopilots=reviewed.has_two_autopilots,
         are_of_control=reviewed.has_only_control_parameters,
         tracked_sides=reviewed.tracked_sides,

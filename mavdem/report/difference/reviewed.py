@@ -11,6 +11,7 @@ from mavdem.fleet.parameter_changes import (
     RenamedGain,
     changed_parameters,
     compared_parameters,
+    parameters_changed_by_autopilot,
     renamed_gain,
     states_without_gains,
 )
@@ -54,6 +55,12 @@ class ReviewedDifference(NamedTuple):
 
     compared_parameter_count: int = 0
     """Number of parameters that both sides have, and that the autopilot does not set by itself."""
+
+    common_parameter_count: int = 0
+    """Number of all parameters that both sides have."""
+
+    parameters_set_by_autopilot: Sequence[ParameterChange] = ()
+    """Parameters that the autopilot itself set to other values, such as the learned throttle of hover."""
 
     renamed_gain: RenamedGain | None = None
     """A gain of the rate controllers that both sides name differently, so that none of them is compared."""
@@ -109,10 +116,16 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
     # Names that ArduPilot and PX4 have in common by chance, such as RC1_DZ, need not mean the same.
     has_two_autopilots = have_different_autopilots(before.rows, after.rows)
     parameter_changes: list[ParameterChange] = []
-    common_parameters: list[str] = []
+    parameters_to_compare: list[str] = []
+    common_parameter_count = 0
+    parameters_set_by_autopilot: list[ParameterChange] = []
     if not has_two_autopilots:
         parameter_changes = changed_parameters(before.parameters, after.parameters)
-        common_parameters = compared_parameters(before.parameters, after.parameters)
+        parameters_to_compare = compared_parameters(before.parameters, after.parameters)
+        common_parameter_count = len(before.parameters.keys() & after.parameters.keys())
+        parameters_set_by_autopilot = parameters_changed_by_autopilot(
+            before.parameters, after.parameters
+        )
     # Where gains changed, the figures of their loops are expected to change too, which is no sign of a fault.
     difference = vehicle_difference(before.rows, after.rows, parameter_changes)
     name_before, name_after = STATE_NAMES
@@ -121,15 +134,19 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
         name_before: review_with_compared_motors(before.review, before.rows),
         name_after: review_with_compared_motors(after.review, after.rows),
     }
-    return reviewed_difference(
+    reviewed = reviewed_difference(
         difference,
         reviews,
         parameters=parameter_changes,
         # The next ones say which parameters could be compared at all, since logs need not hold all of them.
         sides_without_parameters=states_without_gains(before.parameters, after.parameters),
-        compared_parameter_count=len(common_parameters),
+        compared_parameter_count=len(parameters_to_compare),
         renamed_gain=renamed_gain(before.parameters, after.parameters),
         has_two_autopilots=has_two_autopilots,
+    )
+    return reviewed._replace(
+        common_parameter_count=common_parameter_count,
+        parameters_set_by_autopilot=parameters_set_by_autopilot,
     )
 
 

@@ -12,6 +12,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.report_columns import value_at
 from mavdem.loops.axis_loops import LOOP_NAMES
@@ -84,8 +85,8 @@ leaves that out. The bars include how much flights of one vehicle usually differ
 """What stands below the chart of trims."""
 
 MOTORS_CAPTION = f"""\
-Means over {MEAN_SECONDS:g} s, all on one scale. The charts begin at take-off; times in tables and sentences are since \
-the autopilot's boot."""
+Means over {MEAN_SECONDS:g} s, all on one scale. The charts begin at take-off, or \
+where the log begins if the vehicle is in the air then; times in tables and sentences are since the autopilot's boot."""
 """What stands below the charts of the motors' outputs."""
 
 CHARTS_IN_ROW = 2
@@ -245,6 +246,7 @@ def _chapters(
         *later_chapters,
         margins._replace(folded=True),
         _parameter_chapter(reviewed),
+        _autopilot_parameter_chapter(reviewed),
         _single_side_chapter(series_charts),
         Chapter("In words", all_sentences, folded=True),
     ]
@@ -580,9 +582,7 @@ def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
     Args:
         reviewed: comparison of both flights, with the changed parameters.
     """
-    rows = []
-    for name, value_before, value_after in reviewed.parameters[:MAX_LISTED_PARAMETERS]:
-        rows.append([name, parameter_value_text(value_before), parameter_value_text(value_after)])
+    rows = _parameter_rows(reviewed.parameters)
     changed_count = len(reviewed.parameters)
     header = f"{changed_count} of {counted(reviewed.compared_parameter_count, 'parameter')} changed"
     if changed_count > len(rows):
@@ -590,6 +590,25 @@ def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
     return _table_chapter("Parameters", header, rows)._replace(
         folded=changed_count > MAX_OPEN_PARAMETERS
     )
+
+
+def _autopilot_parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
+    """Returns the folded chapter on parameters that the autopilot itself set to other values; empty if there are none.
+
+    Args:
+        reviewed: comparison of both flights, with these parameters.
+    """
+    title = f"Set by the autopilot: {len(reviewed.parameters_set_by_autopilot)}"
+    rows = _parameter_rows(reviewed.parameters_set_by_autopilot)
+    return _table_chapter(title, "learned, calibrated or counted", rows)._replace(folded=True)
+
+
+def _parameter_rows(parameters: Sequence[ParameterChange]) -> list[list[str]]:
+    """Returns the name and both values of each changed parameter, of at most ``MAX_LISTED_PARAMETERS``."""
+    rows = []
+    for name, value_before, value_after in parameters[:MAX_LISTED_PARAMETERS]:
+        rows.append([name, parameter_value_text(value_before), parameter_value_text(value_after)])
+    return rows
 
 
 def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:

@@ -11,6 +11,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.report.charts.chart import Group, Line, over_time
 from mavdem.report.charts.comparison_charts import (
     FLIGHT_SERIES_TITLES,
+    HEIGHT,
     MEAN_MOTOR_OUTPUT,
     MEAN_SECONDS,
     MOTOR_OUTPUTS,
@@ -33,6 +34,18 @@ def test_a_flight_that_began_before_the_record_is_drawn_from_its_beginning_on():
     for times, values in series.values():
         assert np.isfinite(values).all()
         assert 0.0 <= times[0] < 1.0
+
+
+def test_heights_of_both_flights_begin_at_zero():
+    """Logs have heights above different points, such as one that begins in the air 12 m above its home."""
+    times = np.array([0.0, 1.0])
+    flights = {
+        "A": {HEIGHT: np.array([times, [12.0, 13.0]])},
+        "B": {HEIGHT: np.array([times, [0.0, 2.0]])},
+    }
+    colours = {"A": "#1f7ad6", "B": "#dd5a2f"}
+    [chart] = flight_series_charts(flights, {"A": "A", "B": "B"}, colours)
+    assert [line.y.tolist() for line in chart.lines] == [[0.0, 1.0], [0.0, 2.0]]
 
 
 def test_the_error_of_an_angle_is_drawn_only_where_its_setpoint_was_recorded():
