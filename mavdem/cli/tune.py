@@ -24,17 +24,17 @@ from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
-from mavdem.report.blocks import Blocks, Sentence, headline_sentence
+from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.loops import (
     field_sentences,
-    is_about_loops,
     measured_margins,
     thrust_sentences,
     tune_blocks,
+    tune_summary,
+    tuning_result,
 )
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.screen import flight_sentences, judgement_sentences
-from mavdem.report.templates import headline
 
 PAGE_FILE = "tune.html"
 """Name of the page with the loops and the advised gains."""
@@ -165,7 +165,7 @@ def _write_tuning(
 def _print_tuning(
     tuning: Tuning, assessment: Assessment, folder: Path | None, *, verbose: bool
 ) -> None:
-    """Prints margins and gains, with the headline and the next step of the flight if they matter for the gains.
+    """Prints the result of the tuning and the next step, as its page has them, and then margins and gains.
 
     Args:
         tuning: The gains to set, and the judgement of the flight.
@@ -173,26 +173,18 @@ def _print_tuning(
         folder: Folder that the page was written to, if it was.
         verbose: Whether to print all margins, and the status lights (a level for each part of the vehicle) that warn.
     """
-    judgement = tuning.judgement
     light_sentences: list[Sentence] = []
     if verbose:
-        light_sentences = judgement_sentences(judgement).lights
-    # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
-    # fly. A headline about the loops is left out, because the blocks on the gains say the same.
-    must_not_fly = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
-    blocks: Blocks = [*flight_sentences(assessment, has_headline_above=False)]
-    headline_above = ""
-    if must_not_fly:
-        headline_above = str(judgement.headline)
-        blocks.append(headline_sentence(headline(judgement.headline)))
-    blocks += tune_blocks(tuning, is_full=verbose, headline_above=headline_above)
+        light_sentences = judgement_sentences(tuning.judgement).lights
+    result = tuning_result(tuning)
+    blocks: Blocks = [*tune_summary(tuning, result)]
+    blocks += flight_sentences(assessment, has_headline_above=False)
+    blocks += tune_blocks(tuning, is_full=verbose, headline_above=str(result))
     blocks += measured_margins(tuning, assessment.margins)
     blocks += thrust_sentences(tuning)
     blocks += field_sentences(tuning)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
-    if must_not_fly or tuning.refusal or is_about_loops(judgement.next_step, judgement):
-        blocks.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:
         blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
     # A screen shortens its summary, but never its footer, so that all blocks are given as the footer.

@@ -82,8 +82,8 @@ def has_rate_feedforward(
 ) -> bool:
     """Returns whether the autopilot adds the derivative of the angle's setpoint to the setpoint of the body rate.
 
-    A parameter of ArduPilot says so. PX4 has no such parameter, and may do it for yaw only: there the recorded
-    setpoints decide.
+    A parameter of ArduPilot says so. Without it the recorded setpoints decide, except for roll and pitch of PX4, which
+    feeds forward yaw only.
 
     Args:
         signals: logged time series of the axis, with its setpoints.
@@ -91,12 +91,13 @@ def has_rate_feedforward(
         controller: controller of the axis; None if it is not known.
 
     Returns:
-        False also for a PX4 vehicle of which a setpoint was not recorded.
+        False also for a vehicle without the parameter of which a setpoint was not recorded.
     """
-    if signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER):
-        return True
-    is_px4_yaw = signals.telemetry.autopilot == "PX4" and signals.axis == "yaw"
-    if not is_px4_yaw or controller is None:
+    logged_switch = signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER)
+    if logged_switch is not None:
+        return bool(logged_switch)
+    is_px4_tilt = signals.telemetry.autopilot == "PX4" and signals.axis != "yaw"
+    if is_px4_tilt or controller is None:
         return False
     setpoint_parts = _recorded_setpoint_parts(signals, segments, controller.angle_gain)
     return setpoint_parts is not None and setpoint_parts.has_feedforward

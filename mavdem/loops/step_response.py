@@ -197,8 +197,8 @@ class StepResponse(ImmutableResult):
 
         Returns:
             Which of the three holds, as a fact: they agree, the prediction is in doubt, or the measurement is. Its
-            figures are the share of the frequencies at which they disagree, and the frequency of the predicted peak,
-            Hz.
+            figures are the share of the frequencies at which they disagree, the frequency of the predicted peak, Hz,
+            and whether the step is of the identified loop, so that only the gain is measured.
         """
         subject = f"{self.axis} {self.loop}"
         predicted_gain = abs(predicted)
@@ -223,6 +223,7 @@ class StepResponse(ImmutableResult):
             share=share,
             frequency=frequency[np.argmax(predicted_gain)],
             highest=self.max_frequency,
+            is_identified=self.is_identified,
         )
 
 

@@ -1,6 +1,7 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+from enum import StrEnum
 from math import nan
 from operator import attrgetter
 from typing import NamedTuple
@@ -24,12 +25,12 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
 from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis
 from mavdem.loops.filters import gyro_delay, gyro_filters
-from mavdem.loops.gain_design import EFFECTIVENESS_FACTORS, MAX_GAIN_STEP
+from mavdem.loops.gain_design import EFFECTIVENESS_FACTORS, MAX_GAIN_STEP, SURE_SHARE
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.numbers import UNKNOWN_FIGURE, listed, rounded
-from mavdem.report.templates import render_section, sentences_by_axes
+from mavdem.report.templates import headline, render_section, sentences_by_axes
 
 
 class LoopFigure(NamedTuple):
@@ -69,6 +70,69 @@ TRIED_HEADER = "tried, not to be loaded"
 
 REASONS_FOR_GAINS = (GainFact.STEP_BOUND, GainFact.INTEGRAL_FALLS)
 """Notes on gains that say why they are no others; they stand beside the gains. The remaining ones are details."""
+
+
+class GainOutcome(StrEnum):
+    """What becomes of the gains of an axis, as the headline of a tuning says it; in the order of the headline."""
+
+    NEW = "new"
+    """New gains are advised."""
+    KEEP = "keep"
+    """The loops have their margins, and the gains stay."""
+    KEEP_UNSURE = "keep_unsure"
+    """The gains stay, but too few models of the vehicle have the margins to be sure of them."""
+    FLY_FIRST = "fly_first"
+    """Other gains were tried, and another flight is to confirm them before they are loaded."""
+    DOUBTFUL = "doubtful"
+    """The margins of the identified loop may be wrong, and no gains are advised."""
+    UNKNOWN = "unknown"
+    """No loop was identified."""
+
+
+def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
+    """Returns the sentences that begin the report and the page of ``mavdem tune``: the result, and what to do next.
+
+    A result about the control loops, or a bad one, is the headline. Otherwise the headline says for each axis what
+    becomes of its gains, and the result, which is about something else in the flight, follows.
+
+    Args:
+        tuning: the advice for each axis, with the judgement of the flight.
+        result: the most important result (:func:`tuning_result`).
+    """
+    judgement = tuning.judgement
+    next_step = Sentence(str(judgement.next_step), "Next:")
+    is_about_gains = result is not judgement.headline or is_about_loops(result, judgement)
+    if is_about_gains or result.is_bad:
+        return [headline_sentence(headline(result)), next_step]
+    axes_by_outcome = group_by(tuning.axes, lambda axis: _gain_outcome(tuning, axis))
+    headline_on_gains = render_section(
+        "tune_axes",
+        axes=[*tuning.axes],
+        axes_by_outcome=axes_by_outcome,
+        outcomes=[*GainOutcome],
+        has_reliable_margins=not axes_by_outcome.keys()
+        <= {GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN},
+    )
+    return [*headline_on_gains, Sentence(headline(result), "The flight:"), next_step]
+
+
+def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
+    """Returns what becomes of the gains of one axis.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact that says why its loop is not known.
+        axis: "roll", "pitch" or "yaw".
+    """
+    advice = tuning.axes[axis]
+    if isinstance(advice, Fact):
+        return GainOutcome.UNKNOWN
+    if _has_doubtful_margins(tuning, axis):
+        return GainOutcome.DOUBTFUL
+    if advice.parameters:
+        return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
+    if advice.rating.is_good or advice.sure >= SURE_SHARE:
+        return GainOutcome.KEEP
+    return GainOutcome.KEEP_UNSURE
 
 
 def tune_blocks(
@@ -310,10 +374,10 @@ def field_sentences(tuning: Tuning) -> list[Sentence]:
             keeps_gains = advice.conclusion.code is GainFact.KEEP_GAINS
             if keeps_gains and advice.rating.is_good:
                 finished_axes.append(axis)
-    has_sound_gains = any(advice.gains and advice.is_sound for advice in tuning.advice)
+    has_new_gains = any(advice.parameters and advice.is_sound for advice in tuning.advice)
     return render_section(
         "tune_field",
-        has_new_gains=has_sound_gains,
+        has_new_gains=has_new_gains,
         finished_axes=finished_axes,
         are_all_finished=len(finished_axes) == len(tuning.axes),
     )
@@ -699,13 +763,13 @@ def tuning_result(tuning: Tuning) -> Fact:
     Args:
         tuning: advice for each axis, with the judgement of the flight.
     """
-    headline = tuning.judgement.headline
-    if headline.is_bad or is_about_loops(headline, tuning.judgement):
-        return headline
+    flight_headline = tuning.judgement.headline
+    if flight_headline.is_bad or is_about_loops(flight_headline, tuning.judgement):
+        return flight_headline
     axes_with_room = _axes_with_room_for_gains(tuning)
     if axes_with_room:
         return Fact(GainFact.ROOM_FOR_GAINS, names=axes_with_room)
-    return _worst_rating(tuning) or headline
+    return _worst_rating(tuning) or flight_headline
 
 
 def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:

@@ -32,6 +32,11 @@ ARDUPILOT_ATTENUATION = 40.0
 """Attenuation of a notch, dB: the default of ``INS_HNTCH_ATT``."""
 DEFAULT_HOVER_THROTTLE = 0.35
 """``MOT_THST_HOVER`` where the log has none: ArduCopter's default."""
+HIGHEST_ROTOR_FREQUENCY = 200.0
+"""Frequency, Hz, that rotors of most multirotors do not exceed in hover: those with 5-inch propellers come near it.
+
+ArduPilot's default of ``INS_HNTCH_FREQ``, 80 Hz, is for larger propellers.
+"""
 LINE_BAND = (0.75, 1.35)
 """Lowest and highest frequency whose power counts as the line's, relative to the line's frequency: a choice."""
 
@@ -63,9 +68,16 @@ def notch_advice(
     """
     spectrum = unfiltered or filtered
     lines_to_filter = [line for line in lines if line.cause in (LineCause.MOTOR, LineCause.FRAME)]
-    if spectrum is not None and spectrum.nyquist_frequency <= MAX_LOOP_FREQUENCY:
-        return Fact(NotchAdvice.SPECTRUM_BELOW_MOTORS, highest=spectrum.nyquist_frequency)
-    if spectrum is None or not lines_to_filter:
+    if spectrum is None:
+        return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
+    shows_only_loops = spectrum.nyquist_frequency <= MAX_LOOP_FREQUENCY
+    if shows_only_loops or not (lines_to_filter or _reaches_motors(spectrum)):
+        return Fact(
+            NotchAdvice.SPECTRUM_BELOW_MOTORS,
+            highest=spectrum.nyquist_frequency,
+            rotor_frequency=_rotor_frequency(spectrum),
+        )
+    if not lines_to_filter:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
     strongest_line = max(lines_to_filter, key=lambda line: line.density)
     frequency = strongest_line.frequency
@@ -93,6 +105,28 @@ def notch_advice(
         crossover=crossover,
         settings=tuple(notch.settings.items()),
     )
+
+
+def _reaches_motors(spectrum: Spectrum) -> bool:
+    """Returns whether a spectrum reaches the frequency at which the motors turn, so that it would show their line.
+
+    Where their speed was not logged, it must reach the highest one of usual multirotors (``HIGHEST_ROTOR_FREQUENCY``).
+
+    Args:
+        spectrum: spectrum of the gyro, with the motors' speed in each window if it was logged.
+    """
+    rotor_frequency = _rotor_frequency(spectrum)
+    if rotor_frequency is None:
+        rotor_frequency = HIGHEST_ROTOR_FREQUENCY
+    return rotor_frequency <= spectrum.nyquist_frequency
+
+
+def _rotor_frequency(spectrum: Spectrum) -> float | None:
+    """Returns the median frequency at which the motors turn, Hz; ``None`` if no window has their logged speed."""
+    logged_speeds = spectrum.motor_speed[np.isfinite(spectrum.motor_speed)]
+    if not logged_speeds.size:
+        return None
+    return float(np.median(logged_speeds))
 
 
 def _phase_cost(

@@ -33,13 +33,14 @@ def flight_by_yaw(*, with_feedforward):
     return changed(telemetry, "ATTITUDE_TARGET", **target)
 
 
+@mark.parametrize("autopilot", ["PX4", "ARDUPILOTMEGA"])
 @mark.parametrize("with_feedforward", [False, True])
-def test_the_feedforward_of_yaw_shows_in_the_rate_setpoint_of_px4(with_feedforward):
-    telemetry = replace(flight_by_yaw(with_feedforward=with_feedforward), autopilot="PX4")
+def test_without_a_parameter_feedforward_shows_in_the_rate_setpoint(with_feedforward, autopilot):
+    telemetry = replace(flight_by_yaw(with_feedforward=with_feedforward), autopilot=autopilot)
     signals = Signals(telemetry).for_axis("yaw")
     segments = settled_flight(signals)
     assert has_rate_feedforward(signals, segments, CONTROLLER) is with_feedforward
-    # Roll is never fed forward, and without a controller the angle's gain is not known.
+    # Roll does not follow its setpoint here, and without a controller the angle's gain is not known.
     assert not has_rate_feedforward(signals.for_axis("roll"), segments, CONTROLLER)
     assert not has_rate_feedforward(signals, segments, None)
 

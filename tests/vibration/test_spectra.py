@@ -201,12 +201,27 @@ def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
     assert slow.code is NotchAdvice.NOTCH_NOT_NEEDED
 
 
-def test_a_spectrum_that_ends_below_the_motors_is_no_reason_against_a_notch():
+@mark.parametrize(("stride", "nyquist"), [(20, 25.0), (5, 100.0)])
+def test_a_spectrum_that_may_end_below_the_motors_is_no_reason_against_a_notch(stride, nyquist):
     telemetry = shaken()
-    gyro = {name: values[::20] for name, values in telemetry.messages["GYRO_BEFORE"].items()}
+    gyro = {name: values[::stride] for name, values in telemetry.messages["GYRO_BEFORE"].items()}
     fact, _ = advice(changed(telemetry, "GYRO_BEFORE", **gyro))
     assert fact.code is NotchAdvice.SPECTRUM_BELOW_MOTORS
-    assert fact.figures["highest"] == approx(25.0, rel=0.02)
+    assert fact.figures["highest"] == approx(nyquist, rel=0.02)
+
+
+def test_a_spectrum_beyond_the_logged_speed_of_the_motors_shows_that_no_notch_is_needed():
+    telemetry = shaken()
+    gyro = {name: values[::5] for name, values in telemetry.messages["GYRO_BEFORE"].items()}
+    telemetry = changed(telemetry, "GYRO_BEFORE", **gyro)
+    time = HOVER.stamps(10.0)
+    for rotor_frequency, expected in (
+        (70.0, NotchAdvice.NO_LINE_TO_REMOVE),
+        (130.0, NotchAdvice.SPECTRUM_BELOW_MOTORS),
+    ):
+        speed = np.full(len(time), 60 * rotor_frequency)
+        fact, _ = advice(changed(telemetry, "ESC", **columns(time, Instance=0, RPM=speed)))
+        assert fact.code is expected
 
 
 @mark.parametrize("seed", range(5))

@@ -121,11 +121,7 @@ def responses_chapter(
                 figures = [_step_figure_text(measured_response, key) for key in STEP_FIGURES]
                 rows.append([row_name, *figures])
             if response.compared is not None and not response.compared.is_good:
-                is_step_identified = (
-                    isinstance(measured_response, StepResponse) and measured_response.is_identified
-                )
-                doubt = response.compared.replace(is_identified=is_step_identified)
-                doubts.append(caution(doubt))
+                doubts.append(caution(response.compared))
     blocks = Blocks()
     if rows:
         headers = [figure.header for figure in STEP_FIGURES.values()]

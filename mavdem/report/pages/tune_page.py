@@ -21,7 +21,7 @@ from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.loops.gain_design import logged_gains
 from mavdem.loops.resonance import controller_if_known
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
+from mavdem.report.blocks import Blocks, Table
 from mavdem.report.charts.chart import Chart, Group, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
@@ -29,11 +29,11 @@ from mavdem.report.gain_changes import GainChanges, gain_changes
 from mavdem.report.loops import (
     compared_loops,
     field_sentences,
-    is_about_loops,
     measured_margins,
     thrust_sentences,
     tune_blocks,
     tune_details,
+    tune_summary,
     tuning_result,
 )
 from mavdem.report.pages.loop_chapters import feedforward_remark
@@ -41,7 +41,7 @@ from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
-from mavdem.report.templates import headline, render_section, sentences_by_axes
+from mavdem.report.templates import sentences_by_axes
 
 SUBTITLE = "Margins of the loops, and the advice on their gains. Nothing was sent to the vehicle."
 """What stands below the title."""
@@ -95,28 +95,12 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         gyro._replace(title="Gyro noise and filters", folded=True),
         Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
     ]
-    summary = _summary(tuning, result)
+    summary = tune_summary(tuning, result)
+    summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
     # The row of status lights (judgements of motors, power and others) is left out: this page is about the loops only.
     head = Head(result.level, lights={}, changes=_changes_to_load(name, tuning, evidence))
     return render_document(name, SUBTITLE, summary, chapters, head=head)
-
-
-def _summary(tuning: Tuning, result: Fact) -> Blocks:
-    """Returns the sentences at the top of the page: the result of the tuning, what to do next, and when it is done.
-
-    Args:
-        tuning: the advice for each axis, with the judgement of the flight.
-        result: the most important result, which is about the loops or, if it hinders tuning, about something else.
-    """
-    judgement = tuning.judgement
-    next_step = Sentence(str(judgement.next_step), "Next:")
-    is_about_gains = result is not judgement.headline or is_about_loops(result, judgement)
-    if is_about_gains or result.is_bad:
-        return [headline_sentence(headline(result)), next_step, *field_sentences(tuning)]
-    # The page is about gains: why there are none comes first, then what else the flight shows.
-    (why_no_gains,) = render_section("tune_withheld", axes=[*tuning.axes])
-    return [why_no_gains, Sentence(headline(result), "The flight:"), next_step]
 
 
 def _changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChanges | None:
@@ -217,7 +201,8 @@ def _step_panels(
 ) -> dict[str, Sequence[Panel]]:
     """Returns the charts of the step responses of one axis, by loop: "rate" and "attitude".
 
-    A loop without a measured response and without an identified model has no chart.
+    A loop without a measured response and without an identified model has no chart. Where the measurement contradicts
+    the prediction, a rate loop also has the chart of its gain, measured and predicted.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -232,7 +217,8 @@ def _step_panels(
         if response is not None and isinstance(response.measured, StepResponse):
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
-            charts = step_charts(response_of_loop, advised, has_gain=False)
+            is_contradicted = response.compared is not None and not response.compared.is_good
+            charts = step_charts(response_of_loop, advised, has_gain=is_contradicted)
             panels[loop_name] = charts[axis]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
