@@ -282,7 +282,7 @@ class SegmentJudge:
         if (quality.duration or 0.0) < MIN_SEGMENT_DURATION:
             return self.slow_or_short(self.log_quality, quality.duration)
         for check in (
-            self._too_slow,
+            self._too_slow_for_model,
             self._repeated_values,
             self._constant_or_rounded_outputs,
             self._inconsistent_rates,
@@ -300,7 +300,7 @@ class SegmentJudge:
             quality: quality of the log.
             duration: Duration, s, of its longest segment, if it has one.
         """
-        too_slow = self._too_slow(quality)
+        too_slow = self._too_slow_for_model(quality)
         if too_slow is not None:
             return too_slow
         is_logged_on_board = self.signals.telemetry.translated_from in LOGGERS
@@ -312,11 +312,23 @@ class SegmentJudge:
             recorder="logger" if is_logged_on_board else "link",
         )
 
-    def _too_slow(self, quality: QualityFigures) -> Fact | None:
-        """Checks that attitude and model inputs come at the rate that a model needs.
+    def _too_slow_for_model(self, quality: QualityFigures) -> Fact | None:
+        """Checks that attitude and model inputs come at the rate that the model to be learned needs.
+
+        Args:
+            quality: quality of the segment, with the rates of both streams.
+
+        Returns:
+            The reason to refuse the segment; None if both are fast enough.
+        """
+        return self._too_slow(quality, self.min_rate)
+
+    def _too_slow(self, quality: QualityFigures, min_rate: float) -> Fact | None:
+        """Checks that attitude and model inputs come at some least rate.
 
         Args:
             quality: quality of the segment, with the rates of both streams, Hz; a missing rate counts as 0.
+            min_rate: rate that each stream needs, Hz.
 
         Returns:
             The reason to refuse the segment, with a remedy that raises the rates; None if both are fast enough.
@@ -327,7 +339,7 @@ class SegmentJudge:
             telemetry.name_in_source(self.attitude.message): attitude_rate,
             telemetry.name_in_source(self.inputs.message): quality.motor_rate or 0.0,
         }
-        reason = slow_streams(rates, self.signals.axis, self.min_rate)
+        reason = slow_streams(rates, self.signals.axis, min_rate)
         if reason is None:
             return None
         return reason.replace(remedy=self._remedy_for_slow_streams(attitude_rate))
@@ -415,6 +427,9 @@ class SegmentJudge:
     def _inconsistent_rates(self, quality: QualityFigures) -> Fact | None:
         """Checks that the body rates agree with the angles; otherwise one of the two is wrong.
 
+        Rates and angles of a vehicle that moves are known to disagree in a log that is too slow for a full model, since
+        the motion between two messages is lost. Then the rates of the messages are the reason.
+
         Args:
             quality: quality of the segment, with the ``consistency``: how well the integral of the rate explains the
                 changes of the angle, 1 if fully; None if it was not measured.
@@ -426,6 +441,10 @@ class SegmentJudge:
             return None
         axis = self.signals.axis
         is_still = quality.rate_sd is not None and quality.rate_sd < MAX_STILL_RATE
+        if axis in TILT_AXES and not is_still:
+            slow_streams_reason = self._too_slow(quality, MIN_STREAM_RATE)
+            if slow_streams_reason is not None:
+                return slow_streams_reason
         return Fact(
             NotLearnableReason.RATE_CONTRADICTS_ANGLE,
             axis=axis,

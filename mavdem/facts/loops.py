@@ -78,6 +78,7 @@ class GainFact(Code):
     RATIO_UNUSUAL = "ratio_unusual"
     ANGLE_FOLLOWS = "angle_follows"
     INTEGRAL_FALLS = "integral_falls"
+    ATTITUDE_SLOWER = "attitude_slower"
     STEP_BOUND = "step_bound"
     NO_GAINS_ADVISED = "no_gains_advised"
     GAINS_CHANGED = "gains_changed"

@@ -62,7 +62,7 @@ class GainChanges(NamedTuple):
     """Sentences on how far the gains can be trusted, which stand between the table and the files."""
 
     is_result: bool = False
-    """Whether the gains are the result of the page, which shows their table and folds the cautions."""
+    """Whether the gains are the result of the page, which shows their table; otherwise they are folded."""
 
     @property
     def blocks(self) -> Blocks:

@@ -25,7 +25,12 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
 from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis
 from mavdem.loops.filters import gyro_delay, gyro_filters
-from mavdem.loops.gain_design import EFFECTIVENESS_FACTORS, MAX_GAIN_STEP, SURE_SHARE
+from mavdem.loops.gain_design import (
+    EFFECTIVENESS_FACTORS,
+    MAX_GAIN_STEP,
+    MIN_GAIN_CHANGE,
+    SURE_SHARE,
+)
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
@@ -170,6 +175,8 @@ def tune_blocks(
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
         facts = _facts_on_axis(tuning, axis, has_gains=axis not in axes_with_stated_gains)
+        if len(axes) > 1:
+            facts = [_fact_on_axes(fact, listed(axes)) for fact in facts]
         report = " ".join(str(fact) for fact in facts)
         if headline_above and report.startswith(headline_above):
             # What the report says besides remains.
@@ -466,11 +473,34 @@ def _group_key(tuning: Tuning, axis: str) -> str:
     if isinstance(advice_or_reason, Advice):
         return axis
     report = advice_or_reason.sentence_and_remedy
+    further_remedies = ""
     for remedy in _remedies_besides_tuning(tuning, axis):
         # The reason may state the remedy already.
         if remedy not in report:
-            report += f" {remedy}"
-    return report
+            further_remedies += f" {remedy}"
+    is_axis_replaceable = axis not in _fact_on_axes(advice_or_reason, "").sentence_and_remedy
+    if is_axis_replaceable:
+        # The report on several axes names all of them in the place of this one.
+        report = report.replace(axis, "")
+    return report + further_remedies
+
+
+def _fact_on_axes(fact: Fact, axis_names: str) -> Fact:
+    """Returns a fact on one axis as a fact on several ones.
+
+    Args:
+        fact: a coded finding. The axis is its figure "axis", and that of the facts among its figure "reasons".
+        axis_names: names of all axes, such as "roll and pitch".
+
+    Returns:
+        The fact with these names; unchanged if it has no figure that names the axis.
+    """
+    if "axis" in fact.figures:
+        fact = fact.replace(axis=axis_names)
+    if "reasons" in fact.figures:
+        reasons = fact.figures["reasons"]
+        fact = fact.replace(reasons=tuple(_fact_on_axes(reason, axis_names) for reason in reasons))
+    return fact
 
 
 def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool) -> list[Fact]:
@@ -486,8 +516,9 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool) -> list[Fact]:
 
         - without an identified loop, only the reason for that;
         - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
-        - otherwise the rating of the margins, what to do with the gains, and why the new gains are not other ones. A
-          good rating is left out where the margins may be wrong: the table beside it calls them doubtful.
+        - otherwise the rating of the margins, what to do with the gains, why the new gains are not other ones, and that
+          they make the attitude loop slower if they do. A good rating is left out where the margins may be wrong: the
+          table beside it calls them doubtful.
     """
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
@@ -498,7 +529,33 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool) -> list[Fact]:
     ratings = _rating_unless_contradicted(advice, tuning.judgement.loop_decisions.get(axis))
     if _has_doubtful_margins(tuning, axis):
         ratings = [rating for rating in ratings if not rating.is_good]
-    return [*ratings, *facts_on_gains]
+    return [*ratings, *facts_on_gains, *_slower_attitude(advice)]
+
+
+def _slower_attitude(advice: Advice) -> list[Fact]:
+    """Returns the fact that with the new gains the angle follows its setpoint more slowly, by the predicted steps.
+
+    Higher gains of the rate may have that effect: with less of the integral term the angle overshoots less.
+
+    Args:
+        advice: advice on the gains of an axis.
+
+    Returns:
+        A list with the fact; empty if no gains change, or if the rise time grows by less than ``MIN_GAIN_CHANGE``, a
+        factor within what batteries and weather do to a loop.
+    """
+    if not advice.parameters:
+        return []
+    duration = STEP_SECONDS["attitude"]
+    step_now = predicted_step(advice.before.attitude, duration)
+    new_step = predicted_step(advice.after.attitude, duration)
+    if step_now is None or new_step is None:
+        return []
+    rise_time_now = step_now.rise_time.value
+    new_rise_time = new_step.rise_time.value
+    if new_rise_time < MIN_GAIN_CHANGE * rise_time_now:
+        return []
+    return [Fact(GainFact.ATTITUDE_SLOWER, rise_times=(rise_time_now, new_rise_time))]
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:

@@ -20,6 +20,7 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import LoopFact
+from mavdem.facts.model import NoPhysical
 from mavdem.flight import Flights
 from mavdem.ingest import Log
 from mavdem.loops.axis_loops import Loop
@@ -230,8 +231,11 @@ def _identified_plant(
     # A fit that is not identifiable has the reason as its caution. Without any fit there is only the reason.
     gray_box_reason = fit.caution if isinstance(fit, Physical) else fit.reason
     if closed_loop_reason.code is LoopFact.NO_RATE_SETPOINT and gray_box_reason is not None:
-        # Both reasons are reported. The missing setpoint alone would mislead: on other axes of the same log, without it
-        # too, inputs and outputs may suffice.
+        # The missing setpoint alone would mislead: on other axes of the same log, without it too, inputs and outputs
+        # may suffice.
+        if gray_box_reason.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE:
+            # It has up to four reasons of its own, none of which matters once the setpoint is logged.
+            raise NotLearnable(closed_loop_reason.replace(is_effect_unknown=True))
         raise NotLearnable(LoopFact.NO_LOOP, reasons=(closed_loop_reason, gray_box_reason))
     raise NotLearnable(closed_loop_reason)
 

@@ -602,7 +602,10 @@ def step_chart(title: str, steps: Sequence[Line]) -> Chart:
         steps: responses to a step of 1, all of the same duration.
     """
     setpoint = 1.0
-    chart = Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), levels=(setpoint,))
+    # Charts of steps end at different times, so that each is zoomed by itself: it is a group of its own.
+    chart = Chart(
+        title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), levels=(setpoint,), group=title
+    )
     longest_settling_time = 0.0
     for step in steps:
         last_value = step.y[-1]

@@ -139,13 +139,19 @@ def _gain_chart(title: str, response: LoopResponse, measured_response: StepRespo
             response, and not the reason why there is none.
     """
     lines = tuple(_gain_lines(response, measured_response))
-    return Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, lines, levels=(1.0,))
+    title_of_gain = f"{title}: |T|"
+    return Chart(
+        title_of_gain, FREQUENCY, CLOSED_LOOP_GAIN, lines, levels=(1.0,), group=title_of_gain
+    )
 
 
 def _step_lines(
     response: LoopResponse, measured_response: StepResponse, advised_step: Array | None
 ) -> list[Line]:
     """Returns the lines of the chart of a step response: measured, with the advised gains, and predicted.
+
+    A response that the identified loop predicts with the present gains is dashed and comes last, so that it is seen
+    where it is equal to the solid one with the advised gains.
 
     Args:
         response: the response with its prediction, if the loop is identified.
@@ -154,30 +160,22 @@ def _step_lines(
             if the gains are kept.
     """
     time = measured_response.time
-    # If the messages are too slow to measure a step, the response of the identified loop takes its place. It has the
-    # colour of what that loop predicts.
-    if measured_response.is_identified:
-        step_name, colour, step_style = "identified", PREDICTED, LineStyle.LINE
-    else:
-        # Predictions mostly lie on what was measured, which they would hide.
-        step_name, colour, step_style = "measured", MEASURED, LineStyle.WIDE
-    lines = [
-        Line.with_band(
-            step_name,
-            colour,
-            time,
-            measured_response.step,
-            measured_response.step_half,
-            style=step_style,
+    step = measured_response.step
+    half_width = measured_response.step_half
+    lines = []
+    if not measured_response.is_identified:
+        # Predictions mostly lie on what was measured, which they would hide if it were not wide.
+        lines.append(
+            Line.with_band("measured", MEASURED, time, step, half_width, style=LineStyle.WIDE)
         )
-    ]
     if advised_step is not None:
-        # Beside a solid line of the same loop with the present gains it is dashed, so that both are seen.
-        style = LineStyle.DASHES if measured_response.is_identified else LineStyle.LINE
-        lines.append(Line("new gains", PHYSICAL, time, advised_step, style=style))
-    # The dashed line is drawn over the solid one of the advised gains, so that both are seen where they are equal. A
-    # step of the identified loop is the prediction already.
-    if response.predicted_step is not None and not measured_response.is_identified:
+        lines.append(Line("new gains", PHYSICAL, time, advised_step))
+    if measured_response.is_identified:
+        # The messages are too slow to measure a step: that of the identified loop takes its place.
+        lines.append(
+            Line.with_band("identified", PREDICTED, time, step, half_width, style=LineStyle.DASHES)
+        )
+    elif response.predicted_step is not None:
         predicted_step = response.predicted_step
         lines.append(Line("predicted", PREDICTED, time, predicted_step, style=LineStyle.DASHES))
     return lines
@@ -286,6 +284,7 @@ def _open_loop_gain_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Char
         tuple(loop.line(20 * np.log10(abs(loop.response))) for loop in shown_loops),
         levels=(0.0,),
         marks=tuple(loop.crossover_mark() for loop in shown_loops),
+        group=title,
     )
 
 
@@ -303,6 +302,7 @@ def _open_loop_phase_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Cha
         tuple(loop.line(_unwrapped_phase(loop.response)) for loop in shown_loops),
         levels=(-180.0,),
         marks=tuple(loop.crossover_mark(f"{loop.phase_margin:.0f}°") for loop in shown_loops),
+        group=title,
     )
 
 
@@ -320,6 +320,7 @@ def _sensitivity_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Chart:
         tuple(loop.line(1 / abs(1 + loop.response)) for loop in shown_loops),
         levels=SENSITIVITY_LEVELS,
         marks=tuple(loop.crossover_mark() for loop in shown_loops),
+        group=title,
     )
 
 

@@ -32,6 +32,9 @@ _ELLIPSIS_IN_NAME = re.compile(r"(?<=\w)…(?=\w)")
 _CODE = re.compile("`([^`]*)`")
 """Text between backquotes, such as a command."""
 
+_OPTION = re.compile(r"--[a-z][a-z-]*")
+"""An option of a command, which a browser would break after its hyphens."""
+
 
 def render_page(template: Template, **values: Any) -> str:
     """Renders a template as HTML, in which characters that could disguise text are replaced."""
@@ -87,7 +90,13 @@ def _prose_as_html(text: str) -> Markup:
     has_unpaired_backquote = html.count("`") % 2 == 1
     if has_unpaired_backquote:
         return Markup(html)
-    return Markup(_CODE.sub(r"<code>\1</code>", html))
+
+    def code_with_unbroken_options(match: re.Match[str]) -> str:
+        """Returns a command as code, in which each option stays on a line."""
+        command = _OPTION.sub(r"<span>\g<0></span>", match[1])
+        return f"<code>{command}</code>"
+
+    return Markup(_CODE.sub(code_with_unbroken_options, html))
 
 
 def _css_string(text: str) -> Markup:

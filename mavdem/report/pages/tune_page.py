@@ -57,6 +57,9 @@ COLOUR_MEANINGS = {
 }
 """What the lines of step responses are, by their colours, in the order of the caption."""
 
+GAIN_MEANING = "|T| is the gain of the closed rate loop, shown where flight and prediction differ."
+"""What the caption adds if the gain of a rate loop is drawn, too."""
+
 TRIED_GAINS_MEANING = "Where these were tried and are not to be loaded, the tables say so."
 """What the caption adds if another flight is to confirm some of the advised gains."""
 
@@ -185,6 +188,8 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     steps = advised_steps(responses, tuning.axes)
     panels = {axis: _step_panels(axis, tuning, responses[axis], steps) for axis in tuning.axes}
     caption = _step_caption(panels) + feedforward_remark(responses)
+    if any(_is_contradicted(loops.get("rate")) for loops in responses.values()):
+        caption = f"{caption} {GAIN_MEANING}"
     if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
         caption = f"{caption} {TRIED_GAINS_MEANING}"
     groups = _groups_of_columns(panels, assessment, caption)
@@ -217,13 +222,18 @@ def _step_panels(
         if response is not None and isinstance(response.measured, StepResponse):
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
-            is_contradicted = response.compared is not None and not response.compared.is_good
-            charts = step_charts(response_of_loop, advised, has_gain=is_contradicted)
+            has_gain = _is_contradicted(response)
+            charts = step_charts(response_of_loop, advised, has_gain=has_gain)
             panels[loop_name] = charts[axis]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
             panels[loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     return panels
+
+
+def _is_contradicted(response: LoopResponse | None) -> bool:
+    """Returns whether the measured response of a loop and the predicted one differ; False without one of them."""
+    return response is not None and response.compared is not None and not response.compared.is_good
 
 
 def _reasons_without_response(
