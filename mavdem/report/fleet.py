@@ -23,7 +23,7 @@ from mavdem.fleet.flights import (
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.report.blocks import Rated, Sentence
-from mavdem.report.templates import first_sentence, render_section
+from mavdem.report.templates import bans_first, first_sentence, render_section
 
 ANOMALOUS_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
 """Healths of the motors with which a vehicle needs a look."""
@@ -393,7 +393,7 @@ def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
         steps += [sentence.text for sentence in motor_next_step(anomalous_row)]
     # A dictionary keeps each step once, in order. A log may have no next step.
     distinct_steps = dict.fromkeys(step for step in steps if step)
-    return " ".join(distinct_steps)
+    return " ".join(bans_first(distinct_steps))
 
 
 def motor_next_step(row: FlightRow) -> list[Sentence]:

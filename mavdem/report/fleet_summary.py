@@ -15,7 +15,7 @@ from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Table, truncated
 from mavdem.report.fleet import ANOMALOUS_HEALTHS, vehicle_label
 from mavdem.report.numbers import MAX_LISTED_NAMES, abbreviated_list, listed
-from mavdem.report.templates import as_clause, capitalize_first, render_section
+from mavdem.report.templates import as_clause, bans_first, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
 
 TIER_WORDS = {
@@ -298,8 +298,8 @@ class HealthSummary(NamedTuple):
     """Why the motors of the most urgent vehicle are judged as they are; empty where a list follows that says it."""
 
     next_steps: list[str]
-    """What to do next about each urgent vehicle that the headline names, the most urgent first; of each the label
-    stands before it, unless the fleet has no other vehicle."""
+    """What to do next about each urgent vehicle that the headline names, "Do not fly" first, then the most urgent; of
+    each the label stands before it, unless the fleet has no other vehicle."""
 
 
 def _health_summary(
@@ -346,7 +346,7 @@ def _health_summary(
         healthy_count=len(healthy),
         # A list that follows has the reasons.
         reason="" if lists_follow else _reason_of_most_urgent(urgent),
-        next_steps=next_steps[:MAX_LISTED_NAMES],
+        next_steps=bans_first(next_steps)[:MAX_LISTED_NAMES],
     )
 
 

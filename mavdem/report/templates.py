@@ -61,6 +61,11 @@ BAN = "Do not fly"
 """Beginning of sentences that forbid flight."""
 
 
+def bans_first(steps: Iterable[str]) -> list[str]:
+    """Returns texts on what to do next, with those that forbid flight before all others; otherwise in their order."""
+    return sorted(steps, key=lambda step: BAN not in step)
+
+
 class Medium(NamedTuple):
     """Where sentences are read, which decides how they name what to do."""
 

@@ -251,14 +251,14 @@ class Pages:
                 entry's id.
 
         Returns:
-            The latest earlier flight of the same vehicle without a motor anomaly, by the id of the flight with one;
-            flights for which there is none are left out.
+            A healthy flight of the same vehicle, by the id of the flight with a motor anomaly; flights for which there
+            is none are left out.
         """
         healthy_flights = {}
         for entry in entries:
             if entry.id not in anomalous_rows:
                 continue
-            healthy_entry = self._visible_library.latest_healthy_flight(entry)
+            healthy_entry = self._visible_library.healthy_flight(entry)
             if healthy_entry is not None:
                 healthy_flights[entry.id] = healthy_entry
         return healthy_flights
@@ -301,7 +301,7 @@ class Pages:
             if values["may_read"]:
                 healthy_entry = None
                 if anomaly is not None:
-                    healthy_entry = self._visible_library.latest_healthy_flight(entry)
+                    healthy_entry = self._visible_library.healthy_flight(entry)
                 if anomaly is not None and healthy_entry is not None:
                     link = self._comparison_link(entry, healthy_entry)
                     anomaly = anomaly._replace(comparison=link)
@@ -323,20 +323,22 @@ class Pages:
     def _flights_beside(
         self, entry: LibraryEntry, healthy_entry: LibraryEntry | None
     ) -> JsonValues:
-        """Returns the flights of the same vehicle to which the page of a flight has links.
+        """Returns the other flights to which the page of a flight has links.
 
         Args:
             entry: index entry of the flight.
             healthy_entry: a healthy flight to compare it with; None to compare it with the previous one.
 
         Returns:
-            Values by the names in the template: the ``previous`` flight, and the flights that are ``comparable``.
+            Values by the names in the template: the ``previous`` flight of the vehicle, its flights that are
+            ``comparable``, and those ``of_other_vehicles``.
         """
         previous_entry = self._visible_library.previous_flight(entry)
         suggested_entry = healthy_entry or previous_entry
         return {
             "previous": previous_entry,
             "comparable": self._visible_library.comparable_flights(entry, suggested_entry),
+            "of_other_vehicles": self._visible_library.flights_of_other_vehicles(entry),
         }
 
     def _comparison_link(self, entry: LibraryEntry, earlier_entry: LibraryEntry) -> PageLink:

@@ -23,6 +23,9 @@ MAX_SEARCH_WORDS = 20
 TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
 """A word of a search that compares a property: its name, the operator and the value."""
 
+WORD_PATTERN = re.compile(r'(?:"[^"]*"?|[^\s"])+')
+"""A word of a search; what stands between quotes, such as the name of a vehicle, may contain spaces."""
+
 HALF_TYPED_TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])")
 """Such a word while its value is still to be typed, as ``motors:``."""
 
@@ -149,7 +152,7 @@ def search_condition(text: str) -> SqlCondition:
     """
     # The first condition is always true, so that an empty search is a valid expression.
     conditions = [SqlCondition("1")]
-    for word in text.split()[:MAX_SEARCH_WORDS]:
+    for word in _words(text):
         if _half_typed_name(word):
             # The search goes on while it is typed, and such a word does not limit it yet.
             continue
@@ -202,7 +205,7 @@ def half_typed_terms(text: str) -> list[str]:
         A phrase on each such word, for the user.
     """
     hints = []
-    for word in text.split()[:MAX_SEARCH_WORDS]:
+    for word in _words(text):
         name = _half_typed_name(word)
         if not name:
             continue
@@ -215,6 +218,16 @@ def half_typed_terms(text: str) -> list[str]:
         else:
             hints.append(f"{word} lacks its value")
     return hints
+
+
+def _words(text: str) -> list[str]:
+    """Returns the words of a search, without their quotes: of ``vehicle:"Red quad"`` the one word ``vehicle:Red quad``.
+
+    Args:
+        text: the search; words after the first ``MAX_SEARCH_WORDS`` are left out.
+    """
+    words = [word.replace('"', "") for word in WORD_PATTERN.findall(text)]
+    return [word for word in words if word][:MAX_SEARCH_WORDS]
 
 
 def _half_typed_name(word: str) -> str:
@@ -293,7 +306,7 @@ def _term(word: str) -> _Term | None:
 
 def _terms(text: str) -> Iterator[_Term]:
     """Yields the comparisons among the words of a search."""
-    for word in text.split()[:MAX_SEARCH_WORDS]:
+    for word in _words(text):
         term = _term(word)
         if term is not None:
             yield term
@@ -342,6 +355,9 @@ def _comparison_condition(term: _Term) -> SqlCondition | None:
         if condition is not None:
             return condition
     if column == "vehicle":
+        if term.operator == ":":
+            # A part of the serial number or of the given name is enough.
+            return _contains(f"vehicle || ' ' || {VEHICLE_NAME_SQL}", value)
         is_named = _text_comparison(column, operator)
         has_given_name = _text_comparison(VEHICLE_NAME_SQL, operator)
         return SqlCondition(f"(({is_named})or({has_given_name}))", (value, value))

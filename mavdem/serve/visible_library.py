@@ -12,6 +12,7 @@ from starlette.requests import Request as HttpRequest
 from mavdem.containers import JsonValues
 from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
+from mavdem.facts import Level
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing, Stage
 from mavdem.fleet.names import content_hash
 from mavdem.report.pages.library_page import interface_words
@@ -19,7 +20,7 @@ from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
 from mavdem.serve.compared_motors import entry_beside_fleet
 from mavdem.serve.index import LibraryEntry
-from mavdem.serve.library import Library
+from mavdem.serve.library import FoundEntries, Library
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
 from mavdem.serve.rights import Rights
@@ -28,11 +29,17 @@ from mavdem.serve.search import search_condition
 MAX_SEARCH_LETTERS = 500
 """Letters of a search that are used; further ones are ignored."""
 
-MAX_EARLIER_FLIGHTS = 20
-"""Flights before one with a motor anomaly, among which a sound one to compare it with is looked for: a choice."""
+MAX_FIRST_FLIGHTS = 20
+"""First flights of a vehicle among which a sound one to compare an anomalous flight with is looked for: a choice."""
 
 MAX_COMPARABLE_FLIGHTS = 100
 """Flights that the page of a flight offers to be compared with: a choice, since nobody looks through more."""
+
+COMPARABLE_SQL = "stage = ? and digest != '' and id != ?"
+"""SQL condition of a flight with which another one can be compared: its values are ``Stage.DONE`` and the other's id.
+
+A flight without a digest, whose log the library does not keep, need not have a page.
+"""
 
 
 class SearchResult(NamedTuple):
@@ -131,36 +138,52 @@ class VisibleLibrary:
         Returns:
             The flight; None if none is known.
         """
-        earlier_entries = self._earlier_flights(entry, limit=1)
-        return earlier_entries[0] if earlier_entries else None
+        earlier_flights = self._earlier_flights(entry, limit=1)
+        return earlier_flights.entries[0] if earlier_flights.entries else None
 
-    def _earlier_flights(self, entry: LibraryEntry, limit: int) -> list[LibraryEntry]:
+    def _first_flights(self, entry: LibraryEntry) -> list[LibraryEntry]:
+        """Returns the first flights of the vehicle, as far as they were before this one, in order of date.
+
+        Args:
+            entry: a flight. One without a date, or of an unnamed vehicle, has none before it.
+
+        Returns:
+            Their index entries, at most ``MAX_FIRST_FLIGHTS``.
+        """
+        flight_count = self._earlier_flights(entry, limit=0).total
+        # The latest flight comes first, so that the first ones are at the end.
+        offset = max(0, flight_count - MAX_FIRST_FLIGHTS)
+        first_flights = self._earlier_flights(entry, MAX_FIRST_FLIGHTS, offset)
+        return [*reversed(first_flights.entries)]
+
+    def _earlier_flights(self, entry: LibraryEntry, limit: int, offset: int = 0) -> FoundEntries:
         """Returns earlier flights of the same vehicle by date, the latest first.
 
         Args:
             entry: a flight. If it has no date, or its vehicle is unnamed, no flight is known to be earlier.
             limit: largest number of flights that are returned.
+            offset: number of the latest ones that are skipped.
 
         Returns:
-            Their index entries.
+            Their index entries, and the number of all earlier flights.
         """
         if not entry.date or entry.is_vehicle_unnamed:
-            return []
+            return FoundEntries([], total=0)
         # Copies of the log have the same date, so only an entry with an earlier date is another flight. One without a
         # digest, whose log the library does not keep, need not have a page that can be compared.
         condition = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.date]
-        return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
+        return self.library.find(condition, values, limit, offset, order=ListingOrder.FLIGHT)
 
     def comparable_flights(
         self, entry: LibraryEntry, best_entry: LibraryEntry | None
     ) -> list[LibraryEntry]:
-        """Returns the flights that one can be compared with: other ones of the same vehicle, the best first.
+        """Returns the flights of the same vehicle that one can be compared with, the best first.
 
         Args:
             entry: index entry of the flight.
             best_entry: the flight that it is best compared with: the one before it or, if its motors have an anomaly,
-                the last one before it without. None if there is no such flight.
+                a healthy one. None if there is no such flight.
 
         Returns:
             The best one, then the others by date, the latest first, of which there are at most
@@ -168,7 +191,7 @@ class VisibleLibrary:
         """
         if entry.is_vehicle_unnamed:
             return []
-        condition = "vehicle = ? and stage = ? and digest != '' and id != ?"
+        condition = f"vehicle = ? and {COMPARABLE_SQL}"
         values = [entry.vehicle, Stage.DONE, entry.id]
         others = self.library.find(
             condition, values, MAX_COMPARABLE_FLIGHTS, order=ListingOrder.FLIGHT
@@ -177,11 +200,30 @@ class VisibleLibrary:
             return others
         return [best_entry, *(other for other in others if other.id != best_entry.id)]
 
-    def latest_healthy_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
+    def flights_of_other_vehicles(self, entry: LibraryEntry) -> list[LibraryEntry]:
+        """Returns the flights of other or unknown vehicles that one can be compared with, by date, the latest first.
+
+        Args:
+            entry: index entry of the flight. Where its log does not identify the vehicle, all flights count.
+
+        Returns:
+            Their entries, at most ``MAX_COMPARABLE_FLIGHTS``.
+        """
+        condition = COMPARABLE_SQL
+        values = [Stage.DONE, entry.id]
+        if not entry.is_vehicle_unnamed:
+            condition += " and vehicle != ?"
+            values.append(entry.vehicle)
+        return self.library.find(
+            condition, values, MAX_COMPARABLE_FLIGHTS, order=ListingOrder.FLIGHT
+        ).entries
+
+    def healthy_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
         """Returns the healthy flight with which a flight with a motor anomaly is best compared.
 
-        Of a vehicle with a baseline it is the latest other flight of this; otherwise the latest earlier flight in which
-        the motors had no anomaly, of the last ``MAX_EARLIER_FLIGHTS``.
+        Of a vehicle with a baseline it is the latest other flight of this. Otherwise it is the vehicle's first flight
+        in which the motors had no anomaly and were not bad by the log alone: in later ones a motor may have lost a part
+        of its thrust that was too small to be found.
 
         Args:
             entry: index entry of the given flight.
@@ -194,11 +236,12 @@ class VisibleLibrary:
             for other_entry in self.comparable_flights(entry, best_entry=None):
                 if other_entry.content_hash in baseline:
                     return other_entry
-        earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
-        anomalous_rows = self.library.rows_with_motor_anomaly(earlier_entries)
-        for earlier_entry in earlier_entries:
-            if earlier_entry.id not in anomalous_rows:
-                return earlier_entry
+        first_entries = self._first_flights(entry)
+        anomalous_rows = self.library.rows_with_motor_anomaly(first_entries)
+        for first_entry in first_entries:
+            has_bad_motors = first_entry.motors == Level.BAD
+            if first_entry.id not in anomalous_rows and not has_bad_motors:
+                return first_entry
         return None
 
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:

@@ -341,10 +341,10 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
 
 
 @mark.slow
-def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_one(served):
+def test_a_flight_that_differs_from_the_others_is_compared_with_the_first_sound_one(served):
     """Two flights of a vehicle have a weak motor.
 
-    All pages link from them to the comparison with the last sound flight before.
+    All pages link from them to the comparison with the first sound flight of the vehicle.
     """
     dates = {"first": "19T10", "sound": "20T10", "weak before": "20T11", "weak": "20T12"}
     ids = {}
@@ -352,21 +352,21 @@ def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_o
         ids[name] = served.add(f"{name}.ulg", f"{name}: good.")
         served.library.change(ids[name], date=f"2026-11-{hour}:00:00")
     listed = served.get("/").text
-    address = f"/compare?a={ids['sound']}&amp;b={ids['weak']}"
+    address = f"/compare?a={ids['first']}&amp;b={ids['weak']}"
     for path in ("/", "/vehicle?name=quad%207"):
         page = served.get(path).text
         assert page.count('href="/compare?') == 2
-        assert f'href="{address}" aria-label="Compare weak.ulg with sound.ulg"' in page
-    assert f"/compare?a={ids['sound']}&amp;b={ids['weak before']}" in listed
-    assert f'<a href="{address}">Compare with sound.ulg</a>' in served.get(f"/f/{ids['weak']}").text
+        assert f'href="{address}" aria-label="Compare weak.ulg with first.ulg"' in page
+    assert f"/compare?a={ids['first']}&amp;b={ids['weak before']}" in listed
+    assert f'<a href="{address}">Compare with first.ulg</a>' in served.get(f"/f/{ids['weak']}").text
     select = served.get(f"/f/{ids['weak']}").text.partition('<select id="partner"')[2]
     partners = re.findall('<option value="([^"]*)">', select.partition("</select>")[0])
-    assert partners == [ids["sound"], ids["weak before"], ids["first"]]
+    assert partners == [ids["first"], ids["weak before"], ids["sound"]]
     # The page of two flights judges their motors by these alone, and not beside the vehicle's other flights.
     assert "lost thrust" not in served.get(address.replace("&amp;", "&")).text
-    # A baseline is what flights are compared with, also where a later one is sound.
-    assert served.ask("PUT", "/api/baseline", {"flights": [ids["first"]]}).status == 200
-    assert "Compare with first.ulg" in served.get("/").text
+    # A baseline is what flights are compared with, also where an earlier one is sound.
+    assert served.ask("PUT", "/api/baseline", {"flights": [ids["sound"]]}).status == 200
+    assert "Compare with sound.ulg" in served.get("/").text
 
 
 @mark.slow

@@ -639,6 +639,19 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
         assert {ids.index(entry.id) for entry in entries} == expected
 
 
+def test_a_vehicle_is_found_by_a_part_of_its_serial_number_or_of_its_given_name(library):
+    entry = stored_entry(library, "a.")
+    library.change(entry.id, vehicle="001a002f3039511333333539")
+    library.name_vehicle("001a002f3039511333333539", "Red quad")
+    for search, count in (
+        ("vehicle:333539", 1),
+        ('vehicle:"Red quad"', 1),
+        ('vehicle:"Red hexa"', 0),
+        ("vehicle=333539", 0),
+    ):
+        assert library.find(*search_condition(search), 1).total == count, search
+
+
 def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(library):
     """The log has three flights, the last two after a restart."""
     flights = [FlownFlight(0, 32.0, 45.0, None, 3.1), FlownFlight(1, 12.5, 72.5, 1250.0, None)]

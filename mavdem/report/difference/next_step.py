@@ -23,7 +23,7 @@ from mavdem.report.difference.lights import (
 )
 from mavdem.report.difference.quantity_texts import motor_name
 from mavdem.report.difference.reviewed import ReviewedDifference
-from mavdem.report.templates import render_section
+from mavdem.report.templates import BAN, render_section
 
 
 def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
@@ -81,9 +81,9 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
 def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the next step that each log's own review advises, for the logs with a bad status light.
 
-    The step of the log that was flown later comes first. The step of the earlier log is left out if the later log of
-    the same vehicle makes it superfluous: if each light that is bad in the earlier log is good in the later one, or is
-    bad for the same reason, against which the later log's own step helps too.
+    A step that forbids flight comes first, and otherwise that of the log that was flown later. The step of the earlier
+    log is left out if the later log of the same vehicle makes it superfluous: if each light that is bad in the earlier
+    log is good in the later one, or is bad for the same reason, against which the later log's own step helps too.
 
     Args:
         reviewed: comparison of two states. If they are of two vehicles, one does not show whether the other was mended.
@@ -115,7 +115,7 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
         # Both logs may advise the same step.
         if next_step and next_step not in [step.text for step in steps]:
             steps.append(Sentence(next_step, lead=f"Next, by {side}:"))
-    return steps
+    return sorted(steps, key=lambda step: BAN not in step.text)
 
 
 def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:

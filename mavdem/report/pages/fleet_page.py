@@ -182,6 +182,8 @@ def _table_of_scripts(
         "rows": rows,
         "urgencies": [line.urgency for line in lines],
         "levels": BADGE_LEVELS,
+        # In JSON the keys of an object come in the order of the alphabet, and not in that of urgency.
+        "healths": [*BADGE_LEVELS],
         "labels": serial_labels,
     }
 
