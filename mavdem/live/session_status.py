@@ -272,7 +272,7 @@ class SessionStatus(ImmutableResult):
 
     earlier_recording: Fact | None = None
     """What a library has against an earlier flight of the vehicle, by another session: its verdict if that forbids to
-    fly, or that the end of the flight was not received; None for nothing."""
+    fly, or is bad and on the flight before, or that the end of that flight was not received; None for nothing."""
 
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
@@ -306,6 +306,9 @@ class SessionStatus(ImmutableResult):
 
     absent_messages: frozenset[str] = frozenset()
     """Names of the messages that do not come, although the vehicle was asked for them."""
+
+    status_before_silence: SessionStatus | None = None
+    """The status when the last message came, while the vehicle is silent; None while messages and motion come."""
 
     @property
     def displacement_from_takeoff(self) -> Displacement | None:
@@ -394,8 +397,13 @@ class SessionStatus(ImmutableResult):
         judgement = self._judgement_with_recording(judgement)
         if self._is_in_air and self.loss is None and judgement.headline.is_watch_or_bad:
             # The session has ended in flight: what is to be repaired comes after the landing.
-            step = self._step_until_landing(judgement.headline)
-            return replace(judgement, next_step=Fact(step, reason=judgement.next_step))
+            repair = judgement.next_step
+            if self._is_urgent(judgement.headline):
+                # As urgent as before the end, which has changed nothing about the vehicle.
+                step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=repair)
+            else:
+                step = Fact(self._step_until_landing(judgement.headline), reason=repair)
+            return replace(judgement, next_step=step)
         return judgement
 
     @property
@@ -522,10 +530,23 @@ class SessionStatus(ImmutableResult):
             if is_stated_by_headline:
                 return None
             return self._warning_of_fault(verdict.fact, verdict.judgement.next_step)
-        if self.earlier_recording is not None:
+        if self.earlier_recording is not None and not self._may_be_repaired:
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.earlier_recording)
             return self._warning_of_fault(self.earlier_recording, next_step)
         return None
+
+    @property
+    def _may_be_repaired(self) -> bool:
+        """Whether the fault that a library has found in an earlier flight need not be named any more.
+
+        One that does not forbid to fly, such as a small margin, is named until a flight of this session is over: its
+        own verdict then shows whether the fault is still there.
+        """
+        fault = self.earlier_recording
+        is_judged_fault = fault is not None and fault.code is SessionFact.RECORDING_JUDGED
+        if fault is None or not is_judged_fault or fault.forbids_flight:
+            return False
+        return self.flight_number > 0 and not self._is_in_flight
 
     def _warning_of_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
         """Returns the fact (a coded finding) that a fault of an earlier flight may not have been repaired.
@@ -880,7 +901,9 @@ class SessionStatus(ImmutableResult):
         verdict = self.recording_verdict
         if verdict is None or verdict.code is not SessionFact.RECORDING_JUDGED:
             return lights
-        return _lights_of_recording(lights, verdict.figures["levels"])
+        return _lights_of_recording(
+            lights, verdict.figures["levels"], verdict.figures["light_sentences"]
+        )
 
     def _judgement_of_silent_vehicle(self, judgement: Judgement, reason: Fact) -> Judgement:
         """Returns a judgement for a vehicle in flight whose messages do not come: how it flies is not known.
@@ -892,7 +915,11 @@ class SessionStatus(ImmutableResult):
         missing = MissingMessages.MESSAGES
         if reason.subject == MissingMessages.MOTION:
             missing = MissingMessages.MOTION
-        lights = lights_during_silence(judgement.lights, self._missing_age(reason), missing)
+        # What was analysed last is older than the last message if this computer is late.
+        age = self._missing_age(reason)
+        if age is not None:
+            age = max(age, self.analysis_delay)
+        lights = lights_during_silence(self._lights_of_last_message(judgement), age, missing)
         most_urgent_fact = self._most_urgent_headline(judgement.headline)
         is_urgent = self._is_urgent(most_urgent_fact)
         link_loss = self.link_loss
@@ -906,6 +933,23 @@ class SessionStatus(ImmutableResult):
         step = NextStep.LAND_NOW if is_urgent else NextStep.DO_AS_ADVISED
         next_step = Fact(step, reason=headline)
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)
+
+    def _lights_of_last_message(self, judgement: Judgement) -> dict[str, Fact]:
+        """Returns the lights of a silent vehicle, of which those that were good at the last message still are.
+
+        Lights that need no model state what the messages show now, so that in a silence they only say that none come.
+
+        Args:
+            judgement: judgement of the flight, with the lights in the silence.
+        """
+        lights = dict(judgement.lights)
+        if self.status_before_silence is None:
+            return lights
+        lights_before_silence = self.status_before_silence._judgement_with_all_lights.lights
+        for name, light in lights_before_silence.items():
+            if light.is_good and not lights[name].is_watch_or_bad:
+                lights[name] = light
+        return lights
 
     def _missing_age(self, reason: Fact) -> float | None:
         """Returns the time since the last of the messages that do not come, s; None where that is not known.
@@ -1245,23 +1289,28 @@ def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
 
 
 def _lights_of_recording(
-    lights_in_flight: NamedFacts, recorded_levels: Mapping[str, str]
+    lights_in_flight: NamedFacts,
+    recorded_levels: Mapping[str, str],
+    recorded_sentences: Mapping[str, str],
 ) -> dict[str, Fact]:
     """Returns the lights of a flight that is over: for each part of the vehicle the fact with its judgement.
 
     The recording of the flight is judged after its end, and gives each part a level: good, watch, bad or unknown. Where
-    it is another level than in flight, the light becomes a fact that states that of the recording. Where it is the same
-    one or unknown, the light of the flight stays.
+    it is another level than in flight, the light becomes a fact that states what the recording shows. Where it is the
+    same one or unknown, the light of the flight stays.
 
     Args:
         lights_in_flight: the judgement of each part in the session, by the name of the part.
         recorded_levels: levels by the recording, by the same names; empty where a part is not judged.
+        recorded_sentences: what the recording shows of each part, by the same names; a recording that an earlier
+            version has judged has none.
     """
     lights = dict(lights_in_flight)
     for name, light in lights_in_flight.items():
         level = recorded_levels[name]
         if level not in ("", Level.UNKNOWN, light.level):
-            lights[name] = Fact(SessionFact.LIGHT_OF_RECORDING, Level(level))
+            statement = recorded_sentences.get(name, "")
+            lights[name] = Fact(SessionFact.LIGHT_OF_RECORDING, Level(level), statement=statement)
     return lights
 
 

@@ -177,7 +177,7 @@ class SilenceMonitor:
             missing = MissingMessages.MOTION
         if missing is None:
             return None
-        silence = Fact(RowsFact.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+        silence = silence_of(missing)
         if missing is MissingMessages.MESSAGES and self.noise_time >= silent_since:
             return silence.replace(is_noise=True)
         return silence
@@ -189,6 +189,15 @@ class SilenceMonitor:
             now: as for ``missing_messages``.
         """
         return self.link_time > self.message_time and now - self.link_time <= SILENCE_SECONDS
+
+
+def silence_of(missing: MissingMessages) -> Fact:
+    """Returns the fact that some or all messages of a vehicle have not come for ``SILENCE_SECONDS``.
+
+    Args:
+        missing: the messages that do not come.
+    """
+    return Fact(RowsFact.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
 
 
 def resumption(missing: MissingMessages, silence: float) -> Fact | None:

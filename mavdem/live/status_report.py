@@ -9,10 +9,11 @@ from mavdem.live.backlog import BEHIND_DELAY, Backlog
 from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.flight_analysis import FlightAnalysis
 from mavdem.live.intake import LinkIntake
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.margin_review import MarginReview
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.session_status import SessionStatus
-from mavdem.live.silence import SilenceMonitor
+from mavdem.live.silence import SilenceMonitor, silence_of
 from mavdem.live.stream import LiveStream
 from mavdem.live.time_account import AccountedState, TimeAccount
 from mavdem.live.watch_list import not_watched
@@ -63,9 +64,6 @@ class StatusReport:
         # them.
         silence = self._silence_as_reason(status)
         no_learning_reason = self._no_learning_reason(is_flying=status.is_flying)
-        no_model_reason = silence or status.no_model_reason or no_learning_reason
-        if silence is not None:
-            status = self._status_of_silent_link(status, silence)
         analysis_delay = self.backlog.delay
         if analysis_delay < BEHIND_DELAY:
             # This computer keeps up.
@@ -81,7 +79,7 @@ class StatusReport:
             learned_rows=self.flight.learning.learned_rows,
             unlearned_rows=self.flight.learning.unlearned_rows,
             latency=self.flight.latencies.latency,
-            no_model_reason=no_model_reason,
+            no_model_reason=status.no_model_reason or no_learning_reason,
             state=self.stream.vehicle_state(),
             message_age=message_age,
             motion_age=self.silence.motion_age(self.intake.read_until),
@@ -91,25 +89,32 @@ class StatusReport:
             absent_messages=self.rates.absent_messages,
             link_outage=self.silence.outage if status.is_flying else None,
         )
-        if self.flight.learning.estimate is None:
-            return status
-        return status.with_predictions(self.flight.learning.estimate)
+        if self.flight.learning.estimate is not None:
+            status = status.with_predictions(self.flight.learning.estimate)
+        if silence is not None:
+            status = self._status_of_silent_link(status, silence)
+        return status
 
     def _status_of_silent_link(self, status: SessionStatus, silence: Fact) -> SessionStatus:
-        """Returns the status of the stream for a link that is silent: nothing counts as watched, and no message comes.
+        """Returns the status for a link that is silent: nothing counts as watched or learned, and no message comes.
 
         Args:
-            status: status of the stream, which does not notice the silence.
+            status: the status without regard to the silence, as it was when the last message came.
             silence: the silence, as the reason why nothing is watched.
         """
         now = self.stream.now
-        watch_facts = tuple(not_watched(fact, silence, now) for fact in status.watch_facts)
-        status = replace(status, watch_facts=watch_facts)
+        rates = status.rates
         is_after_flight = status.flight_number > 0 and not status.is_flying
-        if is_after_flight:
-            # The lights judge the flight that is over by the rates that it had.
-            return status
-        return replace(status, rates=dict.fromkeys(status.rates, 0.0))
+        # After a flight, the lights judge it by the rates that it had.
+        if not is_after_flight:
+            rates = dict.fromkeys(rates, 0.0)
+        return replace(
+            status,
+            no_model_reason=silence,
+            rates=rates,
+            watch_facts=tuple(not_watched(fact, silence, now) for fact in status.watch_facts),
+            status_before_silence=status,
+        )
 
     def _reception_time(self, message_age: float | None) -> float | None:
         """Returns when the last message of the followed vehicle came, UNIX s; None before any.
@@ -174,6 +179,10 @@ class StatusReport:
         # What arrived since the last look at the link is neither analysed nor received yet.
         now = min(self.backlog.analysed_until, self.intake.read_until)
         silence_fact = self.silence.missing_messages(now)
+        message_age = self._message_age()
+        if silence_fact is None and message_age is not None and message_age > SILENCE_SECONDS:
+            # The link is silent while this computer still analyses what came before: a pilot must know at once.
+            silence_fact = silence_of(MissingMessages.MESSAGES)
         vehicle = self.stream.followed_vehicle
         if silence_fact is None or vehicle is None:
             return silence_fact

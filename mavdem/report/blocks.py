@@ -40,6 +40,9 @@ class Sentence(NamedTuple):
     level: Level | None = None
     """Level by which a page colours it; None without a colour."""
 
+    address: str = ""
+    """Address of the page that it leads to; empty without."""
+
 
 def headline_sentence(text: object) -> Sentence:
     """Returns a sentence that stands out as a whole, as the headline of a report does."""

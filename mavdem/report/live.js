@@ -130,7 +130,8 @@
   showSound();
 
   // The plots follow the last seconds of the flight, or show all of it. A reader who zooms sees neither, until the next click.
-  const LAST_SECONDS = 30, SPAN_KEY = "mavdem span", WHOLE = "whole", LAST = "last";
+  // On the width of a telephone, 30 s of quick motion are one block of colour.
+  const LAST_SECONDS = matchMedia("(max-width: 600px)").matches ? 10 : 30, SPAN_KEY = "mavdem span", WHOLE = "whole", LAST = "last";
   let chosenSpan = remembered(SPAN_KEY) ?? LAST, shownSpan = chosenSpan;
   const endsOf = span => {
     const [first, last] = charts.groups.flight.whole;
@@ -138,7 +139,10 @@
   };
   const isShown = span => endsOf(span).every((end, i) => Math.abs(end - charts.groups.flight.span[i]) < 0.01);
   const pressSpan = () => {
-    for (const choice of document.querySelectorAll("#span button")) choice.setAttribute("aria-pressed", choice.value === shownSpan);
+    for (const choice of document.querySelectorAll("#span button")) {
+      if (choice.value === LAST) choice.textContent = `Last ${LAST_SECONDS} s`;
+      choice.setAttribute("aria-pressed", choice.value === shownSpan);
+    }
   };
   const showSpan = () => {
     if (shownSpan && charts.groups.flight?.whole) charts.zoom(charts.groups.flight, ...endsOf(shownSpan));

@@ -309,6 +309,9 @@ def _reason_of_alarm(judgement: Judgement) -> list[Sentence]:
     _, _, details = fact.sentence.partition(": ")
     if not details:
         details = f"{as_clause(fact)}."
+    if details.startswith("it ") and fact.subject:
+        # The sentence before the colon, which is left out, says what "it" is.
+        details = f"{fact.subject} {details.removeprefix('it ')}"
     # Details are separated by semicolons. The headline may have the first and most important one already.
     first_detail, _, _ = without_full_stop(details).partition(";")
     is_in_headline = first_detail.lower() in headline(fact).lower()

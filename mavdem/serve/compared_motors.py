@@ -6,6 +6,7 @@ made anew whenever such a flight comes, so it is looked up in the fleet's table 
 ``report.fleet`` join both: ``is_headline_replaced`` and ``motors_level``. The SQL of searches is made from them.
 """
 
+import json
 from dataclasses import replace
 
 from mavdem.facts import Level
@@ -126,25 +127,30 @@ def entry_beside_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEnt
         row: the row of the fleet's table with the worst anomaly of the flight's motors; None if they have none.
 
     Returns:
-        A copy with the headline, its level, the next step, the suspected motor and the level of the motors; the entry
-        itself without an anomaly.
+        A copy with the headline, its level, the next step, the suspected motor, and level and sentence of the motors;
+        the entry itself without an anomaly.
     """
     anomaly = motor_anomaly(row)
     if row is None or anomaly is None:
         return entry
     # What an anomaly replaces is decided for review documents. The columns of the entry are put into such a document,
     # and taken out of it again.
+    light_sentences = json.loads(entry.light_sentences)
+    motors_sentence = light_sentences.get("motors", "")
     review_by_log = {
         "headline": {"level": entry.level, "sentence": entry.headline},
         "next_step": {"sentence": entry.next_step},
-        "lights": {"motors": {"level": entry.motors}},
+        "lights": {"motors": {"level": entry.motors, "sentence": motors_sentence}},
     }
     review = review_with_anomaly(review_by_log, anomaly)
+    motors_light = review["lights"]["motors"]
+    light_sentences["motors"] = motors_light["sentence"]
     return replace(
         entry,
         headline=review["headline"]["sentence"],
         level=str(review["headline"]["level"]),
         next_step=review["next_step"]["sentence"],
-        motors=str(review["lights"]["motors"]["level"]),
+        motors=str(motors_light["level"]),
+        light_sentences=json.dumps(light_sentences),
         motor=row.suspect_motor if entry.motor is None else entry.motor,
     )

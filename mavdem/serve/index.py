@@ -115,6 +115,8 @@ class LibraryEntry:
     """Level of the light "wind"."""
     log: str = ""
     """Level of the light "log"."""
+    light_sentences: str = "{}"
+    """JSON object of what each light states by the log alone: sentence by name of the light."""
     modes: str = ""
     """Flight modes in order of their first use, separated by commas."""
     motor: int | None = None

@@ -1,5 +1,6 @@
 """Live sessions on a monitored link: a page and facts (coded findings) while the vehicle flies, then its stored log."""
 
+import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -880,9 +881,9 @@ class LinkMonitor:
     ) -> Fact | None:
         """Returns what the library has against another flight with a vehicle: a fault, or that its end is not known.
 
-        A take-off repairs nothing, so that a verdict that forbids to fly stands however many flights follow. That the
-        end of a flight was not received stands in the next flight only: a vehicle that lands after that is sound, or
-        has a verdict of its own.
+        A take-off repairs nothing, so that a verdict that forbids to fly stands however many flights follow. Another
+        bad verdict, such as too little margin, stands in the next flight only, and so does that the end of a flight was
+        not received: a vehicle that lands after that is sound, or has a verdict of its own.
 
         Args:
             vehicle: the vehicle.
@@ -890,7 +891,8 @@ class LinkMonitor:
 
         Returns:
             The latest verdict of the library that forbids to fly. Without one, the fact that the end of the flight
-            before was not received, or None if it was. All are about flights since the server started.
+            before was not received, or the verdict on that flight if it is bad; None without both. All are about
+            flights since the server started.
         """
         earlier_flights = []
         for flight in (*self._faulty_flights, self._stored_flight):
@@ -901,11 +903,14 @@ class LinkMonitor:
         for flight in reversed(earlier_flights):
             if flight.forbids_flight:
                 return flight.verdict
-        # Of flights before the one that was stored last, this is no longer asked.
+        # Of flights before the one that was stored last, the rest is no longer asked.
         flight_before = self._stored_flight
-        if flight_before in earlier_flights and flight_before.is_end_unknown:
-            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=flight_before.verdict)
-        return None
+        if flight_before is None or flight_before not in earlier_flights:
+            return None
+        verdict = flight_before.verdict
+        if flight_before.is_end_unknown:
+            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict)
+        return verdict if verdict is not None and verdict.is_bad else None
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
         """Updates the line on the running session that the library shows: its title, and what the vehicle does.
@@ -990,7 +995,8 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
 
     Args:
         entry: the recording in the library, with its verdict by its log and by that comparison. Once it is judged, the
-            verdict has a level, such as good; and each light (the judgement of one subject, such as wind) too.
+            verdict has a level, such as good; and each light (the judgement of one subject, such as wind) has a level
+            and a sentence.
         is_compared: whether its motors have been compared with the vehicle's other flights. Before that no verdict is
             given, since it might be an all-clear that the comparison then takes back.
     """
@@ -1001,6 +1007,7 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
             headline=entry.headline,
             next_step=entry.next_step,
             levels={light: getattr(entry, light) for light in Light},
+            light_sentences=json.loads(entry.light_sentences),
         )
     has_failed = entry.stage == Stage.FAILED
     state = RecordingState.FAILED if has_failed else RecordingState.BEING_READ

@@ -41,6 +41,7 @@ from mavdem.processes import lower_priority
 from mavdem.report.charts.comparison_charts import flight_series
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.library_page import first_plots
+from mavdem.report.templates import Medium, sentences_for
 from mavdem.results import PAGE_FILE, possible_recordings, result_files, write_result_files
 from mavdem.serve.index import columns_of_flight
 from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS, RESULTS
@@ -274,12 +275,16 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
     Returns:
         Values by the names of the columns; each light's column has the light's name.
     """
-    return {
-        "headline": str(assessment.stated_headline),
-        "level": str(assessment.headline.level),
-        "next_step": str(assessment.next_step),
-        **{name: str(fact.level) for name, fact in assessment.lights.items()},
-    }
+    # Whoever reads them on a page of the library has neither the log's file nor a terminal for a command.
+    with sentences_for(Medium(has_terminal=False)):
+        light_sentences = {name: str(fact) for name, fact in assessment.lights.items()}
+        return {
+            "headline": str(assessment.stated_headline),
+            "level": str(assessment.headline.level),
+            "next_step": str(assessment.next_step),
+            "light_sentences": json.dumps(light_sentences),
+            **{name: str(fact.level) for name, fact in assessment.lights.items()},
+        }
 
 
 def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:

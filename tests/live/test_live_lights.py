@@ -131,7 +131,7 @@ def test_the_next_step_fits_the_moment(slow):
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
     # A session that has ended in flight asks for the landing first.
     in_flight = replace(bad, is_over=True).overall_judgement
-    assert str(in_flight.next_step).startswith("Land soon. After landing: ")
+    assert str(in_flight.next_step).startswith("Land now. After landing: ")
 
 
 def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
@@ -182,11 +182,13 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
         headline="Too little margin.",
         next_step="Lower the gains.",
         levels=levels,
+        light_sentences={Light.POWER: "The battery sagged to 3.1 V."},
     )
     by_recording = replace(warned, recording_verdict=judged).overall_judgement
     assert by_recording.headline == judged and str(by_recording.next_step) == "Lower the gains."
     # No light contradicts the recording, and what that leaves unknown stays as it was found in flight.
     assert by_recording.lights[Light.POWER].level is Level.WATCH
+    assert str(by_recording.lights[Light.POWER]) == "The battery sagged to 3.1 V."
     assert by_recording.lights[Light.MOTORS] == weak
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
 
@@ -324,7 +326,7 @@ def test_what_shows_a_fault_stands_below_its_short_headline():
         assumed=False,
     )
     [reason] = headline_reason(Judgement(Fact(SessionFact.ALARM, reason=lost), lost, {}))
-    assert (reason.lead, reason.text) == ("Why:", "it works 26 % harder.")
+    assert (reason.lead, reason.text) == ("Why:", "motor 3 works 26 % harder.")
     assert headline_reason(Judgement(SLOW.replace(Level.UNKNOWN), SLOW, {})) == []
     # The headline leaves out the other battery, and says already why.
     other = Fact(
@@ -421,6 +423,10 @@ def test_no_light_is_good_while_a_flying_vehicle_is_silent(silent):
     assert str(lights[Light.MOTORS]).startswith("Not known for 4 s; before that good: no motor ")
     [motors, *_] = light_rows(silent)
     assert motors.level is Level.UNKNOWN and motors.figure == "good 4 s ago"
+    # What the messages showed before the silence counts too, such as their rate; an analysis that is late knows less.
+    before = replace(silent, no_model_reason=None, rates=dict.fromkeys(RATES, 100.0))
+    late = replace(silent, status_before_silence=before, analysis_delay=40.0)
+    assert {row.name: row.figure for row in light_rows(late)}["log"] == "good 40 s ago"
     mean_wind = WindEstimate(time=3.0, velocity=np.array([3.0, 4.0]), band=np.ones(2))
     windy = replace(silent, mean_wind=mean_wind)
     [wind] = [row for row in light_rows(windy) if row.name == Light.WIND]

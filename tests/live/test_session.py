@@ -672,6 +672,18 @@ def test_a_computer_that_was_busy_since_its_last_look_at_the_link_reports_no_sil
     assert session.status.no_model_reason.code is RowsFact.NOTHING_RECEIVED
 
 
+def test_a_silence_is_reported_at_once_by_a_computer_that_is_still_analysing(now):
+    session, _, _ = session_of([*batches(2.0)])
+    run(session)
+    arrival = now[0]
+    now[0] += 20.0
+    session.backlog.add([FrameBatch(arrival, 0.0, [])])
+    session.intake.read_until = now[0]
+    status = session.status
+    assert status.analysis_delay == approx(20.0)
+    assert status.no_model_reason.code is RowsFact.NOTHING_RECEIVED
+
+
 @mark.slow
 def test_the_end_of_a_silence_says_for_how_long_motion_was_missing_if_that_was_longer(now):
     """Nothing arrives for 60 s, twice; the second time only heartbeats came in the 30 s before."""

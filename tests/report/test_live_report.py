@@ -228,6 +228,7 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
             headline=text,
             next_step="Do not fly: check the load.",
             levels=dict.fromkeys(Light, ""),
+            light_sentences={},
         )
         status = replace(landed, recording_verdict=verdict)
         return live_page("udp", "roll", LiveHistory(), status, account, None)

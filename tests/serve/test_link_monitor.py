@@ -240,13 +240,19 @@ def test_the_page_of_a_vehicle_lost_in_the_air_is_not_over_and_has_the_log_as_th
     )
     levels = dict.fromkeys(Light, "good") | {Light.LOG: "watch"}
     judged = Fact(
-        SessionFact.RECORDING_JUDGED, Level.WATCH, headline="", next_step="", levels=levels
+        SessionFact.RECORDING_JUDGED,
+        Level.WATCH,
+        headline="",
+        next_step="Read it.",
+        levels=levels,
+        light_sentences={Light.LOG: "The log has gaps."},
     )
     page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), judged)
     assert "This flight is over" not in page
     assert 'Saved so far: <a href="/f/abc">a.tlog</a>' in page
     assert '<a href="geo:47.39774,-8.54559">' in page
     assert '<dt>Log</dt><dd class="watch">' in page
+    assert 'The log has gaps. <a href="/f/abc">Page</a>' in page
 
 
 def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):
@@ -371,7 +377,7 @@ def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_
 
 
 def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(idle, monkeypatch):
-    """So it does on the page and the terminal, but not of another vehicle, and not where flight is not forbidden."""
+    """So it does on the page and the terminal, but not of another one. What allows flight stands in the next."""
     live, told = idle
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     entries = {
@@ -403,6 +409,9 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
 
     session.stream.followed_vehicle = copter
     live._store_recording(session, Mock(path="gain"))
+    allowed = "In an earlier flight, too little margin. If that was not repaired, land soon."
+    assert fault_in_flight_of(copter) == allowed
+    live._store_recording(session, Mock(path="sound"))
     assert not fault_in_flight_of(copter)
     fault = "In an earlier flight, motor 3 lost thrust. If that was not repaired, land."
     for name in ("crash", "sound", "gain"):

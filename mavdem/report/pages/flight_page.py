@@ -1039,7 +1039,7 @@ def live_page(
     return render_document(
         live_title(status, link, names),
         _live_subtitle(status, link),
-        _live_summary(status),
+        _live_summary(status, saved_flight),
         chapters,
         back,
         head,
@@ -1127,13 +1127,14 @@ def _live_head(
     )
 
 
-def _live_summary(status: SessionStatus) -> list[Sentence]:
+def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[Sentence]:
     """Returns the sentences at the top of a live page: the headline, what to do next, and how late estimates are.
 
     What to do stands right below the headline, so that a pilot need not read the reason first.
 
     Args:
         status: state of the session now, or at its end.
+        saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import statement_of_headline
@@ -1143,7 +1144,11 @@ def _live_summary(status: SessionStatus) -> list[Sentence]:
     heading = sentences.headline
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
-    summary = [heading, *_sentences_on_next_step(sentences.next_step)]
+    next_step = sentences.next_step
+    if saved_flight is not None and judgement.headline.code is SessionFact.RECORDING_JUDGED:
+        # The page in the library has what the step needs, such as the advised gains.
+        next_step = next_step._replace(address=saved_flight.address)
+    summary = [heading, *_sentences_on_next_step(next_step)]
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
