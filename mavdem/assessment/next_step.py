@@ -80,7 +80,8 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
 
     - After a loss of the vehicle every bad light may be the reason for the loss, and its advice is added. A motor that
       is bad, or was found weak, is named as the suspect.
-    - The power is bad for reasons of its own under any other headline.
+    - The power is bad for reasons of its own under any other headline. Even a battery that is only to be watched has
+      its advice, such as to land earlier, except after a loss.
     - The vibration is bad for reasons of its own if the power is the headline.
 
     If the headline is the autopilot's report on a battery, and a battery was measured to be bad, the only advice is
@@ -113,9 +114,18 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
         fact = lights[name]
         # The fact of a light may be the loss itself, which is in the headline already.
         shows_loss = fact.code in Ending
-        if fact.is_bad and not shows_loss and not _advises_other_step_first(fact):
+        needs_advice = fact.is_bad or (not is_loss and _is_low_battery(fact, headline))
+        if needs_advice and not shows_loss and not _advises_other_step_first(fact):
             other_facts.append(fact)
     return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=reason, also=tuple(other_facts))
+
+
+def _is_low_battery(light: Fact, headline: Fact) -> bool:
+    """Returns whether a status light warns of a low battery, of which the headline does not warn already."""
+    battery_codes = (*MEASURED_BATTERY, *REPORTS_OF_BATTERY)
+    return (
+        light.is_watch_or_bad and light.code in battery_codes and headline.code not in battery_codes
+    )
 
 
 def _advises_other_step_first(light: Fact) -> bool:

@@ -1,14 +1,42 @@
-"""A short list of a flight's events, facts (coded findings): the bad ones first, each kind once with its count."""
+"""The short list of a flight's events, facts (coded findings), which the terminal and the page of a log both show."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from mavdem.assessment.ending import ENDINGS
 from mavdem.assessment.severity import severity_rank
-from mavdem.facts import Fact, Facts
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts import Code, Fact, Facts, NamedFacts
+from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.motors import MotorWatchFact
+
+MAX_WORST_EVENTS = 3
+"""Events of a short list besides those that tell the course of the flight, a choice: the page lists all of them."""
+
+MAX_MODE_CHANGES = 3
+"""Changes of the flight mode that a short list has before the event of its headline, and as many after it: a choice."""
+
+SAME_EVENT_SECONDS = 1.0
+"""Time between the headline's event and another, s, below which that is taken for a part of it: a choice."""
+
+TOUCHDOWNS = (
+    ReportedEvent.ON_GROUND,
+    ReportedEvent.MOTORS_DISARMED,
+    MotionEvent.LOG_ENDED_IN_AIR,
+)
+"""Events with which a flight ends."""
+
+
+class StatedEvents(NamedTuple):
+    """Which events of a flight are stated elsewhere in its report, by their indices among all events."""
+
+    headline_index: int | None
+    """The event that the headline states; None if it states none."""
+    cause_indices: Collection[int]
+    """Events that the headline names as causes of that."""
+    light_indices: Collection[int]
+    """Events that a status light, the judgement of one subject such as the power, states."""
 
 
 class CountedEvent(NamedTuple):
@@ -20,13 +48,188 @@ class CountedEvent(NamedTuple):
     """Number of events of its kind, itself included."""
 
 
-def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
-    """Selects the events of a flight that a short list shows: one event of each kind, with the number of its kind.
+def stated_events(events: Sequence[Fact], headline: Fact, lights: NamedFacts) -> StatedEvents:
+    """Finds the events that the headline of a report or one of its status lights states already.
 
-    Only events that are bad or to be watched are shown. Events of one kind have the same code, level and subject, and
-    the longest of them is selected; of events without a duration, the first. An event of the motion, such as a tumble,
-    is left out if the flight ended at the same time by what ``ENDINGS`` lists for it, since that ending states more. So
-    is a motor's stay at its limit if it was found saturated from the same time on.
+    Args:
+        events: events of the flight, in the order of time.
+        headline: the fact (a coded finding) in the headline, which may be one of the events.
+        lights: the status lights by name, each a fact that may be one of the events.
+    """
+    identity_of_headline = event_identity(headline)
+    identities_of_causes = {event_identity(cause) for cause in named_causes(headline)}
+    texts_of_lights = {str(light) for light in lights.values()}
+    headline_index = None
+    cause_indices = set()
+    light_indices = set()
+    for index, event in enumerate(events):
+        identity = event_identity(event)
+        if headline_index is None and identity == identity_of_headline:
+            headline_index = index
+        if identity in identities_of_causes:
+            cause_indices.add(index)
+        if str(event) in texts_of_lights:
+            light_indices.add(index)
+    return StatedEvents(headline_index, cause_indices, light_indices)
+
+
+def event_identity(event: Fact) -> tuple[Code, float | None, str]:
+    """Returns what an event has in common with its copies: its code, time, s, and subject.
+
+    A copy may have further figures: a headline also has that of a motor that was weak before the event, for example.
+
+    Args:
+        event: the event, or a headline that states it.
+    """
+    return event.code, event.time, event.subject
+
+
+def named_causes(headline: Fact) -> list[Fact]:
+    """Returns the events that a headline on a lost flight names as causes: what failed first, and reports of that.
+
+    Args:
+        headline: the headline, a fact (a coded finding), whose figures may be facts too. If it is on something else
+            than a lost flight, it has no such figures, and names no causes.
+    """
+    first_failure = headline.figures.get("cause")
+    motor_report_of_autopilot = headline.figures.get("word")
+    causes = [first_failure, motor_report_of_autopilot]
+    if isinstance(first_failure, Fact):
+        # The failure is confirmed by findings of sensors, and by messages of the autopilot, which are a figure too.
+        for finding in first_failure.figures.get("witnesses", ()):
+            causes.append(finding.figures.get("cause"))
+    # A figure may be missing or, where the cause has no fact, a word.
+    return [cause for cause in causes if isinstance(cause, Fact)]
+
+
+def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEvent]:
+    """Selects the events that tell the course of a flight: the same ones for the terminal and for the page.
+
+    - The take-off (or else when the motors were armed) and the end: the landing, or that the log ends in the air. They
+      are those of the flight in which the headline's event was; without such an event, of the whole log.
+    - The changes of the flight mode before the landing, up to ``MAX_MODE_CHANGES`` before the headline's event and as
+      many after it, and always the mode in which that event began.
+    - The headline's event and the causes that it names.
+    - The ``MAX_WORST_EVENTS`` worst of the other events (:func:`worst_events`). Left out are those that a status light
+      states, those that are a part of the headline's event, and what is only to be watched after the flight was lost.
+
+    Args:
+        events: events of the log, in the order of time, each a coded finding.
+        stated: which of them the headline and the status lights state.
+
+    Returns:
+        The selected events in the order of time, each with the number of events of its kind.
+    """
+    take_off, touchdown = _flight_bounds(events, stated.headline_index)
+    headline_indices = [] if stated.headline_index is None else [stated.headline_index]
+    indices_of_course = {
+        *(index for index in (take_off, touchdown) if index is not None),
+        *_mode_changes(events, take_off, touchdown, stated.headline_index),
+        *headline_indices,
+        *stated.cause_indices,
+    }
+    counts = dict.fromkeys(indices_of_course, 1)
+    worst_count = 0
+    for index, count in worst_events(events):
+        if index in indices_of_course:
+            counts[index] = count
+        elif worst_count < MAX_WORST_EVENTS and not _is_stated(events, index, stated):
+            counts[index] = count
+            worst_count += 1
+    return [CountedEvent(index, counts[index]) for index in sorted(counts)]
+
+
+def _flight_bounds(
+    events: Sequence[Fact], headline_index: int | None
+) -> tuple[int | None, int | None]:
+    """Returns the indices of the take-off and of the end of a flight among the events of a log.
+
+    Args:
+        events: events of the log, in the order of time.
+        headline_index: index of the headline's event, which selects the flight; None for the whole log, from the first
+            take-off to the last end.
+
+    Returns:
+        Two indices, each None if the log has no such event. Without a take-off, the first is that of the arming.
+    """
+    take_offs = _indices_of(events, (ReportedEvent.OFF_GROUND,))
+    if not take_offs:
+        take_offs = _indices_of(events, (ReportedEvent.MOTORS_ARMED,))
+    ends = _indices_of(events, TOUCHDOWNS)
+    if headline_index is not None:
+        earlier_take_offs = [index for index in take_offs if index <= headline_index]
+        later_ends = [index for index in ends if index >= headline_index]
+        take_off = earlier_take_offs[-1] if earlier_take_offs else None
+        return take_off, later_ends[0] if later_ends else None
+    take_off = take_offs[0] if take_offs else None
+    # The motors are disarmed after the landing, which ends the flight.
+    landings = [index for index in ends if events[index].code is not ReportedEvent.MOTORS_DISARMED]
+    ends = landings or ends
+    return take_off, ends[-1] if ends else None
+
+
+def _mode_changes(
+    events: Sequence[Fact], take_off: int | None, touchdown: int | None, headline_index: int | None
+) -> list[int]:
+    """Returns the indices of the changes of the flight mode that a short list of events has.
+
+    Args:
+        events: events of the log, in the order of time.
+        take_off: index of the take-off; None without one.
+        touchdown: index of the end of the flight, after which no mode matters any more; None without one.
+        headline_index: index of the headline's event, which the changes must be near; None if it states none. Then
+            those before the end of the flight are selected.
+    """
+    changes = _indices_of(events, (ReportedEvent.MODE_CHANGED,))
+    if touchdown is not None:
+        changes = [index for index in changes if index < touchdown]
+    centre = len(events) if headline_index is None else headline_index
+    changes_before = [index for index in changes if index < centre]
+    changes_after = [index for index in changes if index > centre]
+    changes_in_flight = [index for index in changes_before if take_off is None or index > take_off]
+    # The mode of the take-off was often set long before it.
+    nearest_before = changes_in_flight[-MAX_MODE_CHANGES:] or changes_before[-1:]
+    return nearest_before + changes_after[:MAX_MODE_CHANGES]
+
+
+def _indices_of(events: Sequence[Fact], codes: Collection[Code]) -> list[int]:
+    """Returns the indices of all events with one of some codes, in ascending order."""
+    return [index for index, event in enumerate(events) if event.code in codes]
+
+
+def _is_stated(events: Sequence[Fact], index: int, stated: StatedEvents) -> bool:
+    """Returns whether a report states an event elsewhere, or the headline's event covers it.
+
+    The headline's event covers those of the same second, such as the tumble in a crash. The loss of a flight also
+    covers what is only to be watched after it: a sensor that then fails is a consequence.
+
+    Args:
+        events: events of the log, in the order of time.
+        index: index of the event.
+        stated: which events the headline and the status lights state.
+    """
+    if index in stated.light_indices:
+        return True
+    if stated.headline_index is None:
+        return False
+    event = events[index]
+    headline = events[stated.headline_index]
+    is_after_loss = isinstance(headline.code, Ending) and index > stated.headline_index
+    if is_after_loss and not event.is_bad:
+        return True
+    if event.time is None or headline.time is None:
+        # Without the times, only equal codes show that both are the same.
+        return event.code is headline.code
+    return abs(event.time - headline.time) < SAME_EVENT_SECONDS
+
+
+def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
+    """Selects the notable events of a flight: one event of each kind, with the number of its kind.
+
+    Notable ones are those of :func:`is_notable`. Events of one kind have the same code, level and subject, and the
+    longest of them is selected; of events without a duration, the first. An event of the motion, such as a tumble, is
+    left out if the flight ended at the same time by what ``ENDINGS`` lists for it, since that ending states more. So is
+    a motor's stay at its limit if it was found saturated from the same time on.
 
     Args:
         events: events of a log, in the order of time, each a coded finding.
@@ -46,7 +249,7 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         has_ending = (ENDINGS.get(event.code), event.time) in codes_and_times
         is_at_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP
         is_saturation = is_at_limit and (event.subject, event.time) in saturated_motors
-        if not event.is_watch_or_bad or has_ending or is_saturation:
+        if not is_notable(event) or has_ending or is_saturation:
             continue
         kind = (str(event.code), str(event.level), event.subject)
         counts[kind] += 1
@@ -57,6 +260,11 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     # The sort is stable, so that events that are as bad stay in the order of time.
     counted_events.sort(key=lambda counted: severity_rank(events[counted.event_index]))
     return counted_events
+
+
+def is_notable(event: Fact) -> bool:
+    """Returns whether an event is bad, to be watched, or one of the motion, such as a swing, at any level."""
+    return event.is_watch_or_bad or isinstance(event.code, MotionEvent)
 
 
 def _duration(event: Fact) -> float:

@@ -14,29 +14,28 @@ from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights import REGISTRY
 from mavdem.assessment.simulation import simulation_fact
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import HARD_SPACE, Sentence, shortened, wrapped_lines
 from mavdem.report.brief_events import (
-    CountedEvent,
     count_text,
+    is_notable,
+    short_list,
+    stated_events,
     with_saturations_counted,
-    worst_events,
 )
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
 from mavdem.report.screen import flight_sentences
-from mavdem.report.templates import headline, render_section, without_full_stop
+from mavdem.report.templates import first_clause, headline, render_section, without_full_stop
 from mavdem.report.why import headline_evidence
 
 SCREEN_COLUMNS = 80
 """Columns of a terminal that nobody has widened."""
-
-MAX_SCREEN_EVENTS = 3
-"""Events besides the headline's that a screen shows where something is bad, a choice: the page lists all of them."""
 
 MAX_LINES_OF_GOOD_LIGHT = 2
 """Lines that a light may have with which nothing is wrong, a choice: its limits fit, and what is wrong stands out."""
@@ -46,9 +45,6 @@ CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins a
 
 NO_LIGHTS: NamedFacts = MappingProxyType({})
 """Lights by name that are printed above others, where there are none."""
-
-SAME_EVENT_SECONDS = 1.0
-"""Time between the headline's event and another, s, below which that is taken for a part of it: a choice."""
 
 TIME_ORIGIN = "Times are seconds since boot."
 """What the times of a review count from: the autopilot's start, as in the plots of the page."""
@@ -274,7 +270,11 @@ def _log_name(log: Log) -> str:
 
 
 def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
-    """Yields the lines of the events that a screen shows, in the order of time.
+    """Yields the lines of the events that a screen shows, in the order of time: the short list that the page has too.
+
+    Nothing is listed if the headline is good and no event is bad, or if the only events are ordinary reports of the
+    autopilot, such as a take-off: then the status lights, each the judgement of one subject, and the headline state all
+    that matters.
 
     If the autopilot restarted between two of them, its clock began again. A line says so, since the times of the events
     do not ascend there.
@@ -283,10 +283,17 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         columns: number of characters in a line of the terminal.
     """
-    previous_boot = None
+    headline_fact = assessment.headline
     # The same events as on the page, so that both give the same time.
     events = tuple(with_saturations_counted(assessment.events))
-    for event_index, event_count in _screen_events(assessment, events):
+    stated = stated_events(events, headline_fact, assessment.lights)
+    listed_events = short_list(events, stated)
+    is_something_wrong = headline_fact.is_watch_or_bad or any(event.is_bad for event in events)
+    is_some_event_notable = any(is_notable(events[index]) for index, _ in listed_events)
+    if not (is_something_wrong and is_some_event_notable):
+        return
+    previous_boot = None
+    for event_index, event_count in listed_events:
         event = events[event_index]
         # A boot lasts from one start of the autopilot to the next. Events without its number belong to the boot of the
         # event before them.
@@ -294,7 +301,19 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
         if previous_boot is not None and boot > previous_boot:
             yield CLOCK_BEGINS_ANEW
         previous_boot = boot
-        yield from _lines_of_event(event, event_count, columns)
+        if event_index == stated.headline_index:
+            # The headline below states all of it, or what follows its first clause.
+            clause = first_clause(str(event))
+            text = "See the headline." if clause == headline(headline_fact) else clause
+            yield f"{_label_and_level(_time_label(event), event)}{text}"
+        else:
+            yield from _lines_of_event(event, event_count, columns)
+
+
+def _time_label(event: Fact) -> str:
+    """Returns the time of an event, such as "97.2 s", or "event" if it has none."""
+    has_time = event.time is not None and isfinite(event.time)
+    return f"{event.time:.1f} s" if has_time else "event"
 
 
 def _lines_of_event(event: Fact, event_count: int, columns: int) -> list[str]:
@@ -308,8 +327,7 @@ def _lines_of_event(event: Fact, event_count: int, columns: int) -> list[str]:
         event_count: number of events of its kind, for which it stands.
         columns: number of characters in a line of the terminal.
     """
-    has_time = event.time is not None and isfinite(event.time)
-    time_text = f"{event.time:.1f} s" if has_time else "event"
+    time_text = _time_label(event)
     remark_on_count = count_text(event, event_count)
     line = _shortened_line(_label_and_level(time_text, event), event, columns, remark_on_count)
     # A main clause that is too long was cut off, and ends with an ellipsis.
@@ -317,92 +335,6 @@ def _lines_of_event(event: Fact, event_count: int, columns: int) -> list[str]:
     if is_cut_off:
         return _wrapped_fact(time_text, event, columns, remark_on_count)
     return [line]
-
-
-def _screen_events(assessment: Assessment, events: Facts) -> list[CountedEvent]:
-    """Selects the events that a screen lists below its headline and status lights, in the order of time.
-
-    The headline states the most important fact (coded finding) of the log, and each light judges one subject, such as
-    the motors. They state everything, so that no events are listed, unless the headline or an event is bad, or the
-    headline is itself an event, such as a crash. Then these are listed:
-
-    - the worst ``MAX_SCREEN_EVENTS`` of the events that neither lights nor headline state, one of each kind;
-    - if the headline is an event: the change to the flight mode in which it began, and the changes while it lasted.
-
-    Args:
-        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
-        events: its events in the order of time, of each motor one saturation for all.
-
-    Returns:
-        The events, each with the number of events of its kind.
-    """
-    headline_fact = assessment.headline
-    has_bad_event = any(event.is_bad for event in events)
-    is_headline_event = headline_fact in assessment.events
-    if not (headline_fact.is_bad or has_bad_event or is_headline_event):
-        return []
-    # An event that a light states has the code and the time of the light.
-    light_codes_and_times = {(light.code, light.time) for light in assessment.lights.values()}
-    unstated_events = []
-    for counted_event in worst_events(events):
-        event = events[counted_event.event_index]
-        is_stated_by_light = (event.code, event.time) in light_codes_and_times
-        if not is_stated_by_light and not _is_stated_by_headline(event, headline_fact):
-            unstated_events.append(counted_event)
-    mode_changes = _mode_changes_around(headline_fact, events)
-    listed_events = [*unstated_events[:MAX_SCREEN_EVENTS], *mode_changes]
-    # The events of the flight are in the order of time, so that their indices are too.
-    return sorted(listed_events, key=lambda counted_event: counted_event.event_index)
-
-
-def _mode_changes_around(headline_fact: Fact, events: Facts) -> list[CountedEvent]:
-    """Returns the change to the flight mode in which the headline's event began, and the changes while it lasted.
-
-    Args:
-        headline_fact: the fact (coded finding) in the headline, the most important one of a review.
-        events: events of the flight in the order of time, among them changes of the flight mode.
-
-    Returns:
-        The changes in the order of time; empty if the headline is no event, or no mode was recorded.
-    """
-    if headline_fact not in events:
-        return []
-    headline_index = events.index(headline_fact)
-    latest_change_before: list[CountedEvent] = []
-    changes_meanwhile: list[CountedEvent] = []
-    for index, event in enumerate(events):
-        if event.code is not ReportedEvent.MODE_CHANGED:
-            continue
-        mode_change = CountedEvent(index, event_count=1)
-        if index < headline_index:
-            # A later change before the headline's event replaces this one.
-            latest_change_before = [mode_change]
-        elif _is_during(event, headline_fact):
-            changes_meanwhile.append(mode_change)
-    return latest_change_before + changes_meanwhile
-
-
-def _is_during(event: Fact, longer_event: Fact) -> bool:
-    """Returns whether an event happened while another one of the same boot lasted, whose end must be known."""
-    if event.time is None or longer_event.time is None or longer_event.end_time is None:
-        return False
-    is_same_boot = event.figures.get("boot") == longer_event.figures.get("boot")
-    return is_same_boot and longer_event.time <= event.time <= longer_event.end_time
-
-
-def _is_stated_by_headline(event: Fact, headline_fact: Fact) -> bool:
-    """Returns whether the headline of a review states an event already: the same one, or one that is a part of it.
-
-    An event in the same second is taken for a part, such as the tumble in a crash.
-
-    Args:
-        event: an event of the flight, a coded finding.
-        headline_fact: the fact in the headline.
-    """
-    if event.time is None or headline_fact.time is None:
-        # Without the times, only equal codes show that both are the same.
-        return event.code is headline_fact.code
-    return abs(event.time - headline_fact.time) < SAME_EVENT_SECONDS
 
 
 def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[str]:
@@ -448,7 +380,7 @@ def page_line(assessment: Assessment) -> str:
     # The page lists the saturations of each motor as one event.
     page_events = list(with_saturations_counted(assessment.events))
     event_count_text = counted(len(page_events), "event")
-    return f"Only the page has plots over time, all {event_count_text}, sensors and parameters."
+    return f"The page also has plots over time, all {event_count_text}, sensors and parameters."
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
@@ -527,7 +459,7 @@ def _label_and_level(label: str, fact: Fact) -> str:
     level = str(fact.level)
     if fact.is_bad:
         level = level.upper()
-    # The level of an event that is only named, such as a change of mode, would be no judgement.
-    if fact.code is ReportedEvent.MODE_CHANGED and fact.is_good:
+    # The level of an event that is only named, such as a take-off or a change of mode, would be no judgement.
+    if isinstance(fact.code, ReportedEvent | MotionEvent) and fact.is_good:
         level = ""
     return f"{label:<{LABEL_COLUMNS}}{level:<{LEVEL_COLUMNS}}"

@@ -117,6 +117,15 @@ def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
     assert status_lights[Light.VIBRATION] in following.figures["also"]
 
 
+def test_the_advice_on_a_low_battery_follows_that_of_another_headline_but_not_of_a_loss():
+    low = Fact(PowerLight.CHARGE_LOW, Level.WATCH, subject="", share=0.146, share_limit=0.15)
+    status_lights = lights(motors="watch") | {Light.POWER: low}
+    following = choose_next_step(status_lights[Light.MOTORS], status_lights, None)
+    assert str(following).endswith(low.remedy)
+    lost = Fact(Ending.CONTROL_LOST, Level.BAD, time=1.0, height=None, cause=None)
+    assert choose_next_step(lost, status_lights, None).figures["also"] == ()
+
+
 def test_the_next_step_after_a_report_of_a_battery_names_the_one_that_was_measured():
     reported = Fact(ReportedEvent.BATTERY_ALARMED, time=40.0, text="Critical battery level!")
     empty = Fact(PowerLight.CHARGE_LOW, Level.BAD, subject="battery 2", share=0.0, share_limit=0.07)

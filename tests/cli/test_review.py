@@ -105,7 +105,7 @@ def test_a_row_divides_the_alarms_of_two_boots():
 
 
 def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
-    """What the headline and a light state is not repeated; of the rest, the worst are in the order of time."""
+    """The headline's event has its place in the order of time, and its sentence stands once, below."""
     assessment = assess(read_log(SLOW))
     mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, time=90.0, subject="Loiter", cause=None)
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD)
@@ -118,8 +118,10 @@ def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
     lines = review_screen(replace(assessment, judgement=judgement, evidence=evidence)).splitlines()
     assert [line.split("  ")[0] for line in lines if re.match(r"[0-9.]+ s  ", line)] == [
         "90.0 s",
+        "100.0 s",
         "104.0 s",
     ]
+    assert "100.0 s    BAD      See the headline." in lines
 
 
 def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
@@ -137,7 +139,7 @@ def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
     assert first.replace(count=2).sentence in " ".join(screen.split())
 
 
-def test_a_screen_lists_the_modes_while_the_event_of_its_headline_lasted():
+def test_a_screen_lists_the_modes_before_the_landing():
     assessment = assess(read_log(SLOW))
     mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, subject="Return", cause=None, boot=0)
     swing = Fact(
@@ -150,8 +152,9 @@ def test_a_screen_lists_the_modes_while_the_event_of_its_headline_lasted():
         period=2.4,
         boot=0,
     )
+    landing = Fact(ReportedEvent.ON_GROUND, Level.GOOD, time=104.0, boot=0, basis=())
     later_mode = mode.replace(time=106.0)
-    events = (mode.replace(time=90.0), swing, mode.replace(time=102.0), later_mode)
+    events = (mode.replace(time=90.0), swing, mode.replace(time=102.0), landing, later_mode)
     judgement = replace(assessment.judgement, headline=swing, lights={})
     evidence = replace(assessment.evidence, events=events)
     screen = review_screen(replace(assessment, judgement=judgement, evidence=evidence))

@@ -15,7 +15,7 @@ from mavdem.facts.online import SurpriseCause
 from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
-from mavdem.report.brief_events import count_text, worst_events
+from mavdem.report.brief_events import count_text, short_list, stated_events, worst_events
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
 from mavdem.report.pages.page import Head, PageEvent
@@ -116,11 +116,43 @@ def test_a_page_lists_the_worst_events_in_order_of_time():
     assert [event.number for event in head.brief_events] == [1, 4, 6]
 
 
-def test_a_page_of_a_sound_flight_lists_how_that_began_and_ended():
-    disarmed = Fact(ReportedEvent.MOTORS_DISARMED, boot=0)
-    events = [disarmed.replace(time=10.0 * number) for number in range(6)]
+MODE = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, subject="Guided", cause=None, boot=0)
+TAKE_OFF = Fact(ReportedEvent.OFF_GROUND, Level.GOOD, boot=0, basis=())
+LANDING = Fact(ReportedEvent.ON_GROUND, Level.GOOD, boot=0, basis=())
+DISARMED = Fact(ReportedEvent.MOTORS_DISARMED, Level.GOOD, boot=0)
+
+
+def test_the_short_list_of_a_sound_flight_has_its_take_off_modes_and_landing():
+    events = [
+        MODE.replace(time=0.0),
+        Fact(ReportedEvent.MOTORS_ARMED, Level.GOOD, time=2.0, boot=0, is_begun=False),
+        TAKE_OFF.replace(time=3.0),
+        MODE.replace(time=62.0, subject="Land"),
+        LANDING.replace(time=71.0),
+        MODE.replace(time=71.0),
+        DISARMED.replace(time=72.0),
+    ]
     brief_events = Head(Level.GOOD, {}, _numbered_events(events, None)).brief_events
-    assert [event.number for event in brief_events] == [1, 2, 5, 6]
+    assert [event.number for event in brief_events] == [3, 4, 5]
+    # Without a change of mode in flight, it has the mode of the take-off.
+    del events[3]
+    brief_events = Head(Level.GOOD, {}, _numbered_events(events, None)).brief_events
+    assert [event.number for event in brief_events] == [1, 3, 4]
+
+
+def test_the_short_list_of_a_lost_flight_leaves_out_other_flights_and_what_followed_the_loss():
+    earlier_flight = (TAKE_OFF.replace(time=1.0), MODE.replace(time=2.0), LANDING.replace(time=9.0))
+    modes = [MODE.replace(time=time) for time in (12.0, 14.0, 16.0, 18.0)]
+    sensor_failed = Fact(ReportedEvent.SENSOR_FAILED, Level.WATCH, time=40.0, boot=0)
+    end = LANDING.replace(time=41.0)
+    take_off = TAKE_OFF.replace(time=11.0)
+    events = (*earlier_flight, take_off, *modes, LOST, HIT, sensor_failed, end)
+    stated = stated_events(events, LOST, {})
+    listed = [events[index] for index, _ in short_list(events, stated)]
+    bad_hit = HIT.replace(Level.BAD)
+    assert listed == [take_off, *modes[1:], LOST, end]
+    events = [bad_hit if event is HIT else event for event in events]
+    assert bad_hit in [events[index] for index, _ in short_list(events, stated)]
 
 
 def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states_it():
@@ -189,6 +221,7 @@ def test_the_closing_list_of_a_live_flight_has_the_event_of_its_headline():
         (MotionEvent.CLIPPED, 4),
         (MotionEvent.ATTITUDE_LOST, 1),
         (MotionEvent.HIT, 1),
+        (ReportedEvent.MOTORS_DISARMED, 1),
     ]
 
 

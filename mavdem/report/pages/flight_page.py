@@ -13,6 +13,7 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import model_findings
+from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
@@ -37,7 +38,11 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence, warning
-from mavdem.report.brief_events import with_saturations_counted
+from mavdem.report.brief_events import (
+    event_identity,
+    named_causes,
+    with_saturations_counted,
+)
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Charts, Group
 from mavdem.report.charts.flown_path import MapWind, flown_path
@@ -58,6 +63,7 @@ from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import HARDWARE_TITLE, hardware_chapters
 from mavdem.report.pages.loop_chapters import (
+    MARGINS_TITLE,
     TUNING_TITLE,
     loops_chapters,
     responses_chapter,
@@ -281,7 +287,14 @@ def _log_chapters(
         chapters.append(messages_chapter(telemetry, charts_boot))
     if contents is not None:
         chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
-    return [*unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline)]
+    unfolded_chapters = []
+    is_tuning_advised = advises_to_tune(assessment.next_step)
+    for chapter in unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline):
+        if is_tuning_advised and chapter.title == MARGINS_TITLE:
+            # The next step is to load the gains in this chapter, which paper would otherwise not have.
+            chapter = chapter._replace(folded=False)
+        unfolded_chapters.append(chapter)
+    return unfolded_chapters
 
 
 def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> list[Sentence]:
@@ -490,14 +503,14 @@ def _numbered_events(
     headline_identity = None
     cause_identities = set()
     if headline is not None:
-        headline_identity = _event_identity(headline)
-        cause_identities = {_event_identity(cause) for cause in _named_causes(headline)}
+        headline_identity = event_identity(headline)
+        cause_identities = {event_identity(cause) for cause in named_causes(headline)}
     page_events = []
     for fact in with_saturations_counted(events):
         page_event = PageEvent(
             Event(nan, fact),
-            is_headline=_event_identity(fact) == headline_identity,
-            is_cause_of_headline=_event_identity(fact) in cause_identities,
+            is_headline=event_identity(fact) == headline_identity,
+            is_cause_of_headline=event_identity(fact) in cause_identities,
             is_light=str(fact) in texts_of_lights,
         )
         page_events.append(page_event)
@@ -556,35 +569,6 @@ def _with_times_and_numbers(
     return numbered_events
 
 
-def _named_causes(headline: Fact) -> list[Fact]:
-    """Returns the events that a headline on a lost flight names as causes: what failed first, and reports of that.
-
-    Args:
-        headline: the headline, a fact (a coded finding), whose figures may be facts too. If it is on something else
-            than a lost flight, it has no such figures, and names no causes.
-    """
-    first_failure = headline.figures.get("cause")
-    motor_report_of_autopilot = headline.figures.get("word")
-    causes = [first_failure, motor_report_of_autopilot]
-    if isinstance(first_failure, Fact):
-        # The failure is confirmed by findings of sensors, and by messages of the autopilot, which are a figure too.
-        for finding in first_failure.figures.get("witnesses", ()):
-            causes.append(finding.figures.get("cause"))
-    # A figure may be missing or, where the cause has no fact, a word.
-    return [cause for cause in causes if isinstance(cause, Fact)]
-
-
-def _event_identity(event: Fact) -> tuple[Code, float | None, str]:
-    """Returns what an event has in common with its copies: its code, time, s, and subject.
-
-    A copy may have further figures: a headline also has that of a motor that was weak before the event, for example.
-
-    Args:
-        event: the event, or a headline that states it.
-    """
-    return event.code, event.time, event.subject
-
-
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
     """Returns the labels of the events in the charts over time: their numbers in the list of events below.
 
@@ -597,8 +581,8 @@ def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
     """
     labels_by_event = {}
     for page_event in events:
-        labels_by_event[_event_identity(page_event.event.fact)] = str(page_event.number)
-    labels = [labels_by_event.get(_event_identity(event.fact), "") for event in timeline.events]
+        labels_by_event[event_identity(page_event.event.fact)] = str(page_event.number)
+    labels = [labels_by_event.get(event_identity(event.fact), "") for event in timeline.events]
     return tuple(labels)
 
 

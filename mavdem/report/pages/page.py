@@ -23,7 +23,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, shortened
-from mavdem.report.brief_events import count_text, worst_events
+from mavdem.report.brief_events import StatedEvents, count_text, short_list
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges, ParameterDownload
@@ -41,9 +41,6 @@ from mavdem.report.templates import (
     without_full_stop,
 )
 from mavdem.report.why import evidence_text, new_evidence_text
-
-MAX_BRIEF_EVENTS = 4
-"""Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
 MAX_FAULT_LENGTH = 125
 """Longest summary of an earlier flight's fault, characters: three lines of a telephone, with what failed first."""
@@ -408,21 +405,30 @@ class Head(NamedTuple):
     def brief_events(self) -> Sequence[PageEvent]:
         """The short list of events, which a page shows until its reader unfolds the list of all.
 
-        For a flight that is over it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events
-        of the same kind are shown once, with their number as ``total``. The event that the headline states is always
-        among them, and the causes that it names come in addition. Of a flight without such events it has the first and
-        the last ones, so that it says how the flight began and ended. For a live session that goes on, it has all
-        events, the newest first. Events on the session's own state are left out.
+        For a flight that is over it tells how that began, went and ended, and has the worst events
+        (:func:`mavdem.report.brief_events.short_list`), where events of the same kind are shown once, with their number
+        as ``total``. For a live session that goes on, it has all events, the newest first. Events on the session's own
+        state are left out.
         """
         events_of_flight = [shown for shown in self.events if not shown.event.is_session_state]
-        if self.is_newest_first or len(events_of_flight) <= MAX_BRIEF_EVENTS:
+        if self.is_newest_first:
             return events_of_flight
+        headline_indices = []
+        cause_indices = []
+        light_indices = []
+        for index, page_event in enumerate(events_of_flight):
+            if page_event.is_headline:
+                headline_indices.append(index)
+            if page_event.is_cause_of_headline:
+                cause_indices.append(index)
+            if page_event.is_light:
+                light_indices.append(index)
+        # Of an alarm that a live session repeated, the first report is the headline's event.
+        headline_index = headline_indices[0] if headline_indices else None
+        stated = StatedEvents(headline_index, cause_indices, light_indices)
         facts = [page_event.fault_or_fact for page_event in events_of_flight]
-        # The number of events of each kind, by the index of its longest one, which is shown; the worst kind first.
-        count_by_index = {kind.event_index: kind.event_count for kind in worst_events(facts)}
         brief_events = []
-        for index in _brief_indices(events_of_flight, list(count_by_index)):
-            total = count_by_index.get(index, 1)
+        for index, total in short_list(facts, stated):
             brief_events.append(events_of_flight[index]._replace(total=total))
         return brief_events
 
@@ -465,31 +471,6 @@ class Head(NamedTuple):
             return True
         facts = [page_event.event.fact for page_event in self.events]
         return any(fact.remedy or evidence_text(fact) for fact in facts)
-
-
-def _brief_indices(events: Sequence[PageEvent], worst_indices: Sequence[int]) -> list[int]:
-    """Selects the events of a flight for the short list on its page, and returns their indices in ascending order.
-
-    Args:
-        events: all events of the flight, in the order of time, more than ``MAX_BRIEF_EVENTS``.
-        worst_indices: indices of the worst event of each kind, the worst kind first.
-
-    Returns:
-        The event of the headline and the worst ones, together at most ``MAX_BRIEF_EVENTS``, and the causes that the
-        headline names. Of a flight without such events, the first and the last ones.
-    """
-    headline_indices = [index for index, event in enumerate(events) if event.is_headline]
-    cause_indices = [index for index, event in enumerate(events) if event.is_cause_of_headline]
-    # The event of the headline comes first, so that it is not among those that are left out.
-    most_important_indices = headline_indices[:1]
-    for index in worst_indices:
-        if index not in most_important_indices:
-            most_important_indices.append(index)
-    shown_indices = {*most_important_indices[:MAX_BRIEF_EVENTS], *cause_indices}
-    if shown_indices:
-        return sorted(shown_indices)
-    half = MAX_BRIEF_EVENTS // 2
-    return [*range(half), *range(len(events) - half, len(events))]
 
 
 class KeyEntry(NamedTuple):
