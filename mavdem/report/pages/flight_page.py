@@ -63,7 +63,6 @@ from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import HARDWARE_TITLE, hardware_chapters
 from mavdem.report.pages.loop_chapters import (
-    MARGINS_TITLE,
     TUNING_TITLE,
     loops_chapters,
     responses_chapter,
@@ -122,6 +121,9 @@ if TYPE_CHECKING:
 
 INSTANCES_TITLE = "Batteries, sensors, estimators, outputs"
 """Title of the chapter of what a vehicle has several of."""
+
+MARGINS_TITLE = "Margins and new gains"
+"""Title of the chapter with the margins of each axis, now and with the advised gains."""
 
 LOG_TITLE = "Log and repairs"
 """Title of the chapter of the log itself."""

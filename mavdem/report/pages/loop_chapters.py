@@ -32,9 +32,6 @@ from mavdem.report.numbers import listed, rounded
 from mavdem.report.pages.page import Chapter
 from mavdem.report.templates import as_clause, sentences_by_axes
 
-MARGINS_TITLE = "Margins and new gains"
-"""Title of the chapter with the margins of each axis, now and with the advised gains."""
-
 TUNING_TITLE = "Tuning at a glance"
 """Title of the chapter with a row of pictures of the tuning."""
 
@@ -286,7 +283,7 @@ def loops_chapters(
         if groups:
             groups[-1] = groups[-1]._replace(caption="")
         groups.append(trial)
-    yield Chapter(MARGINS_TITLE, figures, groups)
+    yield Chapter("Margins and new gains", figures, groups)
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
