@@ -69,22 +69,23 @@ def lights_before_model(
 def _awaited_light(
     quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], no_model_reason: Fact
 ) -> Fact:
-    """Returns why a quantity is not judged yet that will be judged in settled flight (after the climb-out), as a fact.
+    """Returns the light of a quantity that is judged only in settled flight, such as the vibration, before that.
+
+    The light states that the quantity is not judged yet, and why: it is not watched, or settled flight (after the
+    climb-out) has not come yet.
 
     Args:
         quantity: one of ``AWAITED_QUANTITIES``.
         watch_facts: since when each quantity is watched, or why it is not, by its name.
         no_model_reason: why there is no model.
     """
-    why_not_watched = _reason_not_watched(quantity, watch_facts, no_model_reason)
-    if why_not_watched is not None:
-        return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
-    if quantity is WatchedQuantity.TRACKING:
-        # How well the vehicle follows its setpoints is judged over several seconds.
-        settled_flight_awaited = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
-    else:
-        settled_flight_awaited = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
-    return Fact(Unjudged.NOT_JUDGED, reason=settled_flight_awaited)
+    reason = _reason_not_watched(quantity, watch_facts, no_model_reason)
+    if reason is None and quantity is WatchedQuantity.TRACKING:
+        # How well the vehicle follows its setpoints is judged over several seconds of settled flight.
+        reason = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
+    elif reason is None:
+        reason = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
+    return Fact(Unjudged.NOT_JUDGED, reason=reason)
 
 
 def _reason_not_watched(

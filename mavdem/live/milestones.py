@@ -203,9 +203,6 @@ class Milestones:
     ) -> None:
         """Reports the results of the latest flight at the end of the session, unless they were reported at its landing.
 
-        The physical parameters among them are those that were fitted in flight. After a flight too short for such a
-        fit, they are those of the model that is learned when the session ends.
-
         Args:
             learning: what was learned of the flight, with its latest estimate of the physical parameters.
             status: status of the session, with the judgement of the final model and the wind.
@@ -214,6 +211,7 @@ class Milestones:
         """
         physical = _latest_physical(learning)
         if physical is None and model is not None:
+            # The flight was too short for a fit of the physical parameters before its end.
             physical = model.physical
         self._report_flight(learning, status, now, physical)
 

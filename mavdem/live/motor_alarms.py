@@ -291,14 +291,18 @@ class MotorAlarms:
         return (recovery.event,)
 
     def _update_latest_loss(self, loss: MotorChange) -> None:
-        """Updates the size of a motor's loss in the list of the latest changes; the time when it was found first stays.
+        """Replaces the size of a motor's latest loss of thrust by a newer estimate; its times stay.
+
+        Nothing changes if the latest changes have no loss of this motor since the autopilot was started.
 
         Args:
-            loss: the loss as of the latest search. Nothing is updated if the list has no loss of this motor and boot.
+            loss: the loss by the latest search, which estimates its size from more samples.
         """
-        # The list may have several losses of the motor, with a recovery after each: the last one is updated.
+        # A motor may have lost thrust several times, and recovered in between: its last loss is updated.
         for index in reversed(range(len(self.latest))):
             change = self.latest[index]
-            if change.name == loss.name and change.boot == loss.boot and change.is_weak:
+            is_of_same_motor = change.name == loss.name and change.boot == loss.boot
+            is_loss = change.is_weak
+            if is_of_same_motor and is_loss:
                 self.latest[index] = loss._replace(time=change.time, onset_time=change.onset_time)
                 return

@@ -222,29 +222,29 @@ class LiveSession:
             self._presentation.log(fact)
 
     def _report_status_unless_late(self, status: SessionStatus) -> None:
-        """Passes the present status on to what displays it, unless this computer is far behind with its messages.
+        """Displays the present status, unless this computer is far behind with the analysis of the messages.
 
-        Drawing the status takes time that is then needed to analyse the messages. The backlog of waiting messages tells
-        how far behind the computer is: when it postpones even estimates, which are the last work to be postponed.
+        It is then not displayed, since drawing it takes time that the analysis needs.
 
         Args:
             status: the present status.
         """
+        # The more messages wait, the more kinds of work are postponed. Estimates are the last of them.
         is_far_behind = self.backlog.postpones(DelayedWork.ESTIMATES)
-        if is_far_behind:
-            return
-        self._report_status(self._with_awaited_recording(status))
+        if not is_far_behind:
+            self._report_status(self._with_awaited_recording(status))
 
     def _request_rates(self) -> None:
         """Requests higher message rates from the vehicle where its messages come too slowly.
 
-        Messages are counted on this computer, up to the time of arrival until which all of them are analysed. They are
-        divided by the seconds of the vehicle's own clock in that time: a simulated vehicle may run slower than real
-        time, and then sends fewer messages per second of this computer's clock.
+        The rates are those per second of the vehicle's clock: a simulated vehicle may run slower than real time, and
+        then sends fewer messages per second of this computer's clock.
         """
-        # Time on this computer's monotonic clock, s; ``stream.now`` is the latest time on the vehicle's boot clock, s.
+        # Up to this time of arrival all messages are analysed and counted, s of this computer's monotonic clock.
         analysed_time = self.backlog.analysed_until
-        self._clock_speed.update(analysed_time, self.stream.now)
+        # The latest time that a message of the vehicle states, s since its boot.
+        vehicle_time = self.stream.now
+        self._clock_speed.update(analysed_time, vehicle_time)
         self._rates.update(
             analysed_time,
             self._silence_monitor.message_time,
@@ -271,7 +271,7 @@ class LiveSession:
         self._report_no_model_reason(status)
         if not self.backlog:
             # While messages wait, ``_analyse`` adds the time until their arrival to the time account.
-            self._report.account_for(now)
+            self._report.update_time_account(now)
         # Advice on gains comes with the margins of the recording, so that margins by the model alone are not reported.
         self._milestone_reporter.margins_follow = self.gain_adviser is not None
         self._milestone_reporter.update(
@@ -342,7 +342,7 @@ class LiveSession:
         first_arrival = batches[0].arrival_time
         last_arrival = batches[-1].arrival_time
         if self._report.time_account.is_due(first_arrival):
-            self._report.account_for(first_arrival)
+            self._report.update_time_account(first_arrival)
         # The boot is compared below: frames of a rebooted vehicle increase it.
         former_boot = self.stream.boot
         frames: list[Frame] = []
@@ -701,7 +701,7 @@ class LiveSession:
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns how many seconds of the session each use of time took, such as learning; their sum is its age."""
-        return self._report.account_for(self.backlog.analysed_until)
+        return self._report.update_time_account(self.backlog.analysed_until)
 
     def final_model(self) -> Learned:
         """Returns the model of the vehicle to keep at the end of the session.

@@ -893,17 +893,24 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
     def _lights_with_recording(self, lights: NamedFacts) -> NamedFacts:
-        """Returns the lights of a flight that is over, by its recording where that is judged apart from this session.
+        """Corrects the lights of a flight that is over by its recording, once that is judged.
+
+        The lights are the judgements of the vehicle's parts. The session judges them while the vehicle flies. After the
+        landing, the recording of the flight may be judged like a log, which shows more.
 
         Args:
-            lights: the lights by this session.
+            lights: the fact with the judgement of each part by this session, by the name of the part.
+
+        Returns:
+            The lights, those that the recording contradicts replaced; all unchanged before it is judged.
         """
-        verdict = self.recording_verdict
-        if verdict is None or verdict.code is not SessionFact.RECORDING_JUDGED:
+        recording_verdict = self.recording_verdict
+        if recording_verdict is None or recording_verdict.code is not SessionFact.RECORDING_JUDGED:
             return lights
-        return _lights_of_recording(
-            lights, verdict.figures["levels"], verdict.figures["light_sentences"]
-        )
+        # The level (good, watch, bad or unknown) of each part by the recording, and what it says of the part.
+        levels_by_recording: Mapping[str, str] = recording_verdict.figures["levels"]
+        sentences_by_recording: Mapping[str, str] = recording_verdict.figures["light_sentences"]
+        return _lights_of_recording(lights, levels_by_recording, sentences_by_recording)
 
     def _judgement_of_silent_vehicle(self, judgement: Judgement, reason: Fact) -> Judgement:
         """Returns a judgement for a vehicle in flight whose messages do not come: how it flies is not known.
@@ -1169,22 +1176,21 @@ class SessionStatus(ImmutableResult):
         4. In flight, a model is being learned; on the ground, the vehicle does not fly.
         """
         reason = self.no_model_reason
-        if self._is_silent_after_flight:
-            # The silence is the end of the flight, not a fault of the link. The figure "reason" of this fact is the
-            # loss of the vehicle that ended a flight. Here there is none: the vehicle was switched off.
-            reason = Fact(SessionFact.FLIGHT_OVER, reason=None)
-        if reason is None:
-            return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
-        is_flight_over = reason.code is SessionFact.FLIGHT_OVER
-        # The fact why less was learned of the flight than could be.
+        is_flight_over = self._is_silent_after_flight or (
+            reason is not None and reason.code is SessionFact.FLIGHT_OVER
+        )
+        # Why less was learned of the flight than could be; None if nothing was missing.
         shortfall = self.shortfall
-        if (
-            is_flight_over
-            and shortfall is not None
-            and shortfall.code is RowsFact.LIVE_RATES_TOO_LOW
-        ):
-            return shortfall
-        return reason
+        if is_flight_over and shortfall is not None:
+            had_low_rates = shortfall.code is RowsFact.LIVE_RATES_TOO_LOW
+            if had_low_rates:
+                return shortfall
+        if self._is_silent_after_flight:
+            # The vehicle was switched off. The flight did not end with its loss, which would be the figure "reason".
+            return Fact(SessionFact.FLIGHT_OVER, reason=None)
+        if reason is not None:
+            return reason
+        return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
 
     @property
     def is_silent(self) -> bool:

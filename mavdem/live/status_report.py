@@ -96,23 +96,26 @@ class StatusReport:
         return status
 
     def _status_of_silent_link(self, status: SessionStatus, silence: Fact) -> SessionStatus:
-        """Returns the status for a link that is silent: nothing counts as watched or learned, and no message comes.
+        """Corrects a status for a silent link: the rest of the session does not notice that no messages come.
+
+        No quantity, such as the vibration, is watched for faults any more, no model is learned, and the rates of the
+        messages are 0. Only the rates of a flight that is over stay as they were, since the flight is judged by them.
 
         Args:
             status: the status without regard to the silence, as it was when the last message came.
-            silence: the silence, as the reason why nothing is watched.
+            silence: fact (coded finding) that says what does not come, as the reason why nothing is watched or learned.
         """
         now = self.stream.now
-        rates = status.rates
+        watch_facts = tuple(not_watched(fact, silence, now) for fact in status.watch_facts)
         is_after_flight = status.flight_number > 0 and not status.is_flying
-        # After a flight, the lights judge it by the rates that it had.
+        rates = status.rates
         if not is_after_flight:
-            rates = dict.fromkeys(rates, 0.0)
+            rates = dict.fromkeys(status.rates, 0.0)
         return replace(
             status,
             no_model_reason=silence,
             rates=rates,
-            watch_facts=tuple(not_watched(fact, silence, now) for fact in status.watch_facts),
+            watch_facts=watch_facts,
             status_before_silence=status,
         )
 
@@ -143,7 +146,8 @@ class StatusReport:
 
         Usually the reason is this silence. In two cases the stream of messages has a better one, which is returned:
 
-        1. Several vehicles send, and the user must choose one. Waiting for messages would not help.
+        1. Several vehicles send, and the user must choose one. Waiting for messages would not help, unless the
+           connection itself is lost.
         2. No vehicle is followed any more, for example because two send under one id, while some vehicle still sends
            its attitude. So the motion is not missing on the link; it is ignored.
 
@@ -154,19 +158,26 @@ class StatusReport:
             The reason; None while messages and motion come.
         """
         silence = self._silence_fact()
-        is_link_lost = silence is not None and silence.code is LinkFact.CONNECTION_LOST
         stream_reason = status.no_model_reason
         must_choose = stream_reason is not None and stream_reason.code is VehicleFact.CHOOSE_VEHICLE
+        is_link_lost = silence is not None and silence.code is LinkFact.CONNECTION_LOST
         if must_choose and not is_link_lost:
             return stream_reason
         is_motion_missing = silence is not None and silence.subject == MissingMessages.MOTION
+        if is_motion_missing and self._ignores_motion(status):
+            return stream_reason
+        return silence
+
+    def _ignores_motion(self, status: SessionStatus) -> bool:
+        """Returns whether attitudes come on the link, but are not used, since no vehicle is followed.
+
+        Args:
+            status: status of the stream, with the vehicle that is followed.
+        """
         is_none_followed = status.vehicle is None
         # Attitudes of any vehicle on the link, followed or not.
         has_attitudes = self.silence.has_attitudes(self.backlog.analysed_until)
-        is_motion_ignored = is_none_followed and has_attitudes
-        if is_motion_missing and is_motion_ignored:
-            return stream_reason
-        return silence
+        return is_none_followed and has_attitudes
 
     def _silence_fact(self) -> Fact | None:
         """Returns the fact that the link is lost, or which messages of the vehicle have not come for some seconds.
@@ -213,26 +224,29 @@ class StatusReport:
             return None
         return learner.no_model_reason
 
-    def account_for(self, now: float) -> dict[TimeUse, float]:
-        """Adds the session's time since the last call to the time account, by the session's present state.
+    def update_time_account(self, now: float) -> dict[TimeUse, float]:
+        """Adds the time since the last update to the account of what the session has spent its time on.
+
+        On what it was spent, such as learning or waiting for the link, follows from the present state of the session.
 
         Args:
-            now: time up to which everything that arrived is analysed, s of the monotonic clock.
+            now: time up to which everything that arrived is analysed, s of this computer's monotonic clock.
 
         Returns:
-            Seconds of the session by activity.
+            Seconds that the session has spent on each use so far.
         """
-        # The time between two samples (rows) of the learner; 0 before any.
-        sample_step = 0.0
-        if self.flight.learning.row_format is not None:
-            # The account is of this computer's time, and samples are steps of the vehicle's.
-            sample_step = self.clock_speed.real_seconds(self.flight.learning.row_format.dt)
+        row_format = self.flight.learning.row_format
+        # Time between two rows (samples of the motion) from which the model is learned, s; 0 as long as there are none.
+        row_step = 0.0
+        if row_format is not None:
+            # The rows are timed by the vehicle's clock, which in a simulation may run slower than this computer's.
+            row_step = self.clock_speed.real_seconds(row_format.dt)
         state = AccountedState(
             link_is_lost=self.intake.is_lost,
             message_time=self.silence.message_time,
             motion_time=self.silence.motion_time,
             learned_rows=self.flight.learning.learned_rows,
-            dt=sample_step,
+            dt=row_step,
             status=self.stream.status(),
         )
         return self.time_account.update(now, state)

@@ -197,7 +197,7 @@ def tune_blocks(
         if has_gains_elsewhere or not (advice.refusals and is_rating_in_report):
             table = _gain_and_margin_table(
                 advice,
-                waits=tuning.waits(advice),
+                waits_for_stage_1=tuning.waits(advice),
                 is_doubtful=_has_doubtful_margins(tuning, axis),
                 has_gains=not has_gains_elsewhere,
             )
@@ -411,7 +411,9 @@ def tune_details(tuning: Tuning) -> Blocks:
             continue
         is_doubtful = _has_doubtful_margins(tuning, axis)
         for gains, loop in compared_loops(advice).items():
-            header = f"{axis}, {_gains_header(gains, advice, waits=tuning.waits(advice))}"
+            header = (
+                f"{axis}, {_gains_header(gains, advice, waits_for_stage_1=tuning.waits(advice))}"
+            )
             loops[header] = loop
             if is_doubtful:
                 doubtful_headers.append(header)
@@ -941,39 +943,41 @@ def compared_loops(advice: Advice) -> dict[str, Loop]:
     return loops
 
 
-def _gains_header(gains: str, advice: Advice, *, waits: bool) -> str:
-    """Returns what tables call the present or the new gains of an axis, such as "now" or "advised, stage 2".
+def _gains_header(gains: str, advice: Advice, *, waits_for_stage_1: bool) -> str:
+    """Returns the header of the column of the present or the new gains of an axis, such as "now" or "advised, stage 2".
 
     Args:
-        gains: "now" or "new", the keys of :func:`compared_loops`.
-        advice: advice on the axis. New gains that are not sound are only tried in a flight.
-        waits: whether the advised gains wait for the flight with the gains of stage 1.
+        gains: "now" for the gains that flew, "new" for those that are computed from the identified loop.
+        advice: advice on the axis. New gains that are not sound are shown, but must not be loaded.
+        waits_for_stage_1: whether the new gains are a second stage, to be loaded only after a flight with the gains of
+            the first one.
     """
     if gains == "now":
-        return gains
+        return "now"
     if not advice.is_sound:
         return TRIED_HEADER
-    return f"advised, stage {advice.stage:d}" if waits else "advised"
+    if waits_for_stage_1:
+        return f"advised, stage {advice.stage:d}"
+    return "advised"
 
 
 def _gain_and_margin_table(
-    advice: Advice, *, waits: bool, is_doubtful: bool, has_gains: bool
+    advice: Advice, *, waits_for_stage_1: bool, is_doubtful: bool, has_gains: bool
 ) -> Table:
-    """Returns a table that compares one axis as it flew with what is expected of the advised gains.
+    """Returns a table that compares one axis as it flew with what is expected of new gains.
 
-    It has a row for each gain that changes, then the stability margins of the rate loop and of the attitude loop, or
-    the margins of each loop with its predicted step. If gains are advised, the last row shows how far wind turns the
-    vehicle about the axis: the standard deviation of the angle, degrees, in the wind of the flight.
+    Its rows are the gains that change, the stability margins of the rate loop and of the attitude loop, and, if gains
+    change, how far wind turns the vehicle about the axis. Where the gains are shown elsewhere, the predicted step
+    response of each loop follows its margins instead.
 
     Args:
-        advice: advice on the axis, with its loops.
-        waits: whether the advised gains wait for the flight with the gains of stage 1.
+        advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
+        waits_for_stage_1: whether the new gains are to be loaded only after a flight with those of a first stage.
         is_doubtful: whether the margins of the identified loop may be wrong; then the header calls them doubtful.
         has_gains: whether the table has the gains; otherwise it has the predicted steps.
 
     Returns:
-        The table, with a column for the gains that flew and, if gains are advised, one for the advised gains. If
-        another flight is to confirm these before they are loaded, its header says so.
+        The table, with a column for the gains that flew and, if gains change, one for the new gains.
     """
     axis = advice.before.axis
     loops = compared_loops(advice)
@@ -982,38 +986,52 @@ def _gain_and_margin_table(
         for name, advised_value in advice.parameters.items():
             rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
     for loop_name in LOOP_NAMES:
-        for figure_name in TUNED_FIGURES:
-            figure = LOOP_FIGURES[figure_name]
-            row = [f"{loop_name}: {figure.header}"]
-            for loop in loops.values():
-                text = _figure_text(loop.open_loop(loop_name), figure_name, figure.scale)
-                row.append(text)
-            rows.append(row)
+        rows += _margin_rows(loops, loop_name)
         if not has_gains:
             rows += _step_rows(loops, loop_name)
     if advice.parameters:
+        # The standard deviation of the angle in the wind of the flight, degrees.
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
-    headers = [_gains_header(gains, advice, waits=waits) for gains in loops]
-    remark = ", margins doubtful" if is_doubtful else ""
-    return Table([f"{axis} (90 % interval{remark})", *headers], rows)
+    headers = [f"{axis} (90 % interval{', margins doubtful' if is_doubtful else ''})"]
+    for gains in loops:
+        headers.append(_gains_header(gains, advice, waits_for_stage_1=waits_for_stage_1))
+    return Table(headers, rows)
+
+
+def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
+    """Returns the rows of a table with a loop's stability margins and its crossover, each with its interval.
+
+    Args:
+        loops: loops with the present and, if gains change, with the new gains, which have a cell each.
+        loop_name: "rate" or "attitude".
+    """
+    rows = []
+    for figure_name in TUNED_FIGURES:
+        figure = LOOP_FIGURES[figure_name]
+        row = [f"{loop_name}: {figure.header}"]
+        for loop in loops.values():
+            row.append(_figure_text(loop.open_loop(loop_name), figure_name, figure.scale))
+        rows.append(row)
+    return rows
 
 
 def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
     """Returns whether the stability margins of an identified loop may be wrong.
 
-    They may be if a measured response contradicts the loop, or if no gains are advised for the axis, since that has
-    reasons that make the margins uncertain, too.
+    They may be if a measured response contradicts the loop, or if there are reasons to advise no gains for the axis:
+    all of these also make the margins uncertain.
 
     Args:
         tuning: advice for each axis, and the axes whose loops a measured response contradicts.
         axis: "roll", "pitch" or "yaw"; its loop is identified.
     """
     advice = tuning.axes[axis]
-    # An axis has a fact instead of advice only if its loop is not identified.
+    # An axis has a fact (a reason why there is no advice) instead of advice only if its loop is not identified.
     assert isinstance(advice, Advice)
+    is_contradicted = axis in tuning.doubtful_axes
     has_reasons_against_gains = bool(advice.refusals)
-    return axis in tuning.doubtful_axes or has_reasons_against_gains
+    return is_contradicted or has_reasons_against_gains
 
 
 def _step_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:

@@ -385,12 +385,13 @@ def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
         rows: all rows of the fleet's table under one name.
 
     Returns:
-        Rows with file and reason, by date, those of logs without a date last. The first row of each log is marked.
+        Rows with file and reason, by date, those of logs without a date last. A log may have several rows; the first
+        one is marked, so that logs can be counted.
     """
     unused_rows = []
-    logs_without_flight = group_into_flights(row for row in rows if not row.has_flight)
-    for log in logs_without_flight:
-        for index, row in enumerate(log):
+    rows_without_flight = [row for row in rows if not row.has_flight]
+    for rows_of_log in group_into_flights(rows_without_flight):
+        for index, row in enumerate(rows_of_log):
             is_first = index == 0
             unused_rows.append(UnusedRow(row.file, row.status, row.status_code, is_first))
     return unused_rows

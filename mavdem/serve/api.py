@@ -502,17 +502,26 @@ class Api:
         yield "event: end\ndata: \n\n"
 
     def _progress_of_all(self, entries: Sequence[LibraryEntry]) -> dict[str, Progress]:
-        """Returns the progress of flights by their ids, in their order."""
+        """Returns how far the server has read and judged each of some flights, for the list of flights in a browser.
+
+        Args:
+            entries: the index entries of the flights. That of a log which is read already has its headline by the log
+                alone.
+
+        Returns:
+            The progress by the id of the flight, in the order of the entries. The headline of a flight whose motors
+            differ from those of the vehicle's other flights states that.
+        """
+        finished_entries = [entry for entry in entries if entry.is_done]
         places_in_queue = dict[str, QueuePlace]()
-        # A thousand logs may wait: their places are found together.
-        if not all(entry.is_done for entry in entries):
+        if len(finished_entries) < len(entries):
+            # A thousand logs may wait: one query finds the places of all.
             places_in_queue = queue_places(self._library)
-        read_entries = [entry for entry in entries if entry.is_done]
-        anomalous_rows = self._library.rows_with_motor_anomaly(read_entries)
+        anomalous_rows = self._library.rows_with_motor_anomaly(finished_entries)
         progress_by_id = {}
         for entry in entries:
-            judged_entry = entry_beside_fleet(entry, anomalous_rows.get(entry.id))
-            progress_by_id[entry.id] = self._flight_progress(judged_entry, places_in_queue)
+            compared_entry = entry_beside_fleet(entry, anomalous_rows.get(entry.id))
+            progress_by_id[entry.id] = self._flight_progress(compared_entry, places_in_queue)
         return progress_by_id
 
     def _flight_progress(

@@ -228,7 +228,7 @@ class _Silence:
     """For how long the vehicle of a session has been silent, counted in pages: one is made every ``PAGE_SECONDS``.
 
     Attributes:
-        page_count: number of pages of the session that were made in a row without a new frame of the vehicle.
+        page_count: number of pages of the session that were made in a row without a new MAVLink frame of the vehicle.
         is_in_air: whether the vehicle was in the air when its messages ended, and nothing shows that the flight is
             over.
     """
@@ -240,22 +240,20 @@ class _Silence:
         self._frames_at_last_page = 0
 
     def count_page(self, session: LiveSession) -> None:
-        """Counts a page of the session if no new frame of the vehicle came since the last one; otherwise begins anew.
+        """Updates the silence at a new page of the session, which the monitor makes every ``PAGE_SECONDS``.
+
+        The silence is a page longer if no frame of the vehicle came since the page before; otherwise it is over.
 
         Args:
             session: the running session, which records what it receives.
         """
-        recording = session.intake.recording
-        # If writing the recording fails, the session ends before its next page.
-        assert recording is not None
-        vehicle = session.stream.followed_vehicle
-        # Frames of another vehicle on the same link do not count: it has its turn once the followed one is silent.
-        frame_count = recording.frame_count if vehicle is None else vehicle.frame_count
+        frame_count = _received_frames(session)
         # Before the first frame the session waits for a vehicle without a limit.
         is_silent = frame_count > 0 and frame_count == self._frames_at_last_page
         self.page_count = self.page_count + 1 if is_silent else 0
         self._frames_at_last_page = frame_count
-        # Where the vehicle is depends on messages, too. Updated with the count, it never belongs to an earlier silence.
+        # The status states a loss of the link while a vehicle is silent that was in the air when its messages ended. It
+        # is taken together with the count, so that both are always of the same silence.
         self.is_in_air = session.status.link_loss is not None
 
     def is_too_long(self, *, has_landed: bool) -> bool:
@@ -760,15 +758,27 @@ class LinkMonitor:
             Refusal: the disk is nearly full.
         """
         self._flight.note_status(session.stream.status())
-        if clock.monotonic() - self._update_time >= PAGE_SECONDS:
+        is_page_due = clock.monotonic() - self._update_time >= PAGE_SECONDS
+        if is_page_due:
             self._update_page(session)
-            if self._finished_page:
-                # A link that waits for the next vehicle must not be the last word after a flight.
-                return
-            with sentences_for(Medium(has_terminal=False)):
-                self._report_status(self._shown_status(session))
+            self._report_status_of(session)
         elif self._page.is_outdated(session):
             self._render_page(session)
+
+    def _report_status_of(self, session: LiveSession) -> None:
+        """Reports the status of the running session on the server's terminal.
+
+        Nothing is reported as long as the session waits for a vehicle after the flight of the session before. Then the
+        last line on the terminal stays the one on that flight, as its finished page stays the page of the link.
+
+        Args:
+            session: the running session.
+        """
+        if self._finished_page:
+            return
+        # The sentences must not advise options of `mavdem live`, which this server does not have.
+        with sentences_for(Medium(has_terminal=False)):
+            self._report_status(self._shown_status(session))
 
     def _update_page(self, session: LiveSession) -> None:
         """Renders the page of the running session, after it has checked the disk and the silence of the vehicle.
@@ -982,6 +992,22 @@ def _recording_name(first_time: datetime) -> str:
         first_time: time of its first frame, UTC.
     """
     return f"{first_time:%Y-%m-%d_%H-%M-%S}.tlog"
+
+
+def _received_frames(session: LiveSession) -> int:
+    """Returns the number of MAVLink frames that came of the followed vehicle; before one is followed, of all vehicles.
+
+    Args:
+        session: the session, which records what it receives.
+    """
+    vehicle = session.stream.followed_vehicle
+    if vehicle is not None:
+        # Frames of another vehicle on the same link do not count: it has its turn once the followed one is silent.
+        return vehicle.frame_count
+    recording = session.intake.recording
+    # If writing the recording fails, the session ends before its next page.
+    assert recording is not None
+    return recording.frame_count
 
 
 def _awaits_vehicle(status: SessionStatus) -> bool:

@@ -104,16 +104,20 @@ class LiveServer:
             session: the session, with the history of its flight.
             status: its state now, as it is shown to users.
             files: sentences on the files that the session has written, once it is over.
-            is_ending: whether the session watches nothing any more, and a page with its verdict follows.
+            is_ending: whether the session is over, but its flight is not judged yet: this page says so, and is followed
+                by one with the judgement.
         """
         self._status = status
-        if not (self.page.is_outdated(session) or status.is_over):
+        is_page_due = self.page.is_outdated(session) or status.is_over
+        if not is_page_due:
             return
         # A session that ends because another vehicle sends has a successor, which continues at the same address.
-        is_last = status.is_over and session.successor is None and not is_ending
-        # The dashboard ends with the last session.
-        has_dashboard = self._viewer is not None and not is_last
-        links = [DASHBOARD_LINK] if has_dashboard else []
+        another_page_follows = is_ending or session.successor is not None
+        is_last = status.is_over and not another_page_follows
+        # The viewer of the dashboard runs until the last session ends.
+        links = []
+        if self._viewer is not None and not is_last:
+            links = [DASHBOARD_LINK]
         start_time = clock.monotonic()
         html = session_page(session, status, links=links, files=files, is_last=is_last)
         self.page = SessionPage.made_now(html, session, status, start_time)

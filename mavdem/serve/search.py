@@ -278,12 +278,20 @@ def needs_complete_entries(text: str) -> bool:
 
 
 def _word_condition(word: str) -> SqlCondition:
-    """Returns the condition that a word is in the texts of an entry, or in the sentence about its motors' anomaly."""
+    """Returns the SQL condition that a word is in the texts of a flight's entry, or in the sentence about its motors.
+
+    That sentence says how the motors differ from those of the vehicle's other flights, if they do.
+
+    Args:
+        word: the word, as a user typed it.
+    """
     is_in_entry = _contains(SEARCHED_TEXT_SQL, word)
-    is_in_reason = _contains("reason", word)
-    has_reason = has_anomaly_sql(is_in_reason.expression)
+    # The column "reason" of the table of such anomalies has the sentence.
+    is_in_sentence = _contains("reason", word)
+    has_anomaly_with_word = has_anomaly_sql(is_in_sentence.expression)
     return SqlCondition(
-        f"({is_in_entry.expression})or({has_reason})", is_in_entry.values + is_in_reason.values
+        f"({is_in_entry.expression})or({has_anomaly_with_word})",
+        is_in_entry.values + is_in_sentence.values,
     )
 
 

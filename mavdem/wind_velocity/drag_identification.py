@@ -89,7 +89,7 @@ MODEL_ERROR = np.vstack(
         np.zeros((PARAMETER_COUNT - 2, 2)),
     ]
 )
-"""Square root (10, 2) of the covariance of the scaled parameters by these changes of the drag."""
+"""Square root L (10, 2) of the covariance L Lᵀ of the scaled parameters by these two changes of the drag."""
 
 DIFFERENCE_STEP = 0.05
 """Step of central differences by each scaled parameter: a choice."""
@@ -289,37 +289,60 @@ class _PosteriorExpansion(NamedTuple):
 def _expand_log_posterior(
     parameters: Array, grid: MotionGrid, prior: _Prior, information_used: _InformationUsed
 ) -> _PosteriorExpansion:
-    """Expands the log posterior of the scaled parameters to second order, for one step of Fisher scoring.
+    """Expands the log posterior of the ten scaled parameters to second order, for one step of Fisher scoring.
+
+    It is the sum of three expansions: of the filter's likelihood, of the Gaussian prior of the parameters, and of the
+    prior of the mean force, by which a drag is improbable with which that force would mean an improbable wind. The less
+    of the force comes of steering, the more of it is wind, and the more the last one counts.
 
     Args:
         parameters: point of the expansion (10,).
         grid: motion of the flight.
-        prior: prior of the scaled parameters.
-        information_used: how much of the flight's information on each of them is used.
+        prior: Gaussian prior of the scaled parameters.
+        information_used: fractions (0 to 1) of the flight's information on each of them that are used, and the fraction
+            of the force's variance that comes of steering.
+
+    Returns:
+        The log posterior at this point, without the prior of the mean force, its gradient (10,) and the inverse of its
+        information (10, 10).
     """
     likelihood = _expand_log_likelihood(parameters, grid)
-    fractions = information_used.fractions
-    information = likelihood.information * np.sqrt(np.outer(fractions, fractions))
-    # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
-    model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
-    discount = np.eye(PARAMETER_COUNT) - information @ MODEL_ERROR @ np.linalg.solve(
-        model_precision, MODEL_ERROR.T
-    )
-    # A drag is less probable if the mean force would then mean an improbable wind. This holds without manoeuvres as
-    # well.
-    not_steered_fraction = 1 - information_used.steered_fraction
-    speed_slope = likelihood.speed_slope * not_steered_fraction
-    force_prior_gradient = likelihood.prior_gradient * not_steered_fraction
+    used_fractions = information_used.fractions
+    information = likelihood.information * np.sqrt(np.outer(used_fractions, used_fractions))
+    discount = _discount_by_drag_changes(information)
+    likelihood_gradient = discount @ (used_fractions * likelihood.gradient)
     deviation = parameters - prior.mean
-    gradient = discount @ (fractions * likelihood.gradient)
+    prior_gradient = -prior.precision @ deviation
+    unsteered_fraction = 1 - information_used.steered_fraction
+    force_prior_gradient = unsteered_fraction * likelihood.prior_gradient
+    # Slope (10,) of the mean air speed relative to the standard deviation of the wind's speed by its prior: its outer
+    # product with itself is the information of the prior of the mean force.
+    speed_slope = unsteered_fraction * likelihood.speed_slope
+    log_prior = -deviation @ prior.precision @ deviation / 2
+    posterior_information = (
+        prior.precision + discount @ information + np.outer(speed_slope, speed_slope)
+    )
     return _PosteriorExpansion(
-        log_posterior=float(
-            likelihood.log_likelihood - deviation @ prior.precision @ deviation / 2
-        ),
-        gradient=gradient + force_prior_gradient - prior.precision @ deviation,
-        covariance=np.linalg.inv(
-            prior.precision + discount @ information + np.outer(speed_slope, speed_slope)
-        ),
+        log_posterior=float(likelihood.log_likelihood + log_prior),
+        gradient=likelihood_gradient + force_prior_gradient + prior_gradient,
+        covariance=np.asarray(np.linalg.inv(posterior_information), dtype=float),
+    )
+
+
+def _discount_by_drag_changes(information: Array) -> Array:
+    """Returns the matrix (10, 10) by which changes of the drag within the flight reduce the information of its data.
+
+    The model has a constant drag. If L Lᵀ is the covariance of the changes of the scaled parameters, the information I
+    with unknown changes is (I⁻¹ + L Lᵀ)⁻¹ = D I. By the matrix inversion lemma, D = 1 − I L (1 + Lᵀ I L)⁻¹ Lᵀ.
+
+    Args:
+        information: Fisher information I (10, 10) on the scaled parameters if they did not change.
+    """
+    changes_sd = MODEL_ERROR
+    change_count = changes_sd.shape[1]
+    precision_of_changes = np.eye(change_count) + changes_sd.T @ information @ changes_sd
+    return np.eye(PARAMETER_COUNT) - information @ changes_sd @ np.linalg.solve(
+        precision_of_changes, changes_sd.T
     )
 
 

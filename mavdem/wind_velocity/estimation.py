@@ -152,16 +152,21 @@ class _SmoothedFlight(NamedTuple):
 
 
 def _smoothed_flight(samples: MotionSamples, prior: Drag) -> _SmoothedFlight:
-    """Identifies the drag on a coarse grid of time, and smooths the wind on a fine one for samples of the drag.
+    """Identifies the drag of a vehicle by one flight, then smooths the wind of that flight for samples of the drag.
 
     Args:
         samples: attitude and velocity of the flight.
-        prior: drag of the vehicle before the flight.
+        prior: mean and covariance of the vehicle's drag by what is known without this flight.
+
+    Returns:
+        The wind at T even time steps for each of N samples of the drag, the samples, and their distribution.
     """
+    # The matrices are small: several threads of the linear algebra library would only cost time.
     with one_thread():
-        coarse_grid = flight_grid(samples, max_steps=MAX_STEPS // 2)
+        # The identification filters the flight many times, and needs only half as many steps as the result.
+        identification_grid = flight_grid(samples, max_steps=MAX_STEPS // 2)
+        posterior = identify_drag(identification_grid, prior)
         grid = flight_grid(samples, max_steps=MAX_STEPS)
-        posterior = identify_drag(coarse_grid, prior)
         parameter_samples = sampled_parameters(posterior)
         winds = _SampledWind.from_states(sampled_winds(grid, parameter_samples), grid.step)
     return _SmoothedFlight(grid, winds, posterior, parameter_samples)

@@ -120,19 +120,19 @@ def _reboots_of_type(readings: ClockReadings) -> list[_Reboot]:
 
 
 def _narrowed_reboot(first: _Reboot, second: _Reboot) -> _Reboot:
-    """Joins what the messages of two types show of the same restart.
+    """Joins what the messages of two types show of the same restart of the autopilot.
+
+    The messages of each type show between which two of them it restarted. Of both types together, the last message
+    before the restart is the later one, and the first message after it is the earlier one.
 
     Args:
-        first: The restart by the messages of one type.
+        first: The restart by the messages of one type: positions in the stream of the last message before it and of the
+            first one after it, with the time of that one.
         second: The restart by the messages of the other type.
-
-    Returns:
-        The restart with the later one of the last messages before it, and the earlier one of the first messages after
-        it: of both types, these are the nearest to it in the stream.
     """
-    last_position = max(first.last_position, second.last_position)
-    earlier_after = first if first.first_position <= second.first_position else second
-    return earlier_after._replace(last_position=last_position)
+    last_position_before = max(first.last_position, second.last_position)
+    with_earlier_message_after = min(first, second, key=lambda reboot: reboot.first_position)
+    return with_earlier_message_after._replace(last_position=last_position_before)
 
 
 def _messages_with_time(
@@ -181,16 +181,18 @@ class _UntimedMessages(NamedTuple):
         self.set_times(first_after, stamped.time[stamped_rows], stamped.boot[stamped_rows])
 
     def set_times(self, first: int, time: Times, boot: Rows) -> None:
-        """Sets the times and boots of the last m − first of these messages, from message ``first`` on.
+        """Sets the times and the boots of message ``first`` and of all after it.
 
         Args:
-            first: Number of the first message whose time is set, 0 to m.
-            time: Times (m − first,), s, or one (1,) for all.
-            boot: Numbers of the boots, likewise. In a log of a single boot they cannot be written to, and stay 0.
+            first: Index of the first of these m messages whose time is set, 0 to m.
+            time: Times (m − first,) since the boot of the autopilot, s, or one time (1,) for all.
+            boot: Numbers of these boots in the log, likewise.
         """
         changed_rows = self.rows[first:]
         self.times.time[changed_rows] = time
-        if self.times.boot.flags.writeable:
+        # In a log of a single boot, the numbers are a read-only view of one zero, and stay 0.
+        has_several_boots = self.times.boot.flags.writeable
+        if has_several_boots:
             self.times.boot[changed_rows] = boot
 
     def move_to_next_boot(self, reboot: _Reboot, receive_times: ReceiveTimes) -> None:

@@ -516,24 +516,26 @@ class DensityModel:
     def _sampled_step_responses(
         self, alias_shares: ComplexArray, response: ComplexArray
     ) -> ComplexArray:
-        """Returns the responses of the sampled quantities to synchronous steps: the sum over all aliases.
+        """Returns how the sampled quantities respond to steps of the reference that are synchronous with the messages.
 
-        Such steps of the reference come at the same time relative to every message. So their aliases have fixed phases,
-        and add as complex amplitudes, and not in power like the responses to other sources.
+        Such steps come at the same time before every message. So all aliases that fold onto a frequency have fixed
+        phases, and their responses add as complex amplitudes, not in power as those to other sources.
 
         Args:
             alias_shares: n sets of complex amplitudes of each alias, relative to the sampled steps (n, J, F).
             response: response of each quantity to the reference (C, J, F).
 
         Returns:
-            Sampled responses (J, n, C).
+            Responses of the C sampled quantities for each set of amplitudes, at each frequency (J, n, C).
         """
-        # The steps are at a fixed time before the stamps of the setpoint. Other quantities are sampled earlier or later
-        # than the setpoint, which changes the phase of each alias (C, 1, F).
+        # The amplitudes hold for the times at which the setpoint is sampled. Each quantity is sampled a fixed time
+        # before or after it, which turns the phases of its aliases (C, 1, F).
         phases_relative_to_setpoint = self._alias_phases[:, Quantity.SETPOINT]
-        sampled_response = response * phases_relative_to_setpoint
+        response_when_sampled = response * phases_relative_to_setpoint
+        shares_by_frequency = alias_shares.swapaxes(0, 1)
+        response_by_frequency = response_when_sampled.transpose(1, 2, 0)
         # At each of the J frequencies, the product (n, F) @ (F, C) sums over the aliases.
-        return alias_shares.swapaxes(0, 1) @ sampled_response.transpose(1, 2, 0)
+        return shares_by_frequency @ response_by_frequency
 
     def _sums_over_aliases(
         self, weights: NDArray[np.inexact], response: ComplexArray, conjugate_response: ComplexArray

@@ -596,7 +596,9 @@ def _flight_chapters(
     *,
     is_full: bool,
 ) -> Iterator[Chapter]:
-    """Yields the chapters of a flight's page that need no identified model; none if the log has no flight.
+    """Yields the chapters of a flight's page that need no identified model, in the order of the page.
+
+    A log without a flight has none of them.
 
     Args:
         name: title of the page.
@@ -618,8 +620,7 @@ def _flight_chapters(
     yield from loops_chapters(assessment, evidence, advice)
     vibration = vibration_chapter(assessment, timeline, has_spectrograms=is_full)
     if is_full:
-        trial = _notch_trial(name, assessment, evidence)
-        vibration = vibration._replace(notch_trial=trial)
+        vibration = vibration._replace(notch_trial=_notch_trial(name, assessment, evidence))
     yield vibration
     yield controller_spectra_chapter(assessment.noise, timeline, has_spectrograms=is_full)
     yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
