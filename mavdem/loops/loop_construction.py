@@ -159,13 +159,12 @@ def _require_recorded_crossover(loop: Loop) -> None:
             frequency=LOWEST_FREQUENCY,
         )
     nyquist_frequency = 0.5 / loop.record.dt
-    if loop.plant.filtered:
-        if rate.crossover > nyquist_frequency / 2:
-            raise _crossover_too_fast(loop, nyquist_frequency / 2)
-    else:
-        _, highest_crossover = rate.crossover_interval
-        if highest_crossover >= nyquist_frequency:
-            raise _crossover_too_fast(loop, nyquist_frequency)
+    has_filter_lag = loop.plant.filtered
+    if has_filter_lag and rate.crossover > nyquist_frequency / 2:
+        raise _crossover_too_fast(loop, nyquist_frequency / 2)
+    _, highest_crossover = rate.crossover_interval
+    if not has_filter_lag and highest_crossover >= nyquist_frequency:
+        raise _crossover_too_fast(loop, nyquist_frequency)
 
 
 def _loop_cautions(loop: Loop) -> list[Fact]:

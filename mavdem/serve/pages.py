@@ -123,6 +123,30 @@ def _search_hints(result: SearchResult) -> list[str]:
     return hints
 
 
+def _with_reasons_for_missing_parameters(
+    reviewed: ReviewedDifference, entries_without_parameters: Mapping[str, LibraryEntry]
+) -> ReviewedDifference:
+    """Adds to the comparison of two flights why the library has no more parameters of a flight than the gains.
+
+    Args:
+        reviewed: the comparison.
+        entries_without_parameters: entries of the flights concerned, by the names of the flights in the comparison.
+    """
+    tracked_sides = []
+    outdated_sides = []
+    for side, entry in entries_without_parameters.items():
+        is_in_library = bool(entry.digest)
+        if is_in_library:
+            # An earlier version, which kept no parameters, has read the log.
+            outdated_sides.append(side)
+        else:
+            # `mavdem track` has read the log in the user's own folder, and has only added the flight to the index.
+            tracked_sides.append(side)
+    return reviewed._replace(
+        tracked_sides=tuple(tracked_sides), outdated_sides=tuple(outdated_sides)
+    )
+
+
 class Pages:
     """Endpoints that answer with pages for a browser, or with files.
 
@@ -665,19 +689,7 @@ class Pages:
             self._compared_state(entry_before, rows_before, parameters_before),
             self._compared_state(entry_after, rows_after, parameters_after),
         )
-        tracked_sides = []
-        outdated_sides = []
-        for side, entry in entries_without_parameters.items():
-            is_in_library = bool(entry.digest)
-            if is_in_library:
-                # An earlier version, which kept no parameters, has read the log.
-                outdated_sides.append(side)
-            else:
-                # `mavdem track` has read the log in the user's own folder, and has only added the flight to the index.
-                tracked_sides.append(side)
-        return reviewed._replace(
-            tracked_sides=tuple(tracked_sides), outdated_sides=tuple(outdated_sides)
-        )
+        return _with_reasons_for_missing_parameters(reviewed, entries_without_parameters)
 
     def _compared_state(
         self, entry: LibraryEntry, rows: FlightRows, parameters: Parameters
