@@ -9,6 +9,7 @@ import click
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import with_wind
 from mavdem.assessment.identity import Identity, identify_vehicle
+from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import (
     file_option,
     json_option,
@@ -16,14 +17,13 @@ from mavdem.cli.options import (
     vehicle_option,
     verbose_option,
 )
-from mavdem.cli.output import json_text, print_json, print_screen
+from mavdem.cli.output import json_text, print_json, print_screen, report_error
 from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
 from mavdem.confidence import IntervalEstimate
 from mavdem.dataset.signals import Signals
 from mavdem.documents.wind import Wind
-from mavdem.errors import NotLearnable
 from mavdem.fleet.priors import WIND_DOCUMENT, doubt_on_prior, earlier_drag
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Telemetry
@@ -34,7 +34,8 @@ from mavdem.report.condition import (
     wind_blocks,
     wind_tables,
 )
-from mavdem.report.pages.wind_page import page_without_wind, wind_page
+from mavdem.report.fleet import unnamed_vehicle
+from mavdem.report.pages.wind_page import next_step_without_wind, page_without_wind, wind_page
 from mavdem.report.screen import remarks_on_wind
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import WindEvidence, drag_settings, wind_of_signals
@@ -49,9 +50,6 @@ DRAG_HEADING = "Drag of the vehicle, for the wind estimate of the autopilot's ow
 
 PAGE_FILE = "wind.html"
 """Name of the page with the wind over time, on the map, by height, and the drag."""
-
-MAX_COURSE_ROWS = 6
-"""Rows of the tables of the wind over time and height, without --verbose."""
 
 
 @click.command("wind")
@@ -83,13 +81,19 @@ def wind_command(
         check_output_folder(out, (PAGE_FILE, WIND_DOCUMENT, *DRAG_FILES), prior)
     assessment, evidence = assess_without_model(source, vehicle)
     log_name = Path(source).name
+    # A vehicle that did not fly shows no wind, whatever else its log lacks.
     reason_without_wind = evidence.wind.reason
+    if reason_without_wind is not None and evidence.not_flown is not None:
+        reason_without_wind = evidence.not_flown
     if reason_without_wind is not None:
         if out:
             page = page_without_wind(log_name, reason_without_wind, assessment)
             write_texts(out, {PAGE_FILE: page}, (WIND_DOCUMENT, *DRAG_FILES))
             print_to_stderr(f"Written: {PAGE_FILE}.")
-        raise NotLearnable(reason_without_wind)
+        report_error(reason_without_wind, as_json=as_json)
+        for sentence in next_step_without_wind(reason_without_wind, assessment.judgement):
+            print_to_stderr(f"{sentence.lead} {sentence.text}")
+        raise click.exceptions.Exit(EXIT_UNSUPPORTED)
     signals = evidence.signals
     identity = identify_vehicle(signals)
     result = _WindResult(assessment, evidence.wind)
@@ -171,9 +175,28 @@ def _result_with_prior(
         Unreadable: the drag of the earlier flight cannot be read, or is of this flight.
     """
     prior_drag = earlier_drag(prior, result.wind.speed)
+    (source_of_prior,) = render_section(
+        "wind_prior",
+        file=prior.name,
+        source=prior_drag.drag.source,
+        # Why this flight does not show the drag itself; None if it does.
+        drag_doubt=result.wind.reasons.get("drag"),
+    )
+    if prior_drag.is_typical:
+        # The wind of this flight is estimated with the drag of typical multirotors already.
+        return result._replace(remarks_on_prior=[caution(source_of_prior.text)])
     doubt = doubt_on_prior(prior_drag, result.wind, identity)
-    remarks: Blocks = [*render_section("wind_prior", file=prior.name)]
-    for sentence in render_section("wind_prior_doubt", doubt):
+    remarks: Blocks = [source_of_prior]
+    for sentence in render_section(
+        "wind_prior_doubt",
+        doubt,
+        earlier_vehicle=_vehicle_description(
+            prior_drag.vehicle, prior_drag.autopilot, prior_drag.frame
+        ),
+        vehicle=_vehicle_description(
+            identity.name_of_one_vehicle, identity.autopilot, identity.frame
+        ),
+    ):
         remarks.append(caution(sentence.text))
     estimate = wind_of_signals(signals, prior_drag.drag)
     evidence = result.evidence._replace(estimate=estimate)
@@ -183,6 +206,11 @@ def _result_with_prior(
         remarks_on_prior=remarks,
         is_prior_in_doubt=doubt.is_of_another_vehicle or doubt.is_contradicted,
     )
+
+
+def _vehicle_description(name: str, autopilot: str, frame: str) -> str:
+    """Returns the name of a vehicle, or its autopilot and frame, such as "an unnamed PX4 quadrotor", without one."""
+    return name or f"an {unnamed_vehicle(autopilot, frame)}"
 
 
 def _print_result(
@@ -200,11 +228,11 @@ def _print_result(
         vehicle: the vehicle; its autopilot decides on the names of the drag parameters.
         parameters_to_set: value with its interval by name of the drag parameter.
         page_path: path of the page that was written, which the last line names; None without one.
-        verbose: whether tables have all rows, and the drag is shown even if no parameter is to be set.
+        verbose: whether the drag is shown even if no parameter is to be set.
     """
     wind = result.wind
     judgement = result.assessment.judgement
-    tables: Blocks = [*wind_tables(wind, None if verbose else MAX_COURSE_ROWS)]
+    tables: Blocks = [*wind_tables(wind)]
     if verbose or parameters_to_set:
         tables += drag_blocks(wind.drag, vehicle.autopilot, parameters_to_set)
     remarks = [*result.remarks_on_prior, *remarks_on_wind(judgement)]

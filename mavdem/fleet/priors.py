@@ -12,9 +12,11 @@ from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
 from mavdem.facts.online import DragSource
+from mavdem.facts.vehicle import GENERIC_FRAME
 from mavdem.fleet.row import SYSTEM_ID_BASIS
 from mavdem.fleet.rows_of_log import MODEL, REPORT, file_text
 from mavdem.ingest import read_log
+from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.log_formats import LOG_ENDINGS
 from mavdem.wind_velocity.from_log import wind_of_signals
 from mavdem.wind_velocity.vehicle_drag import Drag
@@ -63,6 +65,17 @@ class EarlierDrag(NamedTuple):
     A name by the MAVLink system id, which many vehicles share, is not a name.
     """
 
+    autopilot: str = ""
+    """MAV_AUTOPILOT of the vehicle without its prefix, such as "PX4"; empty if it is not known."""
+
+    frame: str = ""
+    """MAV_TYPE of the vehicle without its prefix, such as "QUADROTOR"; empty if it is not known."""
+
+    @property
+    def is_typical(self) -> bool:
+        """Whether it is only that of typical multirotors, since neither the flight nor a parameter shows the drag."""
+        return self.drag.source is DragSource.POPULATION
+
 
 def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
     """Reads the drag of an earlier flight as a prior for the next one.
@@ -95,26 +108,22 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
         # A name that is made of the system id may be the name of many vehicles.
         is_named = identity.get("basis") != SYSTEM_ID_BASIS
         vehicle = str(identity.get("name", "")) if is_named else ""
+        autopilot = str(identity.get("autopilot", ""))
+        frame = str(identity.get("frame", ""))
     # Any JSON value may stand in the file, also one that is no object, or is nested too deep.
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else None
         raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, reason=reason) from error
     if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
-    return EarlierDrag(drag, vehicle)
+    return EarlierDrag(drag, vehicle, autopilot, frame)
 
 
 class DoubtOnPrior(NamedTuple):
     """What speaks against the drag of an earlier flight as the prior for the wind of a log."""
 
-    earlier_vehicle: str
-    """Name of the vehicle of the earlier flight; empty if it is not known."""
-
-    vehicle: str
-    """Name of the vehicle of this log."""
-
     is_of_another_vehicle: bool
-    """Whether both vehicles are known by names, and these differ."""
+    """Whether both vehicles are known by names, autopilots or types of frame, and these differ."""
 
     earlier: IntervalEstimate
     """The earlier drag force per mass and air speed, 1/s, at the mean air speed of this log."""
@@ -142,20 +151,27 @@ def doubt_on_prior(
         wind_alone: wind of the log, estimated without that prior.
         identity: the vehicle of the log.
     """
-    are_both_named = "" not in (earlier.vehicle, identity.name_of_one_vehicle)
     air_speed = mean_air_speed(wind_alone.air_velocity)
     earlier_drag_at_speed = earlier.drag.at_speed(air_speed)
     drag_alone = wind_alone.drag.at_speed(air_speed)
     shows_drag = wind_alone.drag.source is DragSource.FLIGHT
     return DoubtOnPrior(
-        earlier_vehicle=earlier.vehicle,
-        vehicle=identity.name,
-        is_of_another_vehicle=are_both_named and earlier.vehicle != identity.name,
+        is_of_another_vehicle=(
+            _are_known_and_differ(earlier.vehicle, identity.name_of_one_vehicle)
+            or _are_known_and_differ(earlier.autopilot, identity.autopilot)
+            or _are_known_and_differ(earlier.frame, identity.frame)
+        ),
         earlier=earlier_drag_at_speed,
         alone=drag_alone,
         air_speed=air_speed,
         is_contradicted=shows_drag and drag_alone.excludes(earlier_drag_at_speed),
     )
+
+
+def _are_known_and_differ(first: str, second: str) -> bool:
+    """Returns whether two names, of vehicles, autopilots or frames, are both known and not the same."""
+    are_known = not {first, second} & {"", UNNAMED, GENERIC_FRAME}
+    return are_known and first != second
 
 
 def _document_with_drag(path: Path) -> Path:
@@ -190,6 +206,10 @@ def _drag_of_log(path: Path, wind_speed: float | None) -> EarlierDrag:
     wind = wind_of_signals(signals)
     if wind.speed == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=path)
+    identity = identify_vehicle(signals)
     return EarlierDrag(
-        wind.drag.for_next_flight(), vehicle=identify_vehicle(signals).name_of_one_vehicle
+        wind.drag.for_next_flight(),
+        identity.name_of_one_vehicle,
+        identity.autopilot,
+        identity.frame,
     )

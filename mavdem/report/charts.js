@@ -578,6 +578,20 @@
     const rounded = Number(value.toPrecision(4)), decimals = Math.ceil(-Math.log10((scale.max - scale.min) / 500));
     return digits(scale.distr === 3 ? rounded : Number(rounded.toFixed(Math.max(0, Math.min(decimals, 20)))));
   };
+  // A direction in degrees as its nearest point of the compass and a number from 0 to 359, "WSW (254°)".
+  const COMPASS_POINTS = ["N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW"];
+  const wholeDegrees = direction => (Math.round(direction) % 360 + 360) % 360;
+  const compassText = direction => `${COMPASS_POINTS[Math.round(wholeDegrees(direction) / 22.5) % 16]} (${wholeDegrees(direction)}°)`;
+  // A line's value under the cursor. Over the flight, the one line of a chart with a band has that and the unit too, "4.1
+  // (3.5 to 4.9) m/s"; where only the band is known, that. An axis with named ticks is one of directions.
+  const readoutOf = (line, index, data, chart) => {
+    const scale = chart.scales[line.right ? "beside" : "y"], value = line.y[index], low = line.low?.[index], high = line.high?.[index];
+    if (data.y.ticks && value != null) return low == null ? compassText(value) : `${compassText(value)} ± ${Math.round(Math.max(high - value, value - low))}°`;
+    const isOnlyBand = data.group === "flight" && data.lines.filter(other => other.low).length === 1 && low != null && high != null;
+    if (!isOnlyBand) return valueText(value, scale);
+    const interval = `${valueText(low, scale)} to ${valueText(high, scale)}`;
+    return `${value == null ? interval : `${valueText(value, scale)} (${interval})`} ${unitOf(data.y)}`.trim();
+  };
   // Pixels between the cursor and a value under it: a step of a line with few points, at least some.
   const nearby = (count, width) => Math.max(20, width / count);
   const showValues = (figure, data, chart) => {
@@ -589,7 +603,7 @@
       // Of a chart that begins later or ends earlier, the nearest value is none of the cursor's.
       const isNear = inside && Math.abs(chart.valToPos(data.columns[idx], "x") - left) <= nearby(data.columns.length, chart.over.clientWidth);
       data.at.textContent = isNear ? onAxis(data.columns[idx], data.x) : "";
-      data.lines.forEach((line, i) => data.values[i].textContent = isNear ? valueText(line.y[idx], chart.scales[line.right ? "beside" : "y"]) : "");
+      data.lines.forEach((line, i) => data.values[i].textContent = isNear ? readoutOf(line, idx, data, chart) : "");
       return;
     }
     const { heat, rows, ends, range } = data.lines[0], hovered = inside && (chart.touched || chart.over.matches(":hover"));
@@ -818,5 +832,5 @@
       },
     };
   };
-  root.charts = { addLines, renew, observe, forget, follow, cursorOf, groups, zoom, setCursor, unpack, digits };
+  root.charts = { addLines, renew, observe, forget, follow, cursorOf, groups, zoom, setCursor, unpack, digits, compassText };
 })();

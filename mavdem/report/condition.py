@@ -9,8 +9,15 @@ from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
 from mavdem.confidence import IntervalEstimate, coverage_factor
-from mavdem.containers import JsonValues, Names
+from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.intervals import (
+    Intervals,
+    TimeInterval,
+    intersection,
+    split_at_gaps,
+    total_duration,
+)
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
@@ -18,6 +25,7 @@ from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.physical_constants import GRAVITY
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
+from mavdem.report.charts.chart import MAX_GAP_STEPS
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, rounded_up
 from mavdem.wind_velocity.beaufort import is_speed_known
@@ -273,6 +281,8 @@ def _wind_estimate_sentences(
         direction_change=wind.turn,
         # Time before and after a large attitude error for which no wind is estimated, s.
         excluded_seconds=INDEPENDENT_SECONDS,
+        # How long the flight had no estimate between the first and the last one, s.
+        seconds_without_estimate=np.ptp(wind.time) - total_duration(estimated_intervals(wind.time)),
         # A speed that the light calls known only roughly is called so here as well.
         is_rough=not is_speed_known(wind.mean_speed_interval),
         typical_drag=_typical_drag_interval(),
@@ -336,20 +346,7 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> _AutopilotWin
     return _AutopilotWind(mean_speed, direction=meteorological_direction(north, east))
 
 
-class _MeanWinds(NamedTuple):
-    """The mean wind of each part of about a minute, or of each layer of height."""
-
-    header: str
-    """Header of the first column."""
-
-    keys: Names
-    """Keys of what stands in the first column: one, or those of both ends."""
-
-    rows: tuple[dict[str, float], ...]
-    """Mean wind of each part or layer: "speed", "low" and "high", m/s, "direction", degrees, and the ``keys``."""
-
-
-def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
+def wind_tables(wind: WindVelocity) -> list[Table]:
     """Returns two tables of the mean wind: one over time, in parts of about a minute, and one over height, in layers.
 
     Each row has both ends of the part, s, or the mean height in the layer, m; the wind speed with its 90 % interval,
@@ -358,46 +355,77 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
 
     Args:
         wind: estimated wind of a flight.
-        max_rows: most rows of a table. Of more parts or layers, evenly spaced ones are shown; None for all.
 
     Returns:
         Up to two tables; none if the data does not determine the wind speed.
     """
     identified_wind = wind.without_unidentified_speeds
-    mean_winds_of_tables = (
-        _MeanWinds("Time (s)", ("start", "end"), identified_wind.minutes),
-        _MeanWinds("Height (m)", ("height",), identified_wind.profile),
-    )
+    with_estimate = estimated_intervals(wind.time)
+    times = []
+    for part in identified_wind.minutes:
+        times.append(_part_of_flight_text((part["start"], part["end"]), with_estimate))
+    heights = [f"{layer['height']:.0f}" for layer in identified_wind.profile]
     tables = []
-    for mean_winds in mean_winds_of_tables:
-        if len(mean_winds.rows) >= 2:
-            tables.append(
-                _mean_wind_table(mean_winds, max_rows, has_direction=wind.direction_identifiable)
-            )
+    if len(times) >= 2:
+        tables.append(_mean_wind_table("Time (s)", times, identified_wind.minutes, wind))
+    if len(heights) >= 2:
+        tables.append(_mean_wind_table("Height (m)", heights, identified_wind.profile, wind))
     return tables
 
 
-def _mean_wind_table(mean_winds: _MeanWinds, max_rows: int | None, *, has_direction: bool) -> Table:
+def estimated_intervals(time: Array) -> Intervals:
+    """Returns the intervals of a flight that have an estimate of the wind, s, in the order of time.
+
+    Between them are landings, resets of the state estimator, and what was left out. Lines over time are interrupted in
+    the same gaps.
+
+    Args:
+        time: (T,) times of the estimate, s, evenly spaced but for gaps.
+    """
+    steps = np.diff(time)
+    return split_at_gaps(time, steps > MAX_GAP_STEPS * np.median(steps))
+
+
+def _part_of_flight_text(part: TimeInterval, with_estimate: Intervals) -> str:
+    """Returns both ends of a part of a flight in whole seconds, and how much of it has an estimate, unless it is all.
+
+    Args:
+        part: start and end, s, such as 533 and 633.
+        with_estimate: intervals of the flight with an estimate of the wind, s.
+
+    Returns:
+        Text such as "533–633", or "533–633 (57 s of it)" for a part with a landing.
+    """
+    start, end = part
+    text = f"{start:.0f}–{end:.0f}"
+    estimated_seconds = total_duration(intersection([part], with_estimate))
+    if round(end - start - estimated_seconds) < 1:
+        return text
+    return f"{text} ({estimated_seconds:.0f} s of it)"
+
+
+def _mean_wind_table(
+    header: str, labels: Sequence[str], mean_winds: Sequence[dict[str, float]], wind: WindVelocity
+) -> Table:
     """Returns a table of the mean wind over time or over height.
 
     Args:
-        mean_winds: mean wind of each part of the flight or layer of height.
-        max_rows: most rows of the table, evenly spaced among all; None for all.
-        has_direction: whether the table has a column of the direction that the wind comes from.
+        header: header of the first column.
+        labels: first cell of each row.
+        mean_winds: mean wind of each row: "speed", "low" and "high", m/s, and "direction", degrees.
+        wind: the wind of the whole flight; if its direction is identifiable, the table has a column of the direction
+            that the wind comes from.
     """
-    header = [mean_winds.header, "Vector mean (m/s)"]
-    if has_direction:
-        header.append("From")
+    headers = [header, "Vector mean (m/s)"]
+    if wind.direction_identifiable:
+        headers.append("From")
     rows = []
-    for index in _evenly_spaced(len(mean_winds.rows), max_rows):
-        mean_wind = mean_winds.rows[index]
-        # Both ends of a part of time, or one height.
-        numbers = [f"{mean_wind[key]:.0f}" for key in mean_winds.keys]
-        row = ["–".join(numbers), _mean_speed_cell(mean_wind)]
-        if has_direction:
-            row.append(compass_text(mean_wind["direction"]))
+    for label, mean_wind in zip(labels, mean_winds, strict=True):
+        row = [label, _mean_speed_cell(mean_wind)]
+        if wind.direction_identifiable:
+            row.append(_origin_cell(mean_wind))
         rows.append(row)
-    return Table(header, rows)
+    return Table(headers, rows)
 
 
 def _mean_speed_cell(mean_wind: Mapping[str, float]) -> str:
@@ -407,17 +435,11 @@ def _mean_speed_cell(mean_wind: Mapping[str, float]) -> str:
     return f"{mean_wind['speed']:.1f} ({mean_wind['low']:.1f} to {mean_wind['high']:.1f})"
 
 
-def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
-    """Returns the indices of evenly spaced rows of a table, the first and the last among them.
-
-    Args:
-        count: number of rows of the whole table.
-        max_count: largest number of rows to select; None to select all.
-    """
-    if max_count is None or count <= max_count:
-        return range(count)
-    indices: list[int] = np.linspace(0, count - 1, max_count).round().astype(int).tolist()
-    return indices
+def _origin_cell(mean_wind: Mapping[str, float]) -> str:
+    """Returns where a mean wind comes from, or that it may be still air, which has no direction."""
+    if not mean_wind["low"]:
+        return "may be still air"
+    return compass_text(mean_wind["direction"])
 
 
 def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, IntervalEstimate]) -> Blocks:

@@ -2,7 +2,7 @@
 // plots, parts that open where a link leads to them and for print, contents that fold, and the search of tables. A part
 // that a page of a session gets while it is open works like the others: the event "renewed" comes after such changes.
 (() => {
-  const root = document.documentElement, { groups, zoom, setCursor, unpack, digits } = root.charts;
+  const root = document.documentElement, { groups, zoom, setCursor, unpack, digits, compassText } = root.charts;
   const flight = () => groups.flight, eventRows = () => [...document.querySelectorAll("tr[data-at]")];
   // Calls an action at each click on what a selector finds, also where it comes later.
   const onClick = (selector, action) => document.addEventListener("click", event => {
@@ -46,8 +46,14 @@
       dot.style.visibility = isOnPath ? "visible" : "hidden";
       dot.setAttribute("transform", `translate(${track.x[number]} ${track.y[number]})`);
       if (isOnPath && track.height[number] != null) words.push(`${digits(Number(track.height[number].toFixed(1)))} m high`);
-      // The wind's speed stands in the legend of its chart: the path has fewer points than that.
-      if (arrow && track.direction?.[number] != null) arrow.setAttribute("transform", `rotate(${track.direction[number]})`);
+      // The arrow and its label show the wind then, and without a cursor the mean wind. The speed then stands in the legend
+      // of its chart: the path has fewer points than that.
+      const label = map.querySelector(".wind-label"), direction = isOnPath ? track.direction?.[number] : null;
+      if (arrow && track.direction) {
+        track.meanWind ??= { turn: arrow.getAttribute("transform"), text: label.textContent };
+        arrow.setAttribute("transform", direction == null ? track.meanWind.turn : `rotate(${direction})`);
+        label.textContent = direction == null ? track.meanWind.text : `wind at ${time.toFixed(0)} s from ${compassText(direction)}`;
+      }
     }
     if (time != null && flight()) {
       // Events within a hundredth of what is shown; the autopilot's messages, which have no sentence, are not among them.

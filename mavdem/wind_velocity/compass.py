@@ -87,11 +87,13 @@ def compass_words(direction: float, half_width: float | None = None) -> str:
 
     Args:
         direction: where the wind comes from, degrees clockwise from north.
-        half_width: half width of its interval, degrees; None if it is not to be shown.
+        half_width: half width of its interval, degrees; None if it is not to be shown. No line is broken within it.
     """
     point = _nearest_point(direction, COMPASS_POINTS)
     words = "-".join(COMPASS_WORDS[letter] for letter in point)
-    interval = "" if half_width is None else f" ± {half_width:.0f}°"
+    interval = (
+        "" if half_width is None else f"\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}{half_width:.0f}°"
+    )
     return f"the {words} ({direction % 360:.0f}°{interval})"
 
 

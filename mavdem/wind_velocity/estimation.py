@@ -101,6 +101,7 @@ def estimate_wind(
         flight_drag.remaining_sd,
         is_lean_more_uncertain(winds.velocities.mean(axis=0), flight.parameter_samples),
         flight.posterior.steered_share,
+        float(np.nanmax(np.hypot(*grid.velocity[:, HORIZONTAL].T))),
         prior.source,
     )
     status = _status_of_figures(doubts)

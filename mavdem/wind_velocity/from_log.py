@@ -207,6 +207,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
             missing=AXES[len(angles) :],
             name=telemetry.name_in_source("LOCAL_POSITION_NED"),
             recorder=telemetry.translated_from,
+            has_receiver=has_receiver(telemetry),
         )
     _require_position_source(telemetry, ground_motion)
     motion = _longest_free_flight(signals, angles, ground_motion)

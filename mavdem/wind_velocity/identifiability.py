@@ -106,6 +106,7 @@ def doubts_on_wind(
     remaining_sd: float,
     is_lean_worse: bool,
     steered_share: float,
+    ground_speed: float,
     prior_source: DragSource,
 ) -> list[DoubtedFigure]:
     """Returns the reasons why drag, speed or direction are not reported.
@@ -119,6 +120,7 @@ def doubts_on_wind(
         remaining_sd: standard deviation after the flight, relative to the one before it (the prior's).
         is_lean_worse: whether the speed is more uncertain by the lean than by the drag.
         steered_share: fraction of the force's variance that manoeuvres explain, 0 to 1; only they determine the drag.
+        ground_speed: largest speed over ground in the flight, m/s.
         prior_source: source of the prior of the drag.
 
     Returns:
@@ -127,7 +129,7 @@ def doubts_on_wind(
     doubts = []
     is_drag_uncertain = drag_sd > REPORTED_DRAG_SD
     if is_drag_uncertain:
-        doubts.append(_drag_doubt(drag_sd, remaining_sd, steered_share, prior_source))
+        doubts.append(_drag_doubt(drag_sd, remaining_sd, steered_share, ground_speed, prior_source))
     if speed_status(mean.speed, mean.low, mean.high) is not Status.REPORTED:
         doubts.append(_speed_doubt(mean, is_by_drag=is_drag_uncertain and not is_lean_worse))
     if mean.direction_half_width > REPORTED_DIRECTION_ERROR:
@@ -136,7 +138,11 @@ def doubts_on_wind(
 
 
 def _drag_doubt(
-    drag_sd: float, remaining_sd: float, steered_share: float, prior_source: DragSource
+    drag_sd: float,
+    remaining_sd: float,
+    steered_share: float,
+    ground_speed: float,
+    prior_source: DragSource,
 ) -> DoubtedFigure:
     """Returns why an uncertain drag is not reported; the arguments are those of :func:`doubts_on_wind`."""
     status = Status.BIASED
@@ -148,6 +154,7 @@ def _drag_doubt(
         relative_sd=drag_sd,
         source=prior_source,
         steered=steered_share,
+        ground_speed=ground_speed,
     )
     return DoubtedFigure("drag", status, reason)
 

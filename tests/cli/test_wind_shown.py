@@ -17,6 +17,7 @@ from mavdem.ingest.parameter_file import read_parameters
 from mavdem.report.pages.fleet_page import fleet_page
 from mavdem.report.vehicle_summary import vehicle_summaries
 from mavdem.wind_velocity.compass import compass_text, compass_words
+from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import load, scenario_toml
 
 
@@ -46,7 +47,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     )
     output = unwrapped(capsys.readouterr().out)
     (low, high) = estimate.mean_speed_interval
-    origin = compass_words(estimate.direction, estimate.direction_interval)
+    origin = compass_words(estimate.direction, estimate.direction_interval).replace("\xa0", " ")
     assert (
         f"mean speed {estimate.mean_speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts"
         in output
@@ -103,3 +104,10 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     for this_flight in (learnt, tmp_path / "wind", log):
         assert run("wind", log, "--prior", this_flight) == 2
         assert "of this very flight" in capsys.readouterr().err
+    # An earlier flight that shows no drag changes nothing, and is said to do so.
+    (tmp_path / "earlier.json").write_text(json.dumps({"drag": Drag.from_parameters().as_dict()}))
+    capsys.readouterr()
+    assert run("wind", log, "--prior", tmp_path / "earlier.json") == 0
+    output = unwrapped(capsys.readouterr().out)
+    assert "does not show its drag: it adds nothing" in output
+    assert f"mean speed {estimate.mean_speed:.1f} m/s ({low:.1f} to {high:.1f})" in output

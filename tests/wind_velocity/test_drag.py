@@ -150,6 +150,15 @@ def test_the_drag_of_a_prior_that_the_flight_excludes_is_in_doubt():
     assert contradicted.air_speed == approx(np.sqrt(8))
     assert not doubt_on_prior(EarlierDrag(narrow, "board 5"), flight, identity).is_contradicted
     assert doubt_on_prior(EarlierDrag(narrow, "board 6"), flight, identity).is_of_another_vehicle
+    # Vehicles without names differ if their autopilots or frames do.
+    for autopilot, frame, is_another in (
+        ("ARDUPILOTMEGA", "QUADROTOR", True),
+        ("PX4", "HEXAROTOR", True),
+        ("PX4", "QUADROTOR", False),
+        ("", "GENERIC", False),
+    ):
+        earlier = EarlierDrag(narrow, "", autopilot, frame)
+        assert doubt_on_prior(earlier, flight, identity).is_of_another_vehicle is is_another
     flight.drag = replace(narrow, source=DragSource.POPULATION)
     assert not doubt_on_prior(EarlierDrag(doubled, ""), flight, identity).is_contradicted
 

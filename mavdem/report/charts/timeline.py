@@ -494,8 +494,8 @@ def _lines_of_columns(
 def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
     """Yields a chart of the wind speed over time, m/s, and one of the direction that the wind comes from, °.
 
-    Each has the estimate with its 90 % band, and the autopilot's own estimate if that was logged. A quantity that the
-    flight does not determine, so that it is not identifiable, has no chart.
+    Each has the estimate with its 90 % band, and the autopilot's own estimate if that was logged. Of a speed that is
+    not identifiable only the band is drawn, within which it lies; such a direction has no chart.
 
     Args:
         history: the wind over time, as estimated and as the autopilot has it.
@@ -503,14 +503,15 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
     wind = history.estimate
     # Speed and direction of each sample, from the velocity north and east.
     polar = wind.polar
-    if wind.speed_identifiable:
-        speed_line = _speed_line("wind", wind.time, polar.speed, polar.speed_half_width)
-        autopilot_lines = _lines_of_columns(
-            history.autopilot_speed, ["autopilot's own"], [BASELINE]
-        )
-        chart = over_time("Wind", "m/s", [speed_line, *autopilot_lines])
-        # A speed is compared with still air, and so with those of other flights.
-        yield chart._replace(y=chart.y._replace(limits=(0.0, None)))
+    title = "Wind"
+    speed_line = _speed_line("wind", wind.time, polar.speed, polar.speed_half_width)
+    if not wind.speed_identifiable:
+        title = "Wind (only its 90 % band is known)"
+        speed_line = speed_line._replace(y=np.full(len(wind.time), np.nan))
+    autopilot_lines = _lines_of_columns(history.autopilot_speed, ["autopilot's own"], [BASELINE])
+    chart = over_time(title, "m/s", [speed_line, *autopilot_lines])
+    # A speed is compared with still air, and so with those of other flights.
+    yield chart._replace(y=chart.y._replace(limits=(0.0, None)))
     if wind.direction_identifiable:
         yield _direction_chart(history)
 

@@ -5,10 +5,9 @@ from dataclasses import replace
 from pathlib import PurePath
 from types import MappingProxyType
 
-import numpy as np
-
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
+from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.time_history import wind_history
 from mavdem.confidence import IntervalEstimate
@@ -18,12 +17,13 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
-from mavdem.report.charts.chart import MAX_GAP_STEPS, Chart, Group, Line, over_time
+from mavdem.report.charts.chart import Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import rose_of_wind
 from mavdem.report.charts.timeline import Timeline, history_timeline
 from mavdem.report.condition import (
     drag_blocks,
+    estimated_intervals,
     flight_warning,
     wind_blocks,
     wind_tables,
@@ -136,9 +136,22 @@ def page_without_wind(name: str, reason: Fact, assessment: Assessment) -> str:
     summary: Blocks = [headline_sentence(reason.sentence)]
     if reason.remedy:
         summary.append(Sentence(reason.remedy, "Next:"))
-    summary += flight_warning(assessment.judgement)
+    summary += next_step_without_wind(reason, assessment.judgement)
     head = Head(level=Level.UNKNOWN, lights={})
     return render_document(name, SUBTITLE_WITHOUT_WIND, summary, [], head=head)
+
+
+def next_step_without_wind(reason: Fact, judgement: Judgement) -> list[Sentence]:
+    """Returns what else is wrong with a flight that shows no wind, and what to do before the next one.
+
+    Args:
+        reason: why no wind can be estimated. Where it has a remedy, such as a message to log, that is the next step.
+        judgement: headline and next step of the flight.
+    """
+    sentences = flight_warning(judgement)
+    if not reason.remedy:
+        sentences.append(Sentence(str(judgement.next_step), "Next:"))
+    return sentences
 
 
 def _page_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
@@ -222,12 +235,9 @@ def _intervals_without_wind(time: Array, span: TimeInterval) -> tuple[TimeInterv
         span: first and last time that is shown, s.
 
     Returns:
-        Start and end of each part, s, in the order of time. Lines over time are interrupted in the same gaps.
+        Start and end of each part, s, in the order of time.
     """
-    steps = np.diff(time)
-    is_gap = steps > MAX_GAP_STEPS * np.median(steps)
-    estimated = intervals.split_at_gaps(time, is_gap)
-    return tuple(intervals.intersection([span], intervals.complement(estimated)))
+    return tuple(intervals.intersection([span], intervals.complement(estimated_intervals(time))))
 
 
 def _air_velocity_chart(wind: WindVelocity) -> Chart:
