@@ -102,8 +102,10 @@ def test_speed_is_drawn_in_metres_per_second_and_direction_in_degrees():
     assert_allclose([line.y[0] for line in direction.lines], DIRECTION)
 
 
-def test_without_a_speed_only_the_direction_is_drawn_in_degrees():
-    (direction,) = charts(wind(speed=Status.NOT_IDENTIFIABLE))
+def test_of_a_speed_that_is_not_identifiable_only_the_band_is_drawn():
+    speed, direction = charts(wind(speed=Status.NOT_IDENTIFIABLE))
+    assert np.isnan(speed.lines[0].y).all() and "only its 90 % band" in speed.title
+    assert_allclose(speed.lines[0].lower_edge, SPEED - 1.0)
     assert "Wind from W" in direction.title and direction.y.label == "direction (°)"
     assert [line.name for line in direction.lines] == ["wind", "autopilot's own"]
     assert_allclose([line.y[0] for line in direction.lines], DIRECTION)
