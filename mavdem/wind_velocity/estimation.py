@@ -164,7 +164,7 @@ def _smoothed_flight(samples: MotionSamples, prior: Drag) -> _SmoothedFlight:
     """
     # The matrices are small: several threads of the linear algebra library would only cost time.
     with one_thread():
-        # The identification filters the flight many times, and uses half as many steps, to save time as the result.
+        # The identification filters the flight many times, and uses half as many steps as the result, to save time.
         identification_grid = flight_grid(samples, max_steps=MAX_STEPS // 2)
         posterior = identify_drag(identification_grid, prior)
         grid = flight_grid(samples, max_steps=MAX_STEPS)
