@@ -136,9 +136,10 @@
     }
     ctx.setLineDash([4 * ratio, 3 * ratio]);
     // Of many events those that are no alarms are faint, so that lines stay in sight.
-    for (const [x, , stroke] of data.marks) {
+    const marks = drawnMarks(data);
+    for (const [x, , stroke] of marks) {
       ctx.strokeStyle = stroke;
-      ctx.globalAlpha = data.marks.length > MANY_MARKS && stroke === "#7d8694" ? 0.4 : 1;
+      ctx.globalAlpha = marks.length > MANY_MARKS && stroke === "#7d8694" ? 0.4 : 1;
       ctx.beginPath(); ctx.moveTo(at(x), bbox.top); ctx.lineTo(at(x), bbox.top + bbox.height); ctx.stroke();
     }
     ctx.restore();
@@ -154,12 +155,19 @@
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
   // "3–5, 9", which has the colour of alarms if one of them is an alarm.
   const isOverFlight = data => data.group === "flight" || data.group === "whole flight";
+  // The marks to draw. On paper an event is marked only if a printed list has its text: the longer list may be closed.
+  const drawnMarks = data => {
+    const numbers = [...document.querySelectorAll(".events .number")];
+    if (!root.classList.contains("printing") || !isOverFlight(data) || !numbers.length) return data.marks;
+    const printedNumbers = new Set(numbers.filter(number => number.checkVisibility()).map(number => number.textContent));
+    return data.marks.filter(([, name]) => printedNumbers.has(name));
+  };
   const hasNumbers = data => isOverFlight(data) && data.marks.some(([, name]) => name);
   const drawEventNumbers = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio, right = bbox.left + bbox.width;
     ctx.save();
     ctx.font = `${(root.classList.contains("printing") ? 8 : 10) * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "bottom";
-    const events = data.marks.filter(([, name]) => name).map(([x, name, fill], rank) => ({ left: chart.valToPos(x, "x", true), numbers: [+name], fill, rank }));
+    const events = drawnMarks(data).filter(([, name]) => name).map(([x, name, fill], rank) => ({ left: chart.valToPos(x, "x", true), numbers: [+name], fill, rank }));
     const texts = [];
     const placed = event => {
       const text = rangesOf(event.numbers), width = ctx.measureText(text).width;

@@ -176,11 +176,22 @@
     showMoment(shownTime);
   });
 
-  // Paper has what is open on the screen, and one line of what is closed. Only what a phone folds by itself is opened.
-  let foldedParts = [];
+  // Paper has what is open on the screen. Closed parts and closed chapters that warn have a line each, and one line names
+  // all other closed chapters. Only what a phone folds by itself is opened.
+  let foldedParts = [], unprintedChapters = [];
   addEventListener("beforeprint", () => {
     foldedParts = [...document.querySelectorAll("main .fold:not([open])")];
     for (const part of foldedParts) part.open = true;
+    unprintedChapters = [...document.querySelectorAll(".chapter:has(> details:not([open]))")].filter(
+      chapter => !chapter.querySelector(":scope > details > summary > .rating:is(.watch, .bad)")
+    );
+    for (const chapter of unprintedChapters) chapter.classList.add("unprinted");
+    const titles = unprintedChapters.map(chapter => chapter.querySelector("h2").textContent);
+    const line = document.getElementById("unprinted");
+    if (line) line.textContent = titles.length ? `Closed, not printed: ${titles.join(", ")}.` : "";
   }, true); // before the charts are drawn for paper
-  addEventListener("afterprint", () => { for (const part of foldedParts) part.open = false; });
+  addEventListener("afterprint", () => {
+    for (const part of foldedParts) part.open = false;
+    for (const chapter of unprintedChapters) chapter.classList.remove("unprinted");
+  });
 })();

@@ -404,6 +404,17 @@ def test_a_peak_that_would_flatten_a_plot_is_left_out_until_it_is_asked_for(tmp_
 
 
 ON_PAPER = """(async () => {
+const drawText = CanvasRenderingContext2D.prototype.fillText, drawnNumbers = new Set();
+// The numbers of events stand on a line of their own above the plots, in runs such as "3–5, 9".
+CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+  if (this.textBaseline === "bottom") for (const run of text.split(", ")) {
+    const [first, last = first] = run.split("–").map(Number);
+    for (let number = first; number <= last; number++) drawnNumbers.add(String(number));
+  }
+  drawText.call(this, text, ...place);
+};
+// One event has no text on paper, as if it were in a closed list only.
+document.querySelector(".events .number").closest("tr").hidden = true;
 dispatchEvent(new Event("beforeprint"));
 await new Promise(done => setTimeout(done, 50));
 const box = element => element.getBoundingClientRect();
@@ -416,11 +427,18 @@ const paperWidth = 190 / 25.4 * 96;
 const beyondPaper = figures.filter(figure => box(figure).right > paperWidth + 1).length;
 const closedParts = [...document.querySelectorAll(".chapter details:not([open])")];
 const shownParts = closedParts.filter(part => !part.parentElement.closest("details:not([open])"));
+const lineOfChapters = document.getElementById("unprinted");
+const hasLine = part => part.querySelector("summary").checkVisibility()
+  || lineOfChapters.checkVisibility() && lineOfChapters.textContent.includes(part.querySelector("h2").textContent);
+const numbers = [...document.querySelectorAll(".events .number")];
+const printedNumbers = new Set(numbers.filter(number => number.checkVisibility()).map(number => number.textContent));
 const result = {
+  unexplainedNumbers: [...drawnNumbers].filter(number => !printedNumbers.has(number)),
+  hasNumbers: drawnNumbers.size > 0,
   charts: figures.length, misfits: misfits.length, beyondPaper,
   paper: getComputedStyle(document.documentElement).getPropertyValue("--card").trim(),
   hasClosedParts: shownParts.length > 0,
-  closedWithoutLine: shownParts.filter(part => !part.querySelector("summary").checkVisibility()).length,
+  closedWithoutLine: shownParts.filter(part => !hasLine(part)).length,
   menu: getComputedStyle(document.querySelector(".contents")).display,
   times: document.documentElement.charts.groups.flight.charts.filter(
     chart => chart.data_.lines.length && chart.root.closest("#flight > .plots")
@@ -434,6 +452,7 @@ const result = {
   ),
 };
 dispatchEvent(new Event("afterprint"));
+CanvasRenderingContext2D.prototype.fillText = drawText;
 return { ...result, screen: getComputedStyle(document.querySelector(".contents")).display };
 })()"""
 
@@ -442,7 +461,8 @@ return { ...result, screen: getComputedStyle(document.querySelector(".contents")
 def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight, tmp_path, browser):
     """A browser in dark mode prints the page of a flight.
 
-    The paper is white, nothing is too wide, no chart is divided, and what is closed is one line.
+    The paper is white, nothing is too wide, no chart is divided, each closed chapter is named, and
+    each event that a plot numbers has its text.
     """
     assert len(flight.encode()) < 790_000
     (tmp_path / "page.html").write_text(flight)
@@ -466,6 +486,8 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight,
     assert len(re.findall(rb"/Type\s*/Page\b", printed)) <= 6
     assert on_paper.pop("charts") > 5
     assert on_paper == {
+        "unexplainedNumbers": [],
+        "hasNumbers": True,
         "misfits": 0,
         "beyondPaper": 0,
         "paper": "#ffffff",
