@@ -145,9 +145,9 @@ class WindVelocity(ImmutableResult):
         if reason_against_speed is None or self.calm:
             # The speed is reported, or the air may be still.
             return False
-        # A speed that is uncertain only by the drag does not doubt the lean: the vehicle leans against the wind.
-        is_only_by_drag: bool = reason_against_speed.figures["by_drag"]
-        return not is_only_by_drag
+        # Where the speed is missing only because the drag is poorly known, the lean itself is that in the wind.
+        drag_is_only_reason: bool = reason_against_speed.figures["by_drag"]
+        return not drag_is_only_reason
 
     @property
     def gust_time(self) -> float:
