@@ -53,6 +53,9 @@ from mavdem.live.time_account import TimeAccount
 from mavdem.live.vehicle_selection import Component
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
 
+RECORDING_AWAITED = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
+"""The verdict on the recording of a flight, as long as that is still being read."""
+
 NO_ROWS_CODES = (
     RowsFact.NO_LIVE_ATTITUDE,
     RowsFact.ATTITUDE_ASKED,
@@ -687,8 +690,7 @@ class LiveSession:
         # After a landing, the adviser reads the recording, judges the flight by it and finds the gains to advise.
         if self.gain_adviser is None or not self.gain_adviser.is_awaited:
             return status
-        awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
-        return replace(status, recording_verdict=awaited)
+        return replace(status, recording_verdict=RECORDING_AWAITED)
 
     @property
     def ending_status(self) -> SessionStatus:
@@ -696,8 +698,7 @@ class LiveSession:
         status = replace(self.status, is_over=True)
         if self.gain_adviser is None or status.recording_verdict is not None:
             return status
-        awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
-        return replace(status, recording_verdict=awaited)
+        return replace(status, recording_verdict=RECORDING_AWAITED)
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns how many seconds of the session each use of time took, such as learning; their sum is its age."""

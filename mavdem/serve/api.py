@@ -31,7 +31,7 @@ from mavdem.export.fields import extremes_of_intervals, samples_between
 from mavdem.facts.serve import LimitedResource, Permission, RefusalReason, Sharing, Stage
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE, REPORT_FILE
-from mavdem.serve.compared_motors import entry_beside_fleet
+from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.field_store import FieldRequest, FieldStore
 from mavdem.serve.index import COLUMNS, LibraryEntry
 from mavdem.serve.openapi import openapi
@@ -520,7 +520,7 @@ class Api:
         anomalous_rows = self._library.rows_with_motor_anomaly(finished_entries)
         progress_by_id = {}
         for entry in entries:
-            compared_entry = entry_beside_fleet(entry, anomalous_rows.get(entry.id))
+            compared_entry = entry_compared_with_fleet(entry, anomalous_rows.get(entry.id))
             progress_by_id[entry.id] = self._flight_progress(compared_entry, places_in_queue)
         return progress_by_id
 

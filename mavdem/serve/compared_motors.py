@@ -83,7 +83,7 @@ SHOWN_URGENCY_SQL = (
 """SQL expression of how urgently a flight needs a look: the more urgent of both judgements, as of a vehicle."""
 
 
-def level_beside_fleet_sql(column: str) -> str:
+def level_compared_with_fleet_sql(column: str) -> str:
     """Returns the SQL expression of a level that an anomaly of the motors may make worse, as ``motors_level`` has it.
 
     Args:
@@ -119,7 +119,7 @@ def order_sql(order: ListingOrder) -> str:
     return SQL_ORDERS[order]
 
 
-def entry_beside_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:
+def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:
     """Returns a flight's index entry with the verdict that is shown to everyone who may see the flight.
 
     Args:

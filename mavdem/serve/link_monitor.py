@@ -33,7 +33,7 @@ from mavdem.live.vehicle_selection import Component
 from mavdem.report.live import live_title, vehicle_text
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
-from mavdem.serve.compared_motors import entry_beside_fleet
+from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.live_pages import (
@@ -664,7 +664,7 @@ class LinkMonitor:
         """
         anomalous_row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
         is_compared = entry.id not in self._library.uncompared_ids([entry])
-        compared_entry = entry_beside_fleet(entry, anomalous_row)
+        compared_entry = entry_compared_with_fleet(entry, anomalous_row)
         return _verdict_on_recording(compared_entry, is_compared=is_compared)
 
     def _new_recording(self) -> _IncomingRecording:

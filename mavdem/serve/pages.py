@@ -50,7 +50,7 @@ from mavdem.report.pages.library_page import (
 from mavdem.report.pages.motor_anomaly import motor_anomaly
 from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
-from mavdem.serve.compared_motors import entry_beside_fleet
+from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
@@ -257,7 +257,7 @@ class Pages:
             flights_to_compare = self._flights_to_compare(entries, anomalous_rows)
         shown_entries = []
         for entry in entries:
-            shown_entries.append(entry_beside_fleet(entry, anomalous_rows.get(entry.id)))
+            shown_entries.append(entry_compared_with_fleet(entry, anomalous_rows.get(entry.id)))
         return {
             "entries": shown_entries,
             "anomalous_rows": anomalous_rows,
@@ -321,7 +321,7 @@ class Pages:
         if not vehicle:
             row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
             anomaly = motor_anomaly(row)
-            values["flight"] = entry_beside_fleet(entry, row)
+            values["flight"] = entry_compared_with_fleet(entry, row)
             if values["may_read"]:
                 healthy_entry = None
                 if anomaly is not None:

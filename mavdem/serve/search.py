@@ -13,7 +13,7 @@ from mavdem.report.numbers import listed
 from mavdem.serve.compared_motors import (
     SHOWN_HEADLINE_OF_LOG_SQL,
     has_anomaly_sql,
-    level_beside_fleet_sql,
+    level_compared_with_fleet_sql,
 )
 from mavdem.serve.index import CONTENT_HASH_SQL
 
@@ -61,10 +61,10 @@ CHOICES = {"stage": tuple(map(str, Stage)), "sharing": tuple(map(str, Sharing))}
 """Values that columns can have, by their own names; those of levels are not among them."""
 
 
-LEVEL_SQL = level_beside_fleet_sql("level")
+LEVEL_SQL = level_compared_with_fleet_sql("level")
 """SQL expression of the level of the headline that pages show."""
 
-MOTORS_LEVEL_SQL = level_beside_fleet_sql("motors")
+MOTORS_LEVEL_SQL = level_compared_with_fleet_sql("motors")
 """SQL expression of the level of the motors as pages show it, as ``motors_level`` has it."""
 
 COMPARED_LEVELS_SQL = {"level": LEVEL_SQL, str(Light.MOTORS): MOTORS_LEVEL_SQL}

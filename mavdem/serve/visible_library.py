@@ -18,7 +18,7 @@ from mavdem.fleet.names import content_hash
 from mavdem.report.pages.library_page import interface_words
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
-from mavdem.serve.compared_motors import entry_beside_fleet
+from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import FoundEntries, Library
 from mavdem.serve.recordings import RecordingRequests
@@ -169,10 +169,9 @@ class VisibleLibrary:
         """
         if not entry.date or entry.is_vehicle_unnamed:
             return FoundEntries([], total=0)
-        # Copies of the log have the same date, so only an entry with an earlier date is another flight. One without a
-        # digest, whose log the library does not keep, need not have a page that can be compared.
-        condition = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
-        values = [entry.vehicle, Stage.DONE, entry.date]
+        # Copies of the log have the same date, so only an entry with an earlier date is another flight.
+        condition = f"vehicle = ? and {COMPARABLE_SQL} and date != '' and date < ?"
+        values = [entry.vehicle, Stage.DONE, entry.id, entry.date]
         return self.library.find(condition, values, limit, offset, order=ListingOrder.FLIGHT)
 
     def comparable_flights(
@@ -265,7 +264,7 @@ class VisibleLibrary:
             anomalous_row = anomalous_rows.get(entry.id)
             reason = None if anomalous_row is None else anomalous_row.health_reason
             document = Flight.from_results(
-                entry_beside_fleet(entry, anomalous_row),
+                entry_compared_with_fleet(entry, anomalous_row),
                 given_name=flight_name,
                 vehicle_name=vehicle_name,
                 motor_anomaly=reason or "",

@@ -37,7 +37,7 @@ from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import LINK_TO_FLEET_HTML, render_server_page
 from mavdem.report.pages.page import PageLink, render_document
 from mavdem.results import PAGE_FILE, REPORT_FILE
-from mavdem.serve.compared_motors import entry_beside_fleet, order_sql
+from mavdem.serve.compared_motors import entry_compared_with_fleet, order_sql
 from mavdem.serve.index import (
     LibraryEntry,
     columns_of_flight,
@@ -215,7 +215,9 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", **wind, **lights)
     row = flight_row("quad", 0, health=health, health_reason="Motor 3 works harder.")
     anomalous_rows = {} if health == "ok" else {"id": row}
-    page = library_page([entry_beside_fleet(entry, anomalous_rows.get("id"))], anomalous_rows)
+    page = library_page(
+        [entry_compared_with_fleet(entry, anomalous_rows.get("id"))], anomalous_rows
+    )
     assert f'aria-label="motors {level}"' in page
     assert ">2.9 to 10.4 m/s<" in page
 
