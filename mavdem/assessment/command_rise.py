@@ -12,7 +12,7 @@ from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.segments import in_segments
 from mavdem.dataset.signals import Signals
 
-AVERAGING_SECONDS = 10.0
+COMMAND_AVERAGING_SECONDS = 10.0
 """Duration of settled flight, s, at its beginning and end over which the commands are averaged: gusts last less."""
 
 MIN_RELATIVE_RISE = 0.1
@@ -49,10 +49,10 @@ def command_rise(signals: Signals, boot: int, end_time: float) -> CommandRise | 
     is_before = (commands.boot == boot) & (commands.time < end_time)
     time = commands.time[is_settled & is_before]
     values = commands.values[is_settled & is_before]
-    if len(time) == 0 or time[-1] - time[0] < 2 * AVERAGING_SECONDS:
+    if len(time) == 0 or time[-1] - time[0] < 2 * COMMAND_AVERAGING_SECONDS:
         return None
-    first_command = float(np.mean(values[time < time[0] + AVERAGING_SECONDS]))
-    last_command = float(np.mean(values[time > time[-1] - AVERAGING_SECONDS]))
+    first_command = float(np.mean(values[time < time[0] + COMMAND_AVERAGING_SECONDS]))
+    last_command = float(np.mean(values[time > time[-1] - COMMAND_AVERAGING_SECONDS]))
     if last_command < (1 + MIN_RELATIVE_RISE) * first_command:
         return None
     return CommandRise(first_command, last_command)

@@ -17,18 +17,20 @@ from mavdem.assessment.height_disagreements import height_difference, initial_di
 from mavdem.assessment.shown_time import ShownTime, one_part, successive_parts
 from mavdem.containers import Names
 from mavdem.dataset import flight_states
-from mavdem.dataset.axes import AXES
+from mavdem.dataset.axes import AXES, DOWN
 from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.setpoints import Setpoint
-from mavdem.dataset.signals import Signals
+from mavdem.dataset.signals import Signals, plane_positions
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.velocity import WindVelocity
+from mavdem.witnesses.ground_heights import satellite_position
 from mavdem.witnesses.height import height_comparison
 
 SECONDS_AROUND_FLIGHT = 5.0
@@ -162,7 +164,7 @@ def time_history(
     barometer_height = _barometer_height(signals)
     satellite_height = _satellite_height(signals, barometer_height, events)
     shown_time = one_part(segment)
-    position = shown_time.within(signals.position or signals.receiver_position)
+    position = shown_time.within(signals.position or _path_by_satellites(signals))
     if has_all_flights:
         shown_time = successive_parts(_segments_of_flights(signals, segment), segment.boot)
     shown_events = [shown_time.event(fact) for fact in events]
@@ -305,11 +307,31 @@ def _satellite_height_in_boot(
 
 def _height_above_first_fix(signals: Signals) -> TimeSeries | None:
     """Returns the height (G,) of a satellite receiver above its first fix, m; None without a fix."""
-    position = signals.receiver_position
-    if position is None:
+    path = _path_by_satellites(signals)
+    if path is None:
         return None
-    north_east_down = position.values
-    return replace(position, values=-north_east_down[:, 2])
+    return replace(path, values=-path.values[:, DOWN])
+
+
+@cached_per_vehicle()
+def _path_by_satellites(signals: Signals) -> TimeSeries | None:
+    """Returns the path (G, 3) by a satellite receiver alone, m north, east and down of its first fix.
+
+    Links at the usual rates of a ground station may have no other position.
+
+    Args:
+        signals: logged time series of the vehicle.
+
+    Returns:
+        The path; None if no receiver measured latitude, longitude and altitude.
+    """
+    fixes = satellite_position(signals)
+    if fixes is None:
+        return None
+    degrees, altitude = np.split(fixes.values, [2], axis=1)
+    north_east = plane_positions(degrees, origin=degrees[0])
+    down = altitude[0] - altitude
+    return replace(fixes, values=np.column_stack([north_east, down]))
 
 
 def _joined(series_by_boot: Sequence[TimeSeries]) -> TimeSeries | None:

@@ -28,7 +28,6 @@ from mavdem.dataset.motor_outputs import (
     control_target,
     motor_outputs_or_reason,
 )
-from mavdem.dataset.position_fix import has_fix_by_row
 from mavdem.dataset.setpoints import (
     InjectedSignal,
     Setpoint,
@@ -312,25 +311,13 @@ class VehicleSignals:
         if not columns:
             return None
         positions = global_positions(columns)
-        height = float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
-        return _position_from_first_fix(columns, positions, height)
-
-    @property
-    @cached_per_vehicle()
-    def receiver_position(self) -> TimeSeries | None:
-        """Position (N, 3), m north, east and down of the first fix, by the first satellite receiver alone.
-
-        Links at the usual rates of a ground station may have no other position. None if the receiver had no fix, or if
-        its altitude was not recorded.
-        """
-        columns = self.telemetry.messages.get("GPS_RAW_INT", {})
-        if not columns or "alt" not in columns:
+        if not positions.is_fix.any():
             return None
-        positions = global_positions(columns)
-        positions = positions._replace(is_fix=positions.is_fix & has_fix_by_row(columns))
-        altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
-        altitude_of_first_fix = altitude[np.argmax(positions.is_fix)]
-        return _position_from_first_fix(columns, positions, altitude - altitude_of_first_fix)
+        # ``argmax`` returns the row of the first true flag, the first fix.
+        origin = positions.degrees[np.argmax(positions.is_fix)]
+        horizontal = plane_positions(positions.degrees, origin)
+        down = -float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
+        return clean_series(columns, np.column_stack([horizontal, down]), positions.is_fix)
 
     @property
     @cached_per_vehicle()
@@ -571,27 +558,6 @@ def global_positions(columns: Columns) -> GlobalPositions:
     is_possible = (abs(degrees) <= [MAX_LATITUDE, MAX_LONGITUDE]).all(axis=1)
     is_fix = degrees.any(axis=1) & is_possible
     return GlobalPositions(degrees, np.asarray(is_fix))
-
-
-def _position_from_first_fix(
-    columns: Columns, positions: GlobalPositions, height: Array
-) -> TimeSeries | None:
-    """Returns positions in metres from geographic ones, on the plane that touches the earth at the first fix.
-
-    Args:
-        columns: Fields of N messages, with their times.
-        positions: Latitude and longitude of each message, and which of them are position fixes.
-        height: Heights (N,), m.
-
-    Returns:
-        Metres north, east and down (N, 3), of the messages with a fix; None if none has.
-    """
-    if not positions.is_fix.any():
-        return None
-    # ``argmax`` returns the row of the first true flag, the first fix.
-    origin = positions.degrees[np.argmax(positions.is_fix)]
-    horizontal = plane_positions(positions.degrees, origin)
-    return clean_series(columns, np.column_stack([horizontal, -height]), positions.is_fix)
 
 
 def plane_positions(degrees: Array, origin: Array) -> Array:

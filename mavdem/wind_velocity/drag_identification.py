@@ -428,7 +428,7 @@ def _expand_log_likelihood(scaled_parameters: Array, grid: MotionGrid) -> _Expan
     information[DRAG_PARAMETERS:, DRAG_PARAMETERS:] += (
         np.einsum("ktij,ltji->kl", relative_slopes, relative_slopes) / 2
     )
-    speeds = mean_air_speed(points, grid)
+    speeds = air_speed_of_mean_force(points, grid)
     return _Expansion(
         filtered_motion.log_likelihoods[0],
         gradient,
@@ -490,13 +490,13 @@ def filter_parameters(scaled_parameters: Array, grid: MotionGrid) -> Array:
         (N, 10) parameters of the filter.
     """
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
-    drag_per_speed = linear + quadratic * mean_air_speed(scaled_parameters, grid)
+    drag_per_speed = linear + quadratic * air_speed_of_mean_force(scaled_parameters, grid)
     parameters = scaled_parameters.copy()
     parameters[:, [GUST_SIZE, MEAN_WIND_CHANGE]] -= np.log(drag_per_speed)[:, None]
     return parameters
 
 
-def mean_air_speed(scaled_parameters: Array, grid: MotionGrid) -> Array:
+def air_speed_of_mean_force(scaled_parameters: Array, grid: MotionGrid) -> Array:
     """Returns the air speed (N,), m/s, at which the drag of scaled parameters (N, 10) causes the mean force."""
     force = grid.level_force[grid.complete, HORIZONTAL].mean(axis=0)
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
@@ -512,7 +512,7 @@ def log_prior_of_force(scaled_parameters: Array, speeds: Array) -> Array:
 
     Args:
         scaled_parameters: (N, 10) N sets of scaled parameters.
-        speeds: (N,) air speeds, m/s, at which their drag causes the mean force (:func:`mean_air_speed`).
+        speeds: (N,) air speeds, m/s, at which their drag causes the mean force (:func:`air_speed_of_mean_force`).
 
     Returns:
         Log density (N,), nats.

@@ -71,7 +71,8 @@ even time."""
 MIN_EXPLAINED_SHARE = 0.9
 """Share of a stamp's neighbours whose distance from even times rounding explains, for it to be restored: a choice.
 
-A few messages may be late. More distances that are larger show that the messages themselves are uneven.
+A few messages may be late. More distances that are larger show that the messages themselves are uneven. Likewise it is
+the share of all stamps that have a cycle of the controller in their millisecond, for them to be restored by cycles.
 """
 
 AVERAGED_STAMPS = 41
