@@ -34,7 +34,11 @@ from mavdem.plant.closed_loop.parameters import (
     STEP_TIME,
     LoopParameters,
 )
-from mavdem.plant.closed_loop.reference import denoised_density, unfolded_density
+from mavdem.plant.closed_loop.reference import (
+    MAX_OTHER_CYCLE_SHARE,
+    denoised_density,
+    unfolded_density,
+)
 from mavdem.plant.closed_loop.response import (
     MODELLED_QUANTITIES,
     ClosedLoopResponse,
@@ -141,7 +145,13 @@ class DensityModel:
         other_cycle_share = spectra.other_cycle_share(
             Quantity.SETPOINT, Quantity.RATE, controller.cycle_time
         )
-        self._reference_noise_gain = other_cycle_share * controller.angle_gain**2
+        if other_cycle_share > MAX_OTHER_CYCLE_SHARE:
+            # The reference was computed by the gyro, which cancels the noise of no setpoint.
+            noises_per_setpoint = 1.0
+        else:
+            # In other cycles than the setpoint the interpolated angle adds its noise to that of the setpoint.
+            noises_per_setpoint = 2 * other_cycle_share
+        self._reference_noise_gain = noises_per_setpoint * controller.angle_gain**2
         """Variance of the noise in the logged reference, per variance of the noise of the angle, 1/s².
 
         The setpoint contains K times the noise of the angle. The reference, the setpoint plus K times the angle, does
