@@ -157,8 +157,9 @@
   const isOverFlight = data => data.group === "flight" || data.group === "whole flight";
   // The marks to draw. On paper an event is marked only if a printed list has its text: the longer list may be closed.
   const drawnMarks = data => {
+    if (!root.classList.contains("printing") || !isOverFlight(data)) return data.marks;
     const numbers = [...document.querySelectorAll(".events .number")];
-    if (!root.classList.contains("printing") || !isOverFlight(data) || !numbers.length) return data.marks;
+    if (!numbers.length) return data.marks;
     const printedNumbers = new Set(numbers.filter(number => number.checkVisibility()).map(number => number.textContent));
     return data.marks.filter(([, name]) => printedNumbers.has(name));
   };

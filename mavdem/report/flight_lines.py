@@ -183,16 +183,15 @@ def _suspect_motors(flight: AxisRows) -> str:
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
-    suspect_motors = set()
-    watched_motors = set()
+    suspect_motors = set[int]()
+    watched_motors = set[int]()
     for row in flight:
-        suspect_motors |= {row.failed_motor, row.suspect_motor}
-        watched_motors.add(row.watched_motor)
-    # None stands for no motor.
-    suspect_motors.discard(None)
-    watched_motors.discard(None)
-    motors = suspect_motors or watched_motors
-    return listed(sorted(motor for motor in motors if motor is not None))
+        for motor in (row.failed_motor, row.suspect_motor):
+            if motor is not None:
+                suspect_motors.add(motor)
+        if row.watched_motor is not None:
+            watched_motors.add(row.watched_motor)
+    return listed(sorted(suspect_motors or watched_motors))
 
 
 def _notes_on_flight(flight: AxisRows) -> str:

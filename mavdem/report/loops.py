@@ -162,6 +162,7 @@ def tune_blocks(
     """
     blocks = Blocks()
     stated_remedies = _texts_in_next_step(tuning)
+    cautions = _shared_cautions(tuning.axes)
     axes_with_stated_gains: list[str] = []
     for axes in _axes_with_same_new_gains(tuning):
         # What is said of the new gains of several axes stands once, before their margins.
@@ -202,7 +203,7 @@ def tune_blocks(
                 has_gains=not has_gains_elsewhere,
             )
             blocks.append(table)
-        blocks += _caution_sentences(tuning, advice, has_gains_elsewhere=has_gains_elsewhere)
+        blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=has_gains_elsewhere)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
@@ -210,19 +211,19 @@ def tune_blocks(
 
 
 def _caution_sentences(
-    tuning: Tuning, advice: Advice, *, has_gains_elsewhere: bool
+    cautions: "Iterable[_SharedCaution]", advice: Advice, *, has_gains_elsewhere: bool
 ) -> list[Sentence]:
     """Returns the cautions about the identified loop of one axis; one that several axes share is shown with the first.
 
     Args:
-        tuning: advice for all axes, the first of which have shown their cautions already.
+        cautions: the cautions about the loops of all axes.
         advice: advice on the axis.
         has_gains_elsewhere: whether a page has a table of the gains to set elsewhere. Beside it stand the cautions
             about these gains.
     """
     are_gains_elsewhere = has_gains_elsewhere and bool(advice.parameters)
     sentences = []
-    for caution in _shared_cautions(tuning.axes):
+    for caution in cautions:
         is_elsewhere = are_gains_elsewhere and caution.is_about_gains_to_set
         if caution.axes[0] == advice.before.axis and not is_elsewhere:
             sentences.append(caution.sentence)

@@ -41,6 +41,13 @@ class LoopResponse(NamedTuple):
     """Whether the autopilot adds the derivative of the attitude's setpoint to the setpoint of the rate."""
 
     @property
+    def contradiction(self) -> Fact | None:
+        """Which of the measured and the predicted response is doubted, if they differ; None without one of them."""
+        if self.compared is None or self.compared.is_good:
+            return None
+        return self.compared
+
+    @property
     def facts(self) -> Facts:
         """Facts to report: the measured response or why it is not known, and whether the prediction agrees."""
         if isinstance(self.measured, Fact):

@@ -32,7 +32,7 @@ class ComparedState(NamedTuple):
     """Document of the review of the log; empty of a fleet."""
 
     parameters: Parameters
-    """Parameters of the autopilot, by its names; empty of a fleet."""
+    """Parameters of the autopilot, by its names; of a fleet those of control alone."""
 
 
 class ReviewedDifference(NamedTuple):

@@ -39,8 +39,9 @@ from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence, warning
 from mavdem.report.brief_events import (
+    NOTHING_STATED,
     event_identity,
-    named_causes,
+    stated_events,
     with_saturations_counted,
 )
 from mavdem.report.charts import model_charts
@@ -501,19 +502,15 @@ def _numbered_events(
     Returns:
         The events in order.
     """
-    texts_of_lights = {str(light) for light in (lights or {}).values()}
-    headline_identity = None
-    cause_identities = set()
-    if headline is not None:
-        headline_identity = event_identity(headline)
-        cause_identities = {event_identity(cause) for cause in named_causes(headline)}
+    facts = tuple(with_saturations_counted(events))
+    stated = NOTHING_STATED if headline is None else stated_events(facts, headline, lights or {})
     page_events = []
-    for fact in with_saturations_counted(events):
+    for index, fact in enumerate(facts):
         page_event = PageEvent(
             Event(nan, fact),
-            is_headline=event_identity(fact) == headline_identity,
-            is_cause_of_headline=event_identity(fact) in cause_identities,
-            is_light=str(fact) in texts_of_lights,
+            is_headline=index == stated.headline_index,
+            is_cause_of_headline=index in stated.cause_indices,
+            is_light=index in stated.light_indices,
         )
         page_events.append(page_event)
     page_events = _with_texts_above(page_events, evidence_of_headline, next_step)

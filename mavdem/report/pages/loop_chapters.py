@@ -120,8 +120,8 @@ def responses_chapter(
                     row_name = f"{name} (step: identified loop)"
                 figures = [_step_figure_text(measured_response, key) for key in STEP_FIGURES]
                 rows.append([row_name, *figures])
-            if response.compared is not None and not response.compared.is_good:
-                doubts.append(caution(response.compared))
+            if response.contradiction is not None:
+                doubts.append(caution(response.contradiction))
     blocks = Blocks()
     if rows:
         headers = [figure.header for figure in STEP_FIGURES.values()]

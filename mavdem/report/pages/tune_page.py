@@ -188,7 +188,8 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     steps = advised_steps(responses, tuning.axes)
     panels = {axis: _step_panels(axis, tuning, responses[axis], steps) for axis in tuning.axes}
     caption = _step_caption(panels) + feedforward_remark(responses)
-    if any(_is_contradicted(loops.get("rate")) for loops in responses.values()):
+    rate_responses = [loops["rate"] for loops in responses.values() if "rate" in loops]
+    if any(response.contradiction is not None for response in rate_responses):
         caption = f"{caption} {GAIN_MEANING}"
     if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
         caption = f"{caption} {TRIED_GAINS_MEANING}"
@@ -222,18 +223,13 @@ def _step_panels(
         if response is not None and isinstance(response.measured, StepResponse):
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
-            has_gain = _is_contradicted(response)
+            has_gain = response.contradiction is not None
             charts = step_charts(response_of_loop, advised, has_gain=has_gain)
             panels[loop_name] = charts[axis]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
             panels[loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     return panels
-
-
-def _is_contradicted(response: LoopResponse | None) -> bool:
-    """Returns whether the measured response of a loop and the predicted one differ; False without one of them."""
-    return response is not None and response.compared is not None and not response.compared.is_good
 
 
 def _reasons_without_response(
