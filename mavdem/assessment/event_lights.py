@@ -22,6 +22,7 @@ EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
         MotionEvent.TIPPED,
         MotionEvent.ATTITUDE_LOST,
         MotionEvent.ATTITUDE_SWUNG,
+        MotionEvent.SPUN,
         MotionEvent.FELL,
         ReportedEvent.ATTITUDE_FAILED,
         ReportedEvent.CRASH_DETECTED,

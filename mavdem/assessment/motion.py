@@ -18,7 +18,7 @@ from mavdem.assessment.descents import dive_events, fall_events
 from mavdem.assessment.doubted_heights import events_with_checked_heights
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.flips import flip_events, flip_intervals
-from mavdem.assessment.ground_contacts import flight_losses, ground_contact
+from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
 from mavdem.assessment.height_disagreements import height_disagreements
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.height_offsets import height_offsets
@@ -28,8 +28,10 @@ from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.position_losses import position_losses
+from mavdem.assessment.running_motors import motors_left_running
 from mavdem.assessment.swing_causes import with_causes_of_swings
 from mavdem.assessment.wind_drifts import wind_drifts
+from mavdem.assessment.yaw_spins import yaw_spins
 from mavdem.dataset.attitude_error import AttitudeError, attitude_error
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals
@@ -45,9 +47,9 @@ from mavdem.witnesses.boot_sensors import BootSensors
 def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     """Returns the events that the motion shows, in order of boot and time.
 
-    They are losses of attitude, falls, dives, flips, contacts with the ground, losses of height and position estimates,
-    drift in wind, attitudes that are not numbers, barometers that drift, motors at their limit or off, clipping of the
-    accelerometers, and a log that ends in the air.
+    They are losses of attitude, spins about yaw, falls, dives, flips, contacts with the ground and motors that run on
+    after one, losses of height and position estimates, drift in wind, attitudes that are not numbers, barometers that
+    drift, motors at their limit or off, clipping of the accelerometers, and a log that ends in the air.
 
     A boot in which the vehicle did not fly has a single event, which says so. Of vehicles that are not multirotors only
     clipping and losses of the position are events, since a plane banks and dives on purpose.
@@ -225,12 +227,17 @@ def _events_of_flight(
     for event in (loss, contact):
         if event is not None:
             yield event
+    if contact is not None and contact.is_bad and contact.code in CONTACTS:
+        running_motors = motors_left_running(sensors.signals, contact)
+        if running_motors is not None:
+            yield running_motors
     yield from _stopped_motors(sensors, error, flight_interval, loss, contact, reports)
     yield from _falls_of_flight(sensors, flight_interval, loss, contact)
     yield from dive_events(sensors, flight_interval)
     yield from flip_events(sensors, flight_interval)
     controlled_interval = _interval_before(flight_interval, loss, contact)
     yield from attitude_swings(sensors.signals, sensors.boot, controlled_interval)
+    yield from yaw_spins(sensors.signals, sensors.boot, controlled_interval)
     divergences = list(height_divergences(sensors, controlled_interval))
     yield from divergences
     if not divergences:

@@ -99,9 +99,7 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     tracking = attitude_tracking(signals, boot)
     if tracking is None or len(tracking.time) < 2:
         return None
-    # Number of samples in the time within which the vehicle must follow a setpoint.
-    sample_rate = rate_without_gaps(np.diff(tracking.time))
-    window = max(1, round(MAX_SETPOINT_DELAY * sample_rate))
+    window = samples_to_follow(tracking.time)
     errors = []
     for column in (ROLL, PITCH):
         angle_error = _angle_error(
@@ -142,11 +140,40 @@ def _angle_error(angle: Array, setpoint: Array, is_rate_controlled: Flags, windo
     """
     is_unknown = np.isnan(setpoint)
     known_setpoint = np.where(is_unknown, 0.0, setpoint)
-    # Lowest and highest setpoint in the window that ends with each sample. SciPy centres its windows, so that they are
-    # shifted by half of their length.
-    shift = (window - 1) // 2
-    lowest_setpoint = scipy.ndimage.minimum_filter1d(known_setpoint, window, origin=shift)
-    highest_setpoint = scipy.ndimage.maximum_filter1d(known_setpoint, window, origin=shift)
+    lowest_setpoint, highest_setpoint = recent_range(known_setpoint, window)
     error_without_setpoint = np.where(is_rate_controlled, 0.0, WITHOUT_SETPOINT_SHARE * angle)
     error_with_setpoint = angle - np.clip(angle, lowest_setpoint, highest_setpoint)
     return wrapped_angle(np.where(is_unknown, error_without_setpoint, error_with_setpoint))
+
+
+def samples_to_follow(time: Array) -> int:
+    """Returns the number of samples in ``MAX_SETPOINT_DELAY``, in which a vehicle must follow a setpoint; at least 1.
+
+    Args:
+        time: (N,) times of the samples, s, at least two, ascending.
+    """
+    return max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(time))))
+
+
+class RecentRange(NamedTuple):
+    """The range of a setpoint in a window that ends with each of N samples."""
+
+    lowest: Array
+    """(N,) the lowest value, in the unit of the setpoint."""
+    highest: Array
+    """(N,) the highest value, in the same unit."""
+
+
+def recent_range(setpoint: Array, window: int) -> RecentRange:
+    """Returns the lowest and the highest value of a setpoint in the window that ends with each sample.
+
+    Args:
+        setpoint: (N,) values, without NaN.
+        window: number of samples in the window.
+    """
+    # SciPy centres its windows, so that they are shifted by half of their length.
+    shift = (window - 1) // 2
+    return RecentRange(
+        scipy.ndimage.minimum_filter1d(setpoint, window, origin=shift),
+        scipy.ndimage.maximum_filter1d(setpoint, window, origin=shift),
+    )

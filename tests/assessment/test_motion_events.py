@@ -35,7 +35,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorFact, Side
 from mavdem.ingest.telemetry import selected_rows
-from mavdem.ingest.vocabulary import quaternion
+from mavdem.ingest.vocabulary import quaternion, wrapped_angle
 from mavdem.witnesses.boot_sensors import BootSensors, Rest
 from mavdem.witnesses.sensor_facts import (
     ACCELEROMETER,
@@ -587,6 +587,56 @@ def test_a_knock_in_the_air_is_a_contact_only_where_it_takes_the_speed(speed, co
     _, ending = events_and_ending(telemetry)
     assert ending.code is code
     assert ending.time == approx(EVENT + 0.1, abs=0.4)
+
+
+def left_running(seconds):
+    """After an impact the motors run on for so long, s, while the vehicle lies still with its nose down."""
+    impact_time = EVENT + 10.0 / 6.0
+    telemetry = driven(impact(), 1500.0, impact_time, impact_time + seconds)
+    time = stamps(telemetry, "ATTITUDE")
+    return changed(telemetry, "ATTITUDE", pitch=np.where(time > impact_time, -1.0, 0.0))
+
+
+@mark.parametrize("seconds, is_left_running", [(2.0, False), (12.0, True)])
+def test_motors_that_run_on_after_an_impact_are_an_event(seconds, is_left_running):
+    events, ending = events_and_ending(left_running(seconds))
+    assert ending.code is Ending.CRASHED
+    assert (MotionEvent.MOTORS_RAN_ON in events) is is_left_running
+    if is_left_running:
+        event = events[MotionEvent.MOTORS_RAN_ON]
+        assert event.figures["duration"] == approx(seconds, abs=0.5)
+        assert "to the end of the record" not in event.sentence
+
+
+@mark.parametrize("crash_check", [0.0, 1.0])
+def test_the_advice_on_motors_left_running_knows_the_crash_check(crash_check):
+    telemetry = left_running(np.inf)
+    parameters = {**telemetry.parameters, "FS_CRASH_CHECK": crash_check}
+    events, _ = events_and_ending(replace(telemetry, parameters=parameters))
+    event = events[MotionEvent.MOTORS_RAN_ON]
+    assert "to the end of the record" in event.sentence
+    assert ("although FS_CRASH_CHECK is 1" in event.sentence) is (crash_check == 1.0)
+    assert ("with FS_CRASH_CHECK 1" in event.remedy) is (crash_check == 0.0)
+
+
+@mark.parametrize(
+    "turns, commanded_turns, spins",
+    [(3.0, 0.0, True), (3.0, -3.0, True), (3.0, 3.0, False), (0.6, 0.0, False)],
+)
+def test_a_turn_beyond_the_yaw_command_is_a_spin(turns, commanded_turns, spins):
+    """It yaws for 6 s, with a setpoint of the rate that stays, turns to the other side or turns with it."""
+    telemetry = instrumented()
+    time = stamps(telemetry, "ATTITUDE")
+    rate = 2 * np.pi / 6.0 * ((time > EVENT) & (time < EVENT + 6.0))
+    heading = wrapped_angle(np.cumsum(turns * rate) * np.median(np.diff(time)))
+    telemetry = changed(telemetry, "ATTITUDE", yaw=heading, yawspeed=turns * rate)
+    target = {"type_mask": 0, "body_yaw_rate": commanded_turns * rate}
+    events, _ = events_and_ending(changed(telemetry, "ATTITUDE_TARGET", **target))
+    assert (MotionEvent.SPUN in events) is spins
+    if spins:
+        spun = events[MotionEvent.SPUN]
+        assert spun.figures["turns"] == approx(turns, abs=0.1)
+        assert "to the right" in spun.sentence
 
 
 def test_a_hard_landing_upright_is_to_be_watched():

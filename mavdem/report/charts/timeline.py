@@ -358,6 +358,21 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
     Args:
         history: signals of the flight over time.
     """
+    yield height_chart(history)
+    motors = history.motors
+    if motors is not None:
+        names = [without_remark(name) for name in motors.names]
+        yield over_time("Motors", "%", _lines_of_columns(motors.outputs, names))
+        yield over_time("Motors minus their mean", "%", _lines_of_columns(motors.deviations, names))
+    yield over_time("Battery", "V", _voltage_lines(history))
+
+
+def height_chart(history: TimeHistory) -> Chart:
+    """Returns the chart of the height over time, by all sensors that measured it; without lines if none did.
+
+    Args:
+        history: signals of the flight over time.
+    """
     # The barometer is drawn first, so that it lies behind the estimated height and shows where that diverged.
     measured_heights = list(_lines_of_columns(history.barometer_height, ["barometer"], [MEASURED]))
     measured_heights += _lines_of_columns(history.satellite_height, ["satellites"], [COMMAND])
@@ -366,13 +381,7 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
     title = "Height" if estimated_height else "Height above the first fix"
     chart = over_time(title, "m", [*measured_heights, *estimated_height])
     limits = _height_limits(measured_heights, estimated_height)
-    yield chart._replace(y=chart.y._replace(limits=limits))
-    motors = history.motors
-    if motors is not None:
-        names = [without_remark(name) for name in motors.names]
-        yield over_time("Motors", "%", _lines_of_columns(motors.outputs, names))
-        yield over_time("Motors minus their mean", "%", _lines_of_columns(motors.deviations, names))
-    yield over_time("Battery", "V", _voltage_lines(history))
+    return chart._replace(y=chart.y._replace(limits=limits))
 
 
 def _voltage_lines(history: TimeHistory) -> list[Line]:

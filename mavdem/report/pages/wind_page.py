@@ -20,7 +20,7 @@ from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import rose_of_wind
-from mavdem.report.charts.timeline import Timeline, history_timeline
+from mavdem.report.charts.timeline import Timeline, height_chart, history_timeline
 from mavdem.report.condition import (
     drag_blocks,
     estimated_intervals,
@@ -212,13 +212,13 @@ def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timel
         return None
     timeline = history_timeline(replace(history, wind=wind))
     # Of the charts of the flight, such as battery voltage, only the height concerns the wind.
-    height_charts = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
+    height = height_chart(history)
     wind_charts = timeline.wind_charts
     if wind.estimate.speed_identifiable:
         # The speed through the air follows from the speed of the wind.
         wind_charts = (*wind_charts, _air_velocity_chart(wind.estimate))
     return timeline._replace(
-        flight_charts=height_charts,
+        flight_charts=(height,) if height.lines else (),
         axis_charts={},
         wind_charts=wind_charts,
         events=(),

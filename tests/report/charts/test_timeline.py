@@ -22,6 +22,7 @@ from mavdem.report.charts.chart import over_time
 from mavdem.report.charts.timeline import (
     Timeline,
     axis_history_charts,
+    height_chart,
     history_timeline,
     wind_speed_and_direction_charts,
 )
@@ -188,3 +189,6 @@ def test_a_lost_height_leaves_the_plot_and_a_battery_has_the_limit_that_it_cross
     # An estimate that is wrong by little determines the axis with the measured height.
     near = history_timeline(replace(history, height=replace(lost, values=2 * measured.values)))
     assert near.flight_charts[0].y.limits is None
+    # The page of the wind has the height by satellites alone too, whatever its title.
+    satellites = replace(history, height=None, barometer_height=None, satellite_height=measured)
+    assert [line.name for line in height_chart(satellites).lines] == ["satellites"]

@@ -1,0 +1,103 @@
+"""Spins about yaw that nobody commanded, as facts (coded findings).
+
+A multirotor yaws by the drag of its propellers, its weakest control. So a lost motor, a twisted arm or a motor at its
+limit may turn the vehicle on and on, while roll and pitch still follow their setpoints. ArduPilot moves the heading
+setpoint along with the vehicle, so that only the setpoint of the yaw rate shows such a spin.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.attitude_error import recent_range, samples_to_follow
+from mavdem.dataset.axes import AXES, YAW
+from mavdem.dataset.intervals import TimeInterval, in_intervals
+from mavdem.dataset.setpoints import held_setpoint
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import HEADING_CHANGE_SECONDS, MAX_HEADING_CHANGE
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+
+MIN_EXCESS_RATE = MAX_HEADING_CHANGE / HEADING_CHANGE_SECONDS
+"""Yaw rate, rad/s, beyond the commanded one from which on a vehicle turns by itself: more than gusts make of it."""
+
+MIN_TURNS = 1.0
+"""Turns beyond the commanded ones that make a spin.
+
+A gust, or a yaw controller at its limit for a moment, leaves the heading some tens of degrees off. A vehicle that
+passed every heading did not hold any of them.
+"""
+
+
+def yaw_spins(signals: Signals, boot: int, flight_interval: TimeInterval) -> Iterator[Fact]:
+    """Yields an event for each time in which the vehicle yawed by more than a turn without a command.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        flight_interval: start and end of the flight, or of its part before the vehicle was lost, s since boot.
+
+    Yields:
+        Facts with start and end, the number of ``turns`` beyond the commanded ones, positive to the right, and the
+        highest yaw rate as ``body_rate``, rad/s.
+    """
+    yaw_rate = _rate_in_flight(signals, boot, flight_interval)
+    if yaw_rate is None:
+        return
+    excess_rate = _rate_beyond_command(signals, boot, yaw_rate)
+    # A spin has one direction: 1 to the right, -1 to the left.
+    direction = np.sign(excess_rate) * (abs(excess_rate) > MIN_EXCESS_RATE)
+    first_samples_of_runs = np.flatnonzero(np.diff(direction, prepend=0.0, append=0.0))
+    for first, end in zip(first_samples_of_runs[:-1], first_samples_of_runs[1:], strict=True):
+        times = yaw_rate.time[first:end]
+        excess_angle = float(np.trapezoid(excess_rate[first:end], times))
+        turns = excess_angle / (2 * np.pi)
+        if abs(turns) >= MIN_TURNS:
+            yield Fact(
+                MotionEvent.SPUN,
+                time=float(times[0]),
+                end_time=float(times[-1]),
+                turns=turns,
+                body_rate=float(abs(yaw_rate.values[first:end]).max()),
+                boot=boot,
+            )
+
+
+def _rate_in_flight(
+    signals: Signals, boot: int, flight_interval: TimeInterval
+) -> TimeSeries | None:
+    """Returns the yaw rate, rad/s, in a flight; None if fewer than two samples were recorded."""
+    if len(signals.attitudes) < len(AXES):
+        return None
+    rate = series_of_boot(signals.attitudes[YAW].rate_series, boot)
+    if rate is None:
+        return None
+    rate_in_flight = rate.select(in_intervals(rate.time, [flight_interval]))
+    return rate_in_flight if len(rate_in_flight.time) >= 2 else None
+
+
+def _rate_beyond_command(signals: Signals, boot: int, yaw_rate: TimeSeries) -> Array:
+    """Returns by how much the vehicle yaws faster than it was commanded to at any time in the second before.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        yaw_rate: yaw rate (N,), rad/s, at least two samples of the boot.
+
+    Returns:
+        (N,) rad/s, positive to the right; 0 where no yaw rate was commanded.
+    """
+    rate_setpoints = [
+        setpoint for setpoint in signals.for_axis(AXES[YAW]).setpoints if setpoint.unit != "rad"
+    ]
+    if not rate_setpoints:
+        return np.zeros(len(yaw_rate.time))
+    setpoint = held_setpoint(rate_setpoints[0], boot, yaw_rate.time)
+    commanded = recent_range(np.nan_to_num(setpoint), samples_to_follow(yaw_rate.time))
+    # A vehicle that turns more slowly than commanded does not spin: rest counts as commanded too.
+    lowest_rate = np.minimum(commanded.lowest, 0.0)
+    highest_rate = np.maximum(commanded.highest, 0.0)
+    excess_rate = yaw_rate.values - np.clip(yaw_rate.values, lowest_rate, highest_rate)
+    return np.where(np.isfinite(setpoint), excess_rate, 0.0)
