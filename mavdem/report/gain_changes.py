@@ -46,6 +46,19 @@ class ParameterDownload(NamedTuple):
     """The file as a ``data:`` address."""
 
 
+class NewValue(NamedTuple):
+    """A new value of a parameter, and when it is to be set."""
+
+    text: str
+    """The value."""
+
+    later_stage: int | None = None
+    """Number of the stage of tuning that it belongs to, if another stage is flown first; otherwise None."""
+
+    is_tried: bool = False
+    """Whether another flight is to confirm it, so that it is not to be loaded."""
+
+
 class GainChanges(NamedTuple):
     """Gains to set before the next flight."""
 
@@ -64,15 +77,23 @@ class GainChanges(NamedTuple):
     is_result: bool = False
     """Whether the gains are the result of the page, which shows their table; otherwise they are folded."""
 
+    new_values: Mapping[str, NewValue] = MappingProxyType({})
+    """The new value of each parameter in the tables, by its name."""
+
     @property
     def blocks(self) -> Blocks:
         """The tables in the order of the flights, with a sentence that says when the gains of stage 2 are loaded."""
         blocks: Blocks = [*self.tables[:1]]
         for later_table in self.tables[1:]:
-            blocks += [*render_section("gain_stages"), later_table]
+            blocks += [*self.stage_sentences, later_table]
         if self.tried_gains is not None:
             blocks.append(self.tried_gains)
         return blocks
+
+    @property
+    def stage_sentences(self) -> list[Sentence]:
+        """The sentence that says when the gains of stage 2 are loaded; none if there is only one stage."""
+        return render_section("gain_stages") if len(self.tables) > 1 else []
 
     @property
     def first_table(self) -> Table:
@@ -123,20 +144,26 @@ def gain_changes(
     tables = []
     downloads: list[ParameterDownload] = []
     changed_names: list[str] = []
+    new_values = {
+        name: NewValue(f"{gain.set:.4g}", is_tried=True) for name, gain in tried_gains.items()
+    }
     for parameter_set in sets:
         changed_names += parameter_set.parameters
+        stage = parameter_set.stage if len(sets) > 1 else None
+        later_stage = None if parameter_set is sets[0] else stage
         rows = []
         for name, value in parameter_set.parameters.items():
+            new_values[name] = NewValue(f"{value:.4g}", later_stage)
             if name in gains:
                 rows.append(gain_row(name, gains[name]))
             else:
                 rows.append(_notch_row(name, vehicle.parameters.get(name), value))
         header, suffix, label = "gain", "", ""
-        if len(sets) > 1 and parameter_set.stage is not None:
+        if stage is not None:
             # The sets are loaded one after the other, so that tables and files say which is which.
-            header = f"gain, stage {parameter_set.stage:d}"
+            header = f"gain, stage {stage:d}"
             suffix = parameter_set.suffix
-            label = f"Stage {parameter_set.stage:d}:"
+            label = f"Stage {stage:d}:"
         tables.append(Table([header, "now", "set", "times"], rows))
         files = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
         downloads += parameter_downloads(files, log_stem + suffix, label)
@@ -149,7 +176,9 @@ def gain_changes(
         rows = [gain_row(name, gain) for name, gain in tried_gains.items()]
         tried_table = Table(["gain", "now", TRIED_HEADER, "times"], rows)
     cautions = () if lowers_gains else tuple(_cautions_on_gains(advice))
-    return GainChanges(tuple(tables), tuple(downloads), tried_table, cautions)
+    return GainChanges(
+        tuple(tables), tuple(downloads), tried_table, cautions, new_values=new_values
+    )
 
 
 def _notch_row(name: str, present_value: float | None, value: float) -> list[str]:

@@ -155,8 +155,8 @@ def tune_blocks(
         tuning: advice for each axis, or the fact that says why there is none.
         is_full: whether all margins and everything about the gains are included; otherwise only a sentence, a table of
             the gains to set and the margins that change with them, and how far these can be trusted.
-        has_gains_elsewhere: whether a page has a table of the gains to set elsewhere, so that the tables of this report
-            have the predicted steps in their place.
+        has_gains_elsewhere: whether a page has tables of the gains and of the loops of all axes elsewhere
+            (:func:`tuned_loops_table`), so that this report has none.
         headline_above: headline that stands above the report, which is not repeated as the reason for no gains; empty
             without one.
     """
@@ -195,12 +195,12 @@ def tune_blocks(
             continue
         is_rating_in_report = any(fact.code is LoopFact.MARGIN_RATING for fact in facts)
         # Without gains to compare, one sentence on the margins is enough.
-        if has_gains_elsewhere or not (advice.refusals and is_rating_in_report):
+        is_sentence_enough = bool(advice.refusals) and is_rating_in_report
+        if not has_gains_elsewhere and not is_sentence_enough:
             table = _gain_and_margin_table(
                 advice,
                 waits_for_stage_1=tuning.waits(advice),
                 is_doubtful=_has_doubtful_margins(tuning, axis),
-                has_gains=not has_gains_elsewhere,
             )
             blocks.append(table)
         blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=has_gains_elsewhere)
@@ -397,34 +397,25 @@ def _checked_thrust_deviation() -> float:
 
 
 def tune_details(tuning: Tuning) -> Blocks:
-    """Returns the details of a tuning: all stability margins of all axes, and what they and the gains are based on.
+    """Returns the details of a tuning: further figures of the loops, and what they and the gains are based on.
 
-    Axes without an identified loop are left out.
+    Axes without an identified loop are left out, and figures that :func:`tuned_loops_table` has.
 
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
     """
-    loops = dict[str, Loop]()
-    doubtful_headers = []
-    sentences = Blocks()
+    loops, doubtful_headers = _loops_by_header(tuning)
+    blocks = Blocks()
+    if loops:
+        blocks += margin_tables(loops, doubtful_headers, left_out=TUNED_FIGURES)
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
             continue
         is_doubtful = _has_doubtful_margins(tuning, axis)
-        for gains, loop in compared_loops(advice).items():
-            header = (
-                f"{axis}, {_gains_header(gains, advice, waits_for_stage_1=tuning.waits(advice))}"
-            )
-            loops[header] = loop
-            if is_doubtful:
-                doubtful_headers.append(header)
-        sentences.append(headline_sentence(axis.capitalize()))
-        sentences += _gain_sentences(advice)
-        sentences += _basis_sentences(advice.before, is_doubtful=is_doubtful)
-    blocks = Blocks()
-    if loops:
-        blocks += margin_tables(loops, doubtful_headers)
-    return [*blocks, *sentences, *_unchecked_effects(tuning)]
+        blocks.append(headline_sentence(axis.capitalize()))
+        blocks += _gain_sentences(advice)
+        blocks += _basis_sentences(advice.before, is_doubtful=is_doubtful)
+    return [*blocks, *_unchecked_effects(tuning)]
 
 
 def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
@@ -962,20 +953,16 @@ def _gains_header(gains: str, advice: Advice, *, waits_for_stage_1: bool) -> str
     return "advised"
 
 
-def _gain_and_margin_table(
-    advice: Advice, *, waits_for_stage_1: bool, is_doubtful: bool, has_gains: bool
-) -> Table:
+def _gain_and_margin_table(advice: Advice, *, waits_for_stage_1: bool, is_doubtful: bool) -> Table:
     """Returns a table that compares one axis as it flew with what is expected of new gains.
 
     Its rows are the gains that change, the stability margins of the rate loop and of the attitude loop, and, if gains
-    change, how far wind turns the vehicle about the axis. Where the gains are shown elsewhere, the predicted step
-    response of each loop follows its margins instead.
+    change, how far wind turns the vehicle about the axis.
 
     Args:
         advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
         waits_for_stage_1: whether the new gains are to be loaded only after a flight with those of a first stage.
         is_doubtful: whether the margins of the identified loop may be wrong; then the header calls them doubtful.
-        has_gains: whether the table has the gains; otherwise it has the predicted steps.
 
     Returns:
         The table, with a column for the gains that flew and, if gains change, one for the new gains.
@@ -983,13 +970,10 @@ def _gain_and_margin_table(
     axis = advice.before.axis
     loops = compared_loops(advice)
     rows = []
-    if has_gains:
-        for name, advised_value in advice.parameters.items():
-            rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
+    for name, advised_value in advice.parameters.items():
+        rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
     for loop_name in LOOP_NAMES:
         rows += _margin_rows(loops, loop_name)
-        if not has_gains:
-            rows += _step_rows(loops, loop_name)
     if advice.parameters:
         # The standard deviation of the angle in the wind of the flight, degrees.
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
@@ -998,6 +982,54 @@ def _gain_and_margin_table(
     for gains in loops:
         headers.append(_gains_header(gains, advice, waits_for_stage_1=waits_for_stage_1))
     return Table(headers, rows)
+
+
+def tuned_loops_table(tuning: Tuning) -> list[Table]:
+    """Returns a table of the loops of all axes: their margins, predicted steps, and how far wind turns the vehicle.
+
+    Args:
+        tuning: advice for each axis, or the fact (coded finding) that says why there is none.
+
+    Returns:
+        A list with the table, which has a column for the present gains of each axis and, if they change, one for its
+        new gains; empty if no loop is identified.
+    """
+    loops, doubtful_headers = _loops_by_header(tuning)
+    if not loops:
+        return []
+    rows = []
+    for loop_name in LOOP_NAMES:
+        rows += _margin_rows(loops, loop_name)
+        rows += _step_rows(loops, loop_name)
+    if tuning.parameters:
+        # The standard deviation of the angle in the wind of the flight, degrees.
+        wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
+        rows.append(["error by wind torque, sd (°)", *wind_errors])
+    return [Table(["90 % interval", *_marked_headers(loops, doubtful_headers)], rows)]
+
+
+def _loops_by_header(tuning: Tuning) -> tuple[dict[str, Loop], set[str]]:
+    """Returns the loops of all axes for a table that compares them, and which of them may be wrong.
+
+    Args:
+        tuning: advice for each axis; axes without an identified loop are left out.
+
+    Returns:
+        The loops by the header of their column, such as "roll, now", and the headers of those whose margins may be
+        wrong.
+    """
+    loops = dict[str, Loop]()
+    doubtful_headers = set[str]()
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Fact):
+            continue
+        for gains, loop in compared_loops(advice).items():
+            gains_header = _gains_header(gains, advice, waits_for_stage_1=tuning.waits(advice))
+            header = f"{axis}, {gains_header}"
+            loops[header] = loop
+            if _has_doubtful_margins(tuning, axis):
+                doubtful_headers.add(header)
+    return loops, doubtful_headers
 
 
 def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
@@ -1125,29 +1157,37 @@ def filter_sentences(loop: Loop) -> list[Sentence]:
     )
 
 
-def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator[Table]:
+def margin_tables(
+    loops: LoopsByAxis, doubtful: Container[str] = (), left_out: Container[str] = ()
+) -> Iterator[Table]:
     """Yields two tables of stability margins: one of the rate loops, then one of the attitude loops around them.
 
     Args:
         loops: the loops to compare, by the header of their column, such as "now" and "new".
         doubtful: the headers of the loops that a measured response speaks against; their columns are called doubtful.
+        left_out: figures of ``LOOP_FIGURES`` that stand elsewhere.
 
     Yields:
-        A table with a row for each of ``LOOP_FIGURES`` and a column for each of ``loops``.
+        A table with a row for each of the other ``LOOP_FIGURES`` and a column for each of ``loops``.
     """
     models = [loop.model for loop in loops.values()]
-    headers = []
-    for header in loops:
-        headers.append(f"{header} (doubtful)" if header in doubtful else header)
+    headers = _marked_headers(loops, doubtful)
     for loop_name in LOOP_NAMES:
         rows = [["model of the plant", *models]]
         for attribute, figure in LOOP_FIGURES.items():
+            if attribute in left_out:
+                continue
             row = [figure.header]
             for loop in loops.values():
                 open_loop = loop.open_loop(loop_name)
                 row.append(_figure_text(open_loop, attribute, figure.scale))
             rows.append(row)
         yield Table([f"{loop_name} loop (90 % interval)", *headers], rows)
+
+
+def _marked_headers(headers: Iterable[str], doubtful: Container[str]) -> list[str]:
+    """Returns the headers of columns of loops, with "(doubtful)" after those of loops that may be wrong."""
+    return [f"{header} (doubtful)" if header in doubtful else header for header in headers]
 
 
 def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:

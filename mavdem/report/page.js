@@ -176,22 +176,24 @@
     showMoment(shownTime);
   });
 
-  // Paper has what is open on the screen. Closed parts and closed chapters that warn have a line each, and one line names
-  // all other closed chapters. Only what a phone folds by itself is opened.
-  let foldedParts = [], unprintedChapters = [];
+  // Paper has what is open on the screen. Closed parts that state something and closed chapters that warn have a line each,
+  // and one line names all others. Only what a phone folds by itself is opened.
+  let foldedParts = [], unprinted = [];
   addEventListener("beforeprint", () => {
     foldedParts = [...document.querySelectorAll("main .fold:not([open])")];
     for (const part of foldedParts) part.open = true;
-    unprintedChapters = [...document.querySelectorAll(".chapter:has(> details:not([open]))")].filter(
+    const chapters = [...document.querySelectorAll(".chapter:has(> details:not([open]))")].filter(
       chapter => !chapter.querySelector(":scope > details > summary > .rating:is(.watch, .bad)")
     );
-    for (const chapter of unprintedChapters) chapter.classList.add("unprinted");
-    const titles = unprintedChapters.map(chapter => chapter.querySelector("h2").textContent);
+    const bareParts = document.querySelectorAll("details[open] > .part:not([open]):has(> summary > strong:only-child)");
+    unprinted = [...bareParts, ...chapters];
+    for (const part of unprinted) part.classList.add("unprinted");
+    const titles = unprinted.map(part => part.querySelector("h2, strong").textContent);
     const line = document.getElementById("unprinted");
     if (line) line.textContent = titles.length ? `Closed, not printed: ${titles.join(", ")}.` : "";
   }, true); // before the charts are drawn for paper
   addEventListener("afterprint", () => {
     for (const part of foldedParts) part.open = false;
-    for (const chapter of unprintedChapters) chapter.classList.remove("unprinted");
+    for (const part of unprinted) part.classList.remove("unprinted");
   });
 })();

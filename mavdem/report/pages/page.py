@@ -27,6 +27,7 @@ from mavdem.report.brief_events import StatedEvents, count_text, short_list
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges, ParameterDownload
+from mavdem.report.gain_overview import GainOverview
 from mavdem.report.lights import earlier_lights
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
@@ -286,6 +287,10 @@ class Head(NamedTuple):
 
     changes: GainChanges | None = None
     """Gains to set before the next flight; None if none change."""
+
+    gains: GainOverview | None = None
+    """All gains with their present and new values, right below the headline, in the place of the table of ``changes``;
+    None without."""
 
     has_log: bool = True
     """Whether the page is of a log, any field of which can be plotted where the log is; not of a live session."""

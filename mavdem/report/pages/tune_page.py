@@ -18,14 +18,13 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import LOOP_NAMES
-from mavdem.loops.gain_design import logged_gains
-from mavdem.loops.resonance import controller_if_known
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.blocks import Blocks, Table
+from mavdem.report.blocks import Blocks
 from mavdem.report.charts.chart import Chart, Group, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
 from mavdem.report.gain_changes import GainChanges, gain_changes
+from mavdem.report.gain_overview import gain_overview
 from mavdem.report.loops import (
     compared_loops,
     field_sentences,
@@ -34,6 +33,7 @@ from mavdem.report.loops import (
     tune_blocks,
     tune_details,
     tune_summary,
+    tuned_loops_table,
     tuning_result,
 )
 from mavdem.report.pages.loop_chapters import feedforward_remark
@@ -63,9 +63,6 @@ GAIN_MEANING = "|T| is the gain of the closed rate loop, shown where flight and 
 TRIED_GAINS_MEANING = "Where these were tried and are not to be loaded, the tables say so."
 """What the caption adds if another flight is to confirm some of the advised gains."""
 
-GAIN_HEADERS = {"p": "rate P", "i": "rate I", "d": "rate D", "angle_gain": "angle P"}
-"""Columns of the table of present gains, by the field of the controller."""
-
 LOOP_CAPTION = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
 """What stands below the charts of the open loops."""
 
@@ -74,8 +71,8 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     """Renders the page of ``mavdem tune``.
 
     First comes what a pilot needs to decide: the result, the gains to load, the step responses and the margins with
-    present and advised gains. The evidence for them is folded: flights of the twin, a simulation of the vehicle, the
-    open loops, and the gyro's noise and filters.
+    present and advised gains, and the gyro's noise. Further evidence is folded: flights of the twin, a simulation of
+    the vehicle, and the open loops.
 
     Args:
         name: name of the log, the title of the page.
@@ -92,17 +89,20 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     gyro = gyro_chapter(assessment, timeline=None, has_spectrograms=True)
     chapters = [
         _step_chapter(tuning, assessment),
-        Chapter("Margins", _margin_blocks(tuning, assessment, evidence, result)),
+        Chapter("Margins", _margin_blocks(tuning, assessment, result)),
+        gyro._replace(title="Gyro noise and filters"),
         _twin_chapter(tuning, assessment),
         _open_loops_chapter(tuning, assessment),
-        gyro._replace(title="Gyro noise and filters", folded=True),
-        Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
+        Chapter("More figures of the loops, and their basis", tune_details(tuning), folded=True),
     ]
     summary = tune_summary(tuning, result)
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
+    changes = _changes_to_load(name, tuning, evidence)
+    signals_by_axis = {axis: evidence.signals.for_axis(axis) for axis in tuning.axes}
+    gains = gain_overview(signals_by_axis, changes)
     # The row of status lights (judgements of motors, power and others) is left out: this page is about the loops only.
-    head = Head(result.level, lights={}, changes=_changes_to_load(name, tuning, evidence))
+    head = Head(result.level, lights={}, changes=changes, gains=gains)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
 
 
@@ -125,15 +125,12 @@ def _changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChang
     return changes._replace(is_result=is_result)
 
 
-def _margin_blocks(
-    tuning: Tuning, assessment: Assessment, evidence: Evidence, result: Fact
-) -> Blocks:
-    """Returns the chapter of the margins: sentences and a table of each axis, and the gains that stay.
+def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Blocks:
+    """Returns the chapter of the margins: sentences on each axis, and a table of the loops of all axes.
 
     Args:
         tuning: the advice for each axis.
         assessment: assessment of the log, with the margins that were measured.
-        evidence: evidence of the log, with the parameters that the vehicle has now.
         result: the result that stands at the top of the page, and is not repeated here.
     """
     # New gains have a table of their own on this page; details have a chapter at its end.
@@ -142,37 +139,7 @@ def _margin_blocks(
     )
     blocks += measured_margins(tuning, assessment.margins)
     blocks += thrust_sentences(tuning)
-    blocks += _table_of_kept_gains(tuning, evidence)
-    return blocks
-
-
-def _table_of_kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:
-    """Returns a table of the present gains of the axes whose gains do not change, which no other table has.
-
-    Args:
-        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
-        evidence: evidence of the log, with the parameters that the vehicle has now.
-
-    Returns:
-        A list with the table, which has a row for each axis; empty if the log has no gains, or all axes get new ones.
-    """
-    rows = []
-    for axis, advice in tuning.axes.items():
-        has_new_gains = isinstance(advice, Advice) and bool(advice.parameters)
-        controller = controller_if_known(evidence.signals.for_axis(axis))
-        if has_new_gains or controller is None:
-            continue
-        gains = logged_gains(controller)
-        row = [axis]
-        for gain_field in GAIN_HEADERS:
-            parameter_name = controller.parameter_names[gain_field]
-            # A gain that the log does not have leaves its cell empty.
-            gain = gains.get(parameter_name)
-            row.append("" if gain is None else f"{gain:.4g}")
-        rows.append(row)
-    if not rows:
-        return []
-    return [Table(["gains in the log", *GAIN_HEADERS.values()], rows)]
+    return [*blocks, *tuned_loops_table(tuning)]
 
 
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:

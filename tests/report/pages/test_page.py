@@ -428,8 +428,9 @@ const beyondPaper = figures.filter(figure => box(figure).right > paperWidth + 1)
 const closedParts = [...document.querySelectorAll(".chapter details:not([open])")];
 const shownParts = closedParts.filter(part => !part.parentElement.closest("details:not([open])"));
 const lineOfChapters = document.getElementById("unprinted");
+const isNamed = part => lineOfChapters.textContent.includes(part.querySelector("h2, strong").textContent);
 const hasLine = part => part.querySelector("summary").checkVisibility()
-  || lineOfChapters.checkVisibility() && lineOfChapters.textContent.includes(part.querySelector("h2").textContent);
+  || lineOfChapters.checkVisibility() && isNamed(part);
 const numbers = [...document.querySelectorAll(".events .number")];
 const printedNumbers = new Set(numbers.filter(number => number.checkVisibility()).map(number => number.textContent));
 const result = {

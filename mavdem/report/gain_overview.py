@@ -1,0 +1,153 @@
+"""The gains of all axes at a glance: the table with which a page of ``mavdem tune`` begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from mavdem.containers import Names
+from mavdem.dataset.signals import Signals
+from mavdem.loops.controllers import Controller
+from mavdem.loops.resonance import controller_if_known
+from mavdem.report.blocks import Table
+from mavdem.report.gain_changes import GainChanges, NewValue
+
+GAIN_HEADERS = {
+    "p": "rate P",
+    "i": "rate I",
+    "d": "rate D",
+    "ff": "rate FF",
+    "angle_gain": "angle P",
+}
+"""Columns of the table of gains, by the field of the controller that each one sets."""
+
+NO_NEW_VALUES: Mapping[str, NewValue] = MappingProxyType({})
+"""The new values of a vehicle whose gains stay."""
+
+
+class GainCell(NamedTuple):
+    """One gain of one axis."""
+
+    header: str
+    """Header of its column."""
+
+    name: str
+    """Name of the autopilot's parameter."""
+
+    present: str
+    """Value in the log; empty if the log does not have it."""
+
+    new: NewValue | None
+    """Value to set; None if the gain stays."""
+
+    @property
+    def is_to_be_loaded(self) -> bool:
+        """Whether the gain changes before the next flight, and not only in a later one."""
+        return self.new is not None and not self.remark
+
+    @property
+    def remark(self) -> str:
+        """Why a new value is not to be set before the next flight; empty if it is, or if there is none."""
+        if self.new is None:
+            return ""
+        if self.new.is_tried:
+            return "tried"
+        return "" if self.new.later_stage is None else f"stage {self.new.later_stage:d}"
+
+
+class GainOverview(NamedTuple):
+    """The gains of some axes as a table: a row for each axis, with the present and any new value of each gain."""
+
+    headers: Names
+    """Header of each column after the name of the axis. A gain that the log has of no axis has no column."""
+
+    rows: Mapping[str, tuple[GainCell, ...]]
+    """The gains of each axis, one for each header."""
+
+    other_changes: Table | None = None
+    """Parameters to set that are no gains, such as those of a notch filter; None without any."""
+
+    @property
+    def has_tried_gains(self) -> bool:
+        """Whether the table has gains that another flight is to confirm, which are in no file."""
+        return any(cell.new is not None and cell.new.is_tried for cell in self.cells)
+
+    @property
+    def has_gains_to_load(self) -> bool:
+        """Whether a gain is to be set before the next flight."""
+        return any(cell.is_to_be_loaded for cell in self.cells)
+
+    @property
+    def cells(self) -> Iterator[GainCell]:
+        """The gains of all axes."""
+        for row in self.rows.values():
+            yield from row
+
+
+def gain_overview(
+    signals_by_axis: Mapping[str, Signals], changes: GainChanges | None
+) -> GainOverview | None:
+    """Returns the gains of some axes with their present and new values.
+
+    Args:
+        signals_by_axis: logged time series of the vehicle by axis, with its parameters.
+        changes: parameters to set; None if none are.
+
+    Returns:
+        The gains; None if the log does not have the controller of any of these axes.
+    """
+    new_values = NO_NEW_VALUES if changes is None else changes.new_values
+    rows = {}
+    for axis, signals in signals_by_axis.items():
+        controller = controller_if_known(signals)
+        if controller is not None:
+            rows[axis] = tuple(_gains_of_axis(controller, signals, new_values))
+    if not rows:
+        return None
+    logged_headers = {cell.header for row in rows.values() for cell in row if cell.present}
+    headers = tuple(header for header in GAIN_HEADERS.values() if header in logged_headers)
+    for axis, row in rows.items():
+        rows[axis] = tuple(cell for cell in row if cell.header in logged_headers)
+    names_in_table = {cell.name for row in rows.values() for cell in row}
+    return GainOverview(headers, rows, _table_of_other_changes(changes, names_in_table))
+
+
+def _gains_of_axis(
+    controller: Controller, signals: Signals, new_values: Mapping[str, NewValue]
+) -> Iterator[GainCell]:
+    """Yields the gains of one axis in the order of ``GAIN_HEADERS``.
+
+    Args:
+        controller: rate and attitude controller of the axis.
+        signals: logged time series of the vehicle, with its parameters.
+        new_values: value to set by the name of the parameter.
+    """
+    # The feed-forward gain is no part of the advice, so that the controller names only the others.
+    feedforward_name = controller.parameter_names["p"].removesuffix("P") + "FF"
+    names = {**controller.parameter_names, "ff": feedforward_name}
+    for field, header in GAIN_HEADERS.items():
+        name = names[field]
+        value = signals.telemetry.parameters.get(name)
+        present = "" if value is None else f"{value:.4g}"
+        yield GainCell(header, name, present, new_values.get(name))
+
+
+def _table_of_other_changes(
+    changes: GainChanges | None, names_in_table: Iterable[str]
+) -> Table | None:
+    """Returns a table of the parameters to set that the table of gains does not have, such as those of a notch filter.
+
+    Args:
+        changes: parameters to set; None if none are.
+        names_in_table: names of the parameters in the table of gains.
+
+    Returns:
+        The rows of ``changes`` with parameters of other names; None if there are none.
+    """
+    if changes is None:
+        return None
+    rows = []
+    for table in changes.tables:
+        rows += [row for row in table.rows if row[0] not in names_in_table]
+    return Table(["parameter", "now", "set", "times"], rows) if rows else None

@@ -1,0 +1,50 @@
+"""The table of gains with which a page of ``mavdem tune`` begins."""
+
+from hover import Hover
+from known_gains import ARDUPILOT
+
+from mavdem.dataset.signals import Signals
+from mavdem.report.blocks import Table
+from mavdem.report.gain_changes import GainChanges, NewValue
+from mavdem.report.gain_overview import gain_overview
+
+NEW_VALUES = {
+    "ATC_RAT_RLL_P": NewValue("0.09"),
+    "ATC_ANG_RLL_P": NewValue("6", later_stage=2),
+    "ATC_RAT_RLL_D": NewValue("0.002", is_tried=True),
+}
+
+
+def overview(changes):
+    """The gains of roll in a log with ArduPilot's parameters."""
+    signals = Signals(Hover().telemetry(parameters=ARDUPILOT))
+    return gain_overview({"roll": signals}, changes)
+
+
+def test_new_gains_stand_beside_the_present_ones_and_say_when_they_are_loaded():
+    gains = overview(GainChanges((), (), new_values=NEW_VALUES))
+    cells = {cell.name: cell for cell in gains.rows["roll"]}
+    assert cells["ATC_RAT_RLL_P"].present == f"{ARDUPILOT['ATC_RAT_RLL_P']:.4g}"
+    assert [name for name, cell in cells.items() if cell.is_to_be_loaded] == ["ATC_RAT_RLL_P"]
+    remarks = {name: cell.remark for name, cell in cells.items() if cell.remark}
+    assert remarks == {"ATC_ANG_RLL_P": "stage 2", "ATC_RAT_RLL_D": "tried"}
+    assert gains.has_tried_gains and cells["ATC_RAT_RLL_I"].new is None
+
+
+def test_a_gain_that_the_log_does_not_have_has_no_column():
+    gains = overview(None)
+    assert "ATC_RAT_RLL_FF" not in ARDUPILOT and "rate FF" not in gains.headers
+    assert [cell.header for cell in gains.rows["roll"]] == list(gains.headers)
+    assert not gains.has_gains_to_load
+
+
+def test_parameters_that_are_no_gains_have_a_table_of_their_own():
+    gain = ["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]
+    notch = ["INS_HNTCH_FREQ", "60", "80", ""]
+    table = Table(["gain", "now", "set", "times"], [gain, notch])
+    gains = overview(GainChanges((table,), (), new_values=NEW_VALUES))
+    assert gains.other_changes.rows == [notch]
+
+
+def test_without_the_parameters_of_the_controller_there_are_no_gains():
+    assert gain_overview({"roll": Signals(Hover().telemetry())}, None) is None
