@@ -45,6 +45,7 @@ def test_an_extra_has_the_modules_of_the_extras_that_it_contains(extra):
         assert {*EXTRAS[other]} < {*EXTRAS[extra]}
 
 
+@mark.slow
 def test_every_file_that_is_no_python_is_installed():
     for package, patterns in PROJECT["tool"]["setuptools"]["package-data"].items():
         there = {
@@ -92,6 +93,7 @@ def without_modules(monkeypatch, *names):
     monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None if name in names else name)
 
 
+@mark.slow
 def test_without_rerun_browsers_get_the_page_of_a_live_session_alone(monkeypatch):
     without_modules(monkeypatch, "rerun")
     monkeypatch.setattr(live_dashboard, "PAGE_PORT", free_port())

@@ -340,6 +340,7 @@ def test_a_scenario_is_flown_as_before(scenario, seconds, here, capsys, request)
     hold(scenario, values_by_name, request)
 
 
+@mark.slow
 def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
     assert run("fly", "calm", "--describe") == 0
     hold("described", lines(capsys.readouterr().out), request)

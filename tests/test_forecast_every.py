@@ -56,6 +56,7 @@ def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model
         assert_same(pieces[piece], having_seen(model, 700 + begin).forecast(TEST.inputs[piece]))
 
 
+@mark.slow
 @mark.parametrize("steps", [120, 10**9])
 def test_one_piece_is_the_forecast(model, steps):
     whole = model.forecast_every(steps, TEST.inputs, TEST.outputs)

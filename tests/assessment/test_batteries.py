@@ -6,7 +6,7 @@ import dataflash_logs as made
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, evidence_of, only
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.battery_levels import ardupilot_charge_levels
@@ -58,6 +58,7 @@ def with_batteries(volts_by_id, states=None, parameters=None, cells=None):
     return changed(telemetry, "SYS_STATUS", **columns(TIME, voltage_battery=1000 * FULL))
 
 
+@mark.slow
 def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
     """Battery 2 of two is empty, 10.5 V for four cells."""
     telemetry = with_batteries({0: FULL, 1: EMPTY})
@@ -243,6 +244,7 @@ def logged(tmp_path, rows, definition):
     return read_log(path).vehicles[0]
 
 
+@mark.slow
 def test_dataflash_batteries_are_instances_or_have_messages_of_their_own(tmp_path, monkeypatch):
     """New versions number batteries by an instance; old ones log BAT and BAT2."""
     monkeypatch.setitem(made.MESSAGES, "BAT", (151, "QBff", "TimeUS,Instance,Volt,Curr"))
@@ -290,6 +292,7 @@ def test_of_one_battery_the_emergency_counts_and_not_the_critical_state_before()
     assert (fact.code, fact.subject) == (ReportedEvent.BATTERY_SPENT, "battery 2")
 
 
+@mark.slow
 @pytest.mark.parametrize(("time", "is_on_ground"), [(3.0, True), (30.0, False)])
 def test_a_vehicle_that_did_not_fly_is_not_told_to_land_earlier(time, is_on_ground):
     spent = Fact(ReportedEvent.BATTERY_SPENT, Level.BAD, time=time, boot=0)

@@ -171,6 +171,7 @@ def test_a_simulators_small_number_is_none(uid2):
     assert name_of(with_version(flown(autopilot="PX4"), uid2=rows)) == ("px4-1", "system id")
 
 
+@mark.slow
 def test_the_date_is_when_the_settled_flight_began():
     """The clock of the autopilot is known from 3 s on, and has one damaged value; settled flight begins at 11 s."""
     unix = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
@@ -262,6 +263,7 @@ def tier(telemetry):
     return log_tier(learnability_of(signals), measure_condition(signals))
 
 
+@mark.slow
 @mark.parametrize(
     "attitude, motors, name, following",
     [
@@ -288,6 +290,7 @@ def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
         assert not tier_of_flight.tier_reason.remedy
 
 
+@mark.slow
 def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     tier_of_flight = tier(disarmed(HOVER.telemetry(10.0, 10.0)))
     assert tier_of_flight.tier is None and tier_of_flight.next_tier.tier == "c"
@@ -305,6 +308,7 @@ def inventory_of(*vehicles, speaker=None):
     return inventory(Log("made-up.tlog", vehicles, (speaker, STATION), (), 0, 0, (1.6e9, 2e9)))
 
 
+@mark.slow
 def test_stamps_that_are_damaged_make_no_infinite_rate():
     telemetry = LONG.telemetry(100.0, 50.0)
     stamps = np.linspace(0.0, 1e-310, 9)
@@ -315,6 +319,7 @@ def test_stamps_that_are_damaged_make_no_infinite_rate():
     assert np.isfinite(vehicle["messages"]["ATTITUDE"]["rate"])
 
 
+@mark.slow
 def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
     stamps_of_8_and_12 = np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
     vehicle, station = inventory_of(LONG.telemetry(stamps_of_8_and_12, 50.0))["speakers"]
@@ -341,6 +346,7 @@ def rate_of(telemetry, message):
     return inventory_of(telemetry)["vehicles"][0]["messages"][message]["rate"]
 
 
+@mark.slow
 @mark.parametrize("seconds, rate", [(0.8, 100), (0.7, 24)])
 def test_a_rate_is_that_without_pauses_but_of_what_comes_in_bursts(seconds, rate):
     paused = only(LONG.telemetry(), lambda time: time % 3 < seconds)

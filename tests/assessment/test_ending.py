@@ -120,6 +120,7 @@ def events_and_ending(telemetry, *reported):
     return {event.code: event for event in events}, find_ending(signals, events, 0.14)
 
 
+@mark.slow
 def test_a_motor_whose_number_is_assumed_is_named_with_that_remark():
     """Without parameters, the numbers of the motors are those of the usual frame."""
     telemetry = telemetry_of_lost_motor(1)
@@ -180,6 +181,7 @@ def test_the_first_motor_at_its_limit_is_first():
     assert not is_first_at_limit(at_limit[:1], 0)
 
 
+@mark.slow
 def test_a_loss_names_no_motor_if_the_controller_overturned_or_swung_the_vehicle():
     assert (
         events_and_ending(with_lean(telemetry_of_lost_motor(1), QUAD[0], 120.0, 100.0))[1].subject
@@ -204,6 +206,7 @@ def test_a_boot_without_motor_outputs_has_no_events_of_motors():
     assert not events_and_ending(changed(flight(), "SERVO_OUTPUT_RAW", boot=1))[0]
 
 
+@mark.slow
 def test_a_loss_names_the_motors_whose_output_is_off():
     telemetry = with_fall(with_lean(flight(), QUAD[2], 120.0, 100.0))
     telemetry = replace(
@@ -300,6 +303,7 @@ def test_a_loss_by_all_motors_together_names_no_motor(output, start_time, code):
     assert cause.time == approx(start_time, abs=0.15)
 
 
+@mark.slow
 def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
     for angle, seconds, is_caught in ((29.0, 2.0, False), (31.0, 2.0, True), (40.0, 0.1, False)):
         events, ending = events_and_ending(with_lean(flight(), RIGHT, angle, seconds))
@@ -381,6 +385,7 @@ def test_where_only_rates_are_asked_for_no_attitude_is_lost():
     assert not events_and_ending(changed(telemetry, "ATTITUDE_TARGET", **rates))[0]
 
 
+@mark.slow
 def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
     telemetry = only(telemetry_of_lost_motor(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
     assert events_and_ending(telemetry)[1].code is Ending.CONTROL_LOST
@@ -467,6 +472,7 @@ def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
         assert ending is not None
 
 
+@mark.slow
 def test_a_fall_that_stops_at_once_is_a_crash_only_by_a_second_witness():
     """The height shows a fall and an impact. Without the accelerometer that is one sensor only."""
     telemetry = with_end_of_log(with_fall(flight()), 4.0)
@@ -528,6 +534,7 @@ def report_of_lost_thrust(motor):
     )
 
 
+@mark.slow
 def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
     """The autopilot's text blames motor 2, 3 or 4 while the motion shows that motor 2 failed, or no motor."""
     _, agreed = events_and_ending(telemetry_of_lost_motor(1), report_of_lost_thrust(2))
@@ -576,6 +583,7 @@ def with_reported_flight(telemetry):
     return with_end_of_log(changed(telemetry, "EXTENDED_SYS_STATE", **reports), -0.6)
 
 
+@mark.slow
 def test_a_log_ends_in_the_air_though_its_motors_need_little_thrust_or_its_flight_is_low():
     """By the motors alone the one vehicle would be on the ground, and by the height alone the other one."""
     telemetry = flight()
@@ -624,6 +632,7 @@ def test_a_log_that_ends_after_the_loss_shows_why():
     assert events[MotionEvent.LOG_ENDED_IN_AIR].remedy == ""
 
 
+@mark.slow
 def test_a_loss_is_stated_without_its_cause_where_nothing_else_is_computed():
     telemetry = telemetry_of_lost_motor(1)
     _, ending = events_and_ending(telemetry)

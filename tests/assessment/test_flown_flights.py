@@ -94,6 +94,7 @@ def test_a_reset_of_the_position_is_no_distance():
     )
 
 
+@mark.slow
 def test_a_flight_without_a_position_for_most_of_it_has_no_distance():
     telemetry = flying_north()
     time = telemetry.messages["LOCAL_POSITION_NED"]["time"]
@@ -121,6 +122,7 @@ def test_an_estimator_that_stays_at_its_origin_gives_no_distance():
     assert total_distance(flown_flights(Signals(telemetry))) is None
 
 
+@mark.slow
 def test_an_estimator_that_assumes_a_standstill_gives_no_distance():
     """It integrates accelerations, so that its position moves; an unhealthy filter does not report that."""
     telemetry = flying_north()
@@ -147,6 +149,7 @@ def test_a_vehicle_that_was_disarmed_has_landed_however_soon_it_flies_again(
     assert len(flown_flights(Signals(telemetry))) == flight_count
 
 
+@mark.slow
 def test_a_short_time_just_off_the_ground_is_a_hop_and_no_flight():
     """The vehicle is in the air for some seconds, up to a height of 0.5 m or 4 m."""
     time = HOVER.stamps(10.0)

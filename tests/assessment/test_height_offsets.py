@@ -57,6 +57,7 @@ def test_an_estimate_close_to_one_of_them_is_not_refuted(error, satellite_error)
     assert not offsets(flight(error, satellite_error))
 
 
+@mark.slow
 def test_a_height_above_what_a_rangefinder_measures_is_not_compared():
     assert not offsets(flight(3.0, EKF2_HGT_REF=2.0))
     assert offsets(flight(3.0, EKF2_HGT_REF=1.0))

@@ -229,6 +229,7 @@ def test_a_spare_accelerometer_without_a_core_of_the_estimator_is_in_the_table_a
     )
 
 
+@mark.slow
 def test_the_accelerometer_of_the_primary_core_counts():
     telemetry = with_accelerometers({"EK3_IMU_MASK": 6.0})
     telemetry = changed(

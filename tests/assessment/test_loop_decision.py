@@ -99,12 +99,14 @@ def test_an_error_of_a_swinging_attitude_is_remedied_as_the_swing(level, swing, 
     assert advised in decision.action.sentence
 
 
+@mark.slow
 def test_a_loop_with_its_margins_stays_as_it_is():
     decision = decision_on_roll(made_up())
     assert (decision.diagnosis, decision.action) == (LoopDiagnosis.NOTHING_WRONG, None)
     assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.reasons_against_gains
 
 
+@mark.slow
 @mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, falls_short(0.0)])
 def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tracking):
     decision = decision_on_roll(made_up(4.5), tracking, response=RESONANCE)
@@ -115,6 +117,7 @@ def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tra
     assert decision.reason.remedy == decision.fact.remedy == decision.action.sentence
 
 
+@mark.slow
 def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
     loop = made_up(4.5)
     caution = Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED)
@@ -148,12 +151,14 @@ def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_t
     assert common_action([decision.action, None]) is decision.action
 
 
+@mark.slow
 def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
     decision = decision_on_roll(made_up(1.7))
     assert (decision.diagnosis, decision.reasons_against_gains) == (LoopDiagnosis.UNKNOWN, ())
     assert decision.action.code is LoopAction.FLY_DOUBLETS
 
 
+@mark.slow
 @mark.parametrize("factor, level", [(1.0, Level.GOOD), (4.0, Level.BAD)])
 def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(factor, level):
     """The measured response contradicts the loop model: its margins, good or bad, are in doubt."""
@@ -188,6 +193,7 @@ def test_the_margin_goal_is_met_if_95_percent_of_the_models_have_it():
     assert (levels[1.0], levels[1.7]) == (Level.GOOD, Level.WATCH)
 
 
+@mark.slow
 @mark.parametrize(
     "reason, caution, is_contradicted",
     [
@@ -221,6 +227,7 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
     assert (comparison is not None) is is_contradicted
 
 
+@mark.slow
 @mark.parametrize("loop_name, is_contradicted", [("rate", False), ("attitude", True)])
 def test_an_angle_may_differ_from_its_prediction_where_the_rate_agrees(loop_name, is_contradicted):
     agrees = MeasuredResponse((0.3, 5.0), 90.0, 90.0, 1.0, reason=None)
@@ -259,6 +266,7 @@ def test_a_loop_that_the_flight_refutes_gives_no_gains():
     assert decision.fact.remedy == refusal.remedy
 
 
+@mark.slow
 def test_a_measured_resonance_lowers_p_and_d_unless_the_loop_explains_it():
     for loop in (made_up(), NOT_STEERED):
         decision = decision_on_roll(loop, response=RESONANCE)
@@ -297,6 +305,7 @@ def test_a_resonance_outranks_an_injected_signal_that_shows_none():
     assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
 
 
+@mark.slow
 def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
     for loop in (made_up(), NOT_STEERED):
         decision = decision_on_roll(loop, OVERSHOOTS)
@@ -319,6 +328,7 @@ def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit
         assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
 
 
+@mark.slow
 @mark.parametrize("factor", [1.0, 2.5])
 def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle(factor):
     decision = decision_on_roll(made_up(factor), MISSES)
@@ -344,6 +354,7 @@ def test_a_peak_of_the_spectrum_alone_decides_nothing():
     assert repaired.action.code is LoopAction.DO_FIRST
 
 
+@mark.slow
 def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
     oscillation = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0, Segment(0, 10.0, 30.0))
     for axis, diagnosis in (("roll", LoopDiagnosis.OSCILLATES), ("pitch", LoopDiagnosis.UNKNOWN)):

@@ -43,6 +43,7 @@ def sections_and_caution(values, modes=()):
     return sections_with_one_gain_set(signals, flights)
 
 
+@mark.slow
 def test_the_longest_part_with_one_set_of_gains_has_these():
     """The gain P is set at 30 s and at 32 s: the part from 32 s to 51 s is the longest."""
     (part,), caution = sections_and_caution([(P, 1.0, 0.5), (P, 30.0, 0.25), (P, 32.0, 0.125)])
@@ -78,6 +79,7 @@ def test_a_change_after_the_flight_leaves_the_gains_that_were_flown():
     assert part.provenance["earlier"] == {}
 
 
+@mark.slow
 def test_autotune_has_gains_that_no_parameter_has():
     parameter_changes = [(P, 1.0, 0.5)]
     parts, caution = sections_and_caution(

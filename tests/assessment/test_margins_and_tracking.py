@@ -87,6 +87,7 @@ def flight(rate, setpoint):
     return with_setpoint(changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate), rate=setpoint)
 
 
+@mark.slow
 def test_a_resonance_is_seen_by_the_response_to_the_setpoint():
     flight_evidence = evidence(flight(*closed_loop(12.0)))
     light = margins_light(flight_evidence)
@@ -96,6 +97,7 @@ def test_a_resonance_is_seen_by_the_response_to_the_setpoint():
     assert response.peak == approx(0.5 / np.sin(np.radians(6.0)), rel=0.2)
 
 
+@mark.slow
 def test_where_no_resonance_shows_it_is_said_up_to_which_frequency():
     flight_evidence = evidence(flight(*closed_loop(60.0)))
     light = margins_light(flight_evidence)
@@ -112,6 +114,7 @@ def test_a_peak_asks_for_no_setpoint_where_one_was_logged():
     assert light.remedy.startswith("Check")
 
 
+@mark.slow
 def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
     """In wind the attitude's controller asks for −K times the angle: the ratio of both rises with the frequency."""
     rate = noise()
@@ -121,6 +124,7 @@ def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
     assert light.code is MarginsLight.MARGINS_UNKNOWN and light.level == "unknown"
 
 
+@mark.slow
 def test_what_the_autopilot_injects_shows_no_margin():
     telemetry = flight(*closed_loop(12.0))
     autotune = changed(telemetry, "CURRENT_MODE", **columns([8.0], custom_mode=[15]))
@@ -148,6 +152,7 @@ def test_a_limit_cycle_decides_the_lights_of_motors_margins_and_tracking():
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "watch")
 
 
+@mark.slow
 def test_the_reason_for_unknown_margins_is_stated_at_any_message_rate():
     """Messages are slow, and a loop has no margins for another reason. The light states that reason, once."""
     for refusal, statement in (
@@ -325,6 +330,7 @@ def test_overshoot_is_that_of_the_measured_step_response():
     assert tracking_light(evidence_of_steps(Hover(hovering=100.0), 0.45)).level == "good"
 
 
+@mark.slow
 def test_a_resonance_without_a_step_response_is_not_called_overshoot():
     light = tracking_light(evidence_of_steps(HOVER, 0.2))
     assert (light.code, light.level) == (TrackingLight.AMPLIFIES_SETPOINT, "watch")
@@ -332,6 +338,7 @@ def test_a_resonance_without_a_step_response_is_not_called_overshoot():
     assert light.sentence.startswith("Roll moves 2 times as far as its setpoint at 1.2 Hz; without")
 
 
+@mark.slow
 def test_a_setpoint_that_holds_a_position_shows_no_resonance():
     """It answers how wind moved the vehicle: the ratio of angle and setpoint is the position controller's."""
     loiter = 5
@@ -416,6 +423,7 @@ def test_a_yaw_rate_that_falls_short_is_watched_with_its_cause(outputs, cause):
     assert light.sentence.endswith(cause)
 
 
+@mark.slow
 def test_small_rates_that_answer_the_wind_do_not_fall_short():
     yaw = evidence(telemetry_of_turns(10.0, 30.0)).tracking["yaw"]
     assert yaw.code is not TrackingLight.RATE_FALLS_SHORT and "reached_rate" not in yaw.figures
@@ -441,6 +449,7 @@ def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
         assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level == level
 
 
+@mark.slow
 def test_nothing_after_the_vehicle_was_lost_counts():
     lost = replace(
         evidence_of_delayed_roll(0.02, late=0.0, error=0.3),
@@ -449,6 +458,7 @@ def test_nothing_after_the_vehicle_was_lost_counts():
     assert tracking_light(lost).level == "unknown"
 
 
+@mark.slow
 def test_oscillation_a_loss_or_a_motor_at_its_stop_without_hover_grounds_a_vehicle():
     """Each of these is a reason not to fly, so that no flights are advised."""
     lost = Fact(Ending.CRASHED, time=20.0)

@@ -255,6 +255,7 @@ def test_innovations_of_the_estimator_have_the_levels_of_their_limits(telemetry,
         assert "beyond their limits for 0.2 s at most" not in str(fact)
 
 
+@mark.slow
 def test_a_barometer_that_froze_is_named_before_the_height_that_the_filter_then_rejects():
     doubted = evidence(telemetry_with_innovations(pos_vert=(BEYOND, 9.0)))
     assert estimator_light(doubted).code is EstimatorLight.FILTER_DOUBTED
@@ -263,6 +264,7 @@ def test_a_barometer_that_froze_is_named_before_the_height_that_the_filter_then_
     assert light == frozen and light.level is Level.WATCH
 
 
+@mark.slow
 def test_the_failsafe_may_doubt_a_filter_that_rejects_nothing():
     seconds = FAILSAFE_SECONDS + 1.0
     below_limit = (ARDUPILOT_FAILSAFE_LIMIT + INNOVATION_LIMIT) / 2
@@ -345,6 +347,7 @@ def test_few_satellites_or_a_large_dilution_of_gps_are_a_poor_fix(satellites, di
     assert fact.code is code and fact.figures.get("dilution", dilution) == approx(dilution)
 
 
+@mark.slow
 def test_a_filter_that_assumes_a_standstill_in_flight_has_no_position():
     """Neither vehicle recorded a satellite receiver: by its flags one has a position, and one assumes a standstill."""
     assert estimator_light(evidence(telemetry_with_innovations())).is_good
@@ -421,6 +424,7 @@ def test_a_compass_whose_field_is_another_in_flight(change, before, code):
     assert fact.code is code and fact.figures.get("change", change) == approx(change)
 
 
+@mark.slow
 @mark.parametrize("time, level", [(30.0, "watch"), (2.0, "good")])
 def test_what_the_autopilot_warns_of_in_flight(time, level):
     warned = Fact(ReportedEvent.ESTIMATOR_SWITCHED, Level.WATCH, time=time, boot=0)
@@ -434,12 +438,14 @@ def test_what_the_autopilot_warns_of_in_flight(time, level):
     )
 
 
+@mark.slow
 def test_a_height_that_diverged_in_flight_makes_the_estimator_bad():
     diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=30.0, boot=0, climb_rate=-2.0, speed=2.0)
     light = estimator_light(replace(evidence(telemetry_with_innovations()), events=(diverged,)))
     assert (light.code, light.level) == (MotionEvent.HEIGHT_DIVERGED, "bad")
 
 
+@mark.slow
 @mark.parametrize("force, level", [(9.8, "good"), (8.4, "watch")])
 def test_an_accelerometer_that_is_wrong_at_rest_is_to_be_watched(force, level):
     telemetry = with_force_at_rest(force)
@@ -484,6 +490,7 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
             assert fact.level == level
 
 
+@mark.slow
 @mark.parametrize(
     "directions, last_speed, turn",
     [
@@ -529,6 +536,7 @@ def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, l
         assert turn in light.sentence
 
 
+@mark.slow
 @mark.parametrize(
     "interval, level", [((4.6, 6.5), "good"), ((0.5, 3.3), "good"), ((3.4, 9.9), "unknown")]
 )
@@ -627,6 +635,7 @@ def test_motor_outputs_that_the_demand_replaces_are_stated_with_their_rate():
     assert "motor outputs at 10 Hz" in fact.sentence
 
 
+@mark.slow
 def test_the_light_of_a_log_that_ends_in_the_air_says_so_unless_it_was_lost():
     judged = evidence(HOVER.telemetry(50.0, 50.0))
     ended = Fact(MotionEvent.LOG_ENDED_IN_AIR, time=36.5, boot=0, height=12.0, height_source="")
@@ -635,6 +644,7 @@ def test_the_light_of_a_log_that_ends_in_the_air_says_so_unless_it_was_lost():
     assert log_light(replace(judged, events=(after_loss,))).code is LogLight.RECORDED_FAST
 
 
+@mark.slow
 @mark.parametrize("least, is_suspect", [(BOARD_VOLTAGE_LIMITS.watch - 0.05, True), (5.0, False)])
 def test_a_low_supply_is_the_suspected_reason_for_a_log_that_ends_in_the_air(least, is_suspect):
     volts = np.where(TIME > 30, least, 5.1)

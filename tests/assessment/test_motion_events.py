@@ -122,6 +122,7 @@ def test_vibration_is_the_cause_where_the_error_at_rest_does_not_explain_that_in
     assert "from 8.8 m/s² at rest" in cause.sentence
 
 
+@mark.slow
 @mark.parametrize("autopilot, is_cause", [("PX4", True), ("ARDUPILOTMEGA", False)])
 def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_cause):
     telemetry = replace(height_runaway(), autopilot=autopilot)
@@ -155,6 +156,7 @@ def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
     assert "; then the pilot closed the throttle at 36.5 s" in cause.sentence
 
 
+@mark.slow
 @mark.parametrize("mode", ["Stabilize"])
 def test_where_the_stick_is_the_thrust_no_height_is_followed(mode):
     assert MotionEvent.HEIGHT_DIVERGED not in events_and_ending(height_runaway(mode))[0]
@@ -175,6 +177,7 @@ def landing_that_topples():
     return rolled(knocked(telemetry, touch_down + 0.1, 40.0), 95.0, touch_down)
 
 
+@mark.slow
 def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
     events, ending = events_and_ending(landing_that_topples())
     assert ending.code is Ending.TOPPLED_AT_LANDING
@@ -185,6 +188,7 @@ def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
     assert "switch" not in ending.remedy
 
 
+@mark.slow
 def test_a_vehicle_may_topple_between_two_reports_of_its_landed_state():
     telemetry = moving(instrumented("Stabilize"), lambda elapsed: -1.0 * (elapsed < 9.8))
     touch_down = EVENT + 10.2
@@ -205,6 +209,7 @@ def failsafe_in_the_air():
     return saying(telemetry, EVENT - 0.05, "Radio Failsafe - Disarming")
 
 
+@mark.slow
 def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
     _, ending = events_and_ending(failsafe_in_the_air())
     cause = ending.figures["cause"]
@@ -213,6 +218,7 @@ def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
     assert ending.figures["height"] == approx(10.0, abs=1.5)
 
 
+@mark.slow
 def test_a_radio_that_was_lost_until_the_motors_stopped_is_the_reason():
     """The receiver of the remote control reports no signal from 3 s before the failsafe on."""
     telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
@@ -238,6 +244,7 @@ def test_a_throttle_that_the_pilot_closes_in_the_air_is_the_cause():
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
+@mark.slow
 @mark.parametrize("text", ["Hello", "Battery 1 low voltage"])
 def test_a_throttle_closed_after_the_motors_stopped_is_no_cause(text):
     telemetry = stick(saying(failsafe_in_the_air(), EVENT, text), STICK_CLOSED, EVENT + 1.2)
@@ -260,6 +267,7 @@ def test_a_pilot_who_closes_the_throttle_once_it_topples_is_no_cause():
     assert (ending.code, ending.figures["cause"]) == (Ending.TOPPLED_AT_LANDING, None)
 
 
+@mark.slow
 def test_a_throttle_closed_after_the_contact_does_not_loosen_the_limits_of_a_landing():
     """It drops from 2 m at 4 m/s: with a throttle closed before that is a landing, and else an impact."""
     touch_down = EVENT + 8.5
@@ -275,6 +283,7 @@ def test_a_throttle_closed_after_the_contact_does_not_loosen_the_limits_of_a_lan
     assert codes == [Ending.TOPPLED_AT_LANDING, Ending.CRASHED]
 
 
+@mark.slow
 @mark.parametrize("volts, is_cause", [(14.0, False), (11.0, True)])
 def test_an_alarm_of_the_battery_explains_a_stop_only_with_an_empty_battery(volts, is_cause):
     telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
@@ -297,6 +306,7 @@ def dive():
     return driven(stick(telemetry, STICK_CLOSED, EVENT, EVENT + 0.8), 1000.0, EVENT, EVENT + 0.8)
 
 
+@mark.slow
 def test_a_dive_that_the_pilot_ends_is_no_crash():
     events, ending = events_and_ending(dive())
     assert ending is None
@@ -353,6 +363,7 @@ def test_the_speed_of_an_impact_is_the_one_at_its_end_and_not_of_the_fall_before
     assert ending.figures["speed"] == events[MotionEvent.HIT].figures["speed"]
 
 
+@mark.slow
 @mark.parametrize(
     "mode, pulse, is_cause",
     [("Stabilize", 1150, True), ("Stabilize", 1450, False), ("Alt hold", 1150, False)],
@@ -408,6 +419,7 @@ def test_the_slope_of_a_barometer_does_not_contradict_a_short_fall():
         assert events[code].figures["speed"] == approx(13.5, abs=1.0)
 
 
+@mark.slow
 @mark.parametrize("pulse, is_spent", [(2000, True), (1500, False)])
 def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_thrust(
     pulse, is_spent
@@ -513,6 +525,7 @@ def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, p
         assert "position controller" in swung.remedy
 
 
+@mark.slow
 @mark.parametrize(
     "path_share, lead, level",
     [
@@ -572,6 +585,7 @@ def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller()
     assert "position controller" not in swung.remedy
 
 
+@mark.slow
 @mark.parametrize("speed, code", [(0.0, Ending.CONTROL_LOST), (6.0, Ending.CRASHED)])
 def test_a_knock_in_the_air_is_a_contact_only_where_it_takes_the_speed(speed, code):
     """At 10 m a propeller breaks with a knock, or the vehicle flies at 6 m/s against a tree; then it falls."""
@@ -697,6 +711,7 @@ def without_position(telemetry, seconds):
     return changed(telemetry, "LOCAL_POSITION_NED", valid=is_valid)
 
 
+@mark.slow
 def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
     telemetry = in_mode(without_position(instrumented(), 18.0), (EVENT + 1.0, "Land"))
     lost = events_and_ending(telemetry)[0][MotionEvent.POSITION_LOST]
@@ -705,6 +720,7 @@ def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
     assert SensorFact.MODE_CHANGED in witnesses(lost, Side.FOR)
 
 
+@mark.slow
 @mark.parametrize("seconds, is_lost", [(4.0, False), (6.0, True)])
 def test_a_position_that_is_lost_for_five_seconds_is_an_event(seconds, is_lost):
     events, _ = events_and_ending(without_position(instrumented(), seconds))
@@ -713,6 +729,7 @@ def test_a_position_that_is_lost_for_five_seconds_is_an_event(seconds, is_lost):
         assert events[MotionEvent.POSITION_LOST].level is Level.WATCH
 
 
+@mark.slow
 def test_a_position_that_never_comes_back_is_lost_to_the_end_of_the_flight():
     telemetry = without_position(instrumented(), 1000.0)
     no_fix = columns(stamps(telemetry, "LOCAL_POSITION_NED"), fix_type=0)
@@ -759,6 +776,7 @@ def test_a_second_receiver_with_a_fix_holds_the_position():
     assert MotionEvent.POSITION_LOST not in events_and_ending(without_fix("GPS_RAW_INT"))[0]
 
 
+@mark.slow
 def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
     telemetry = saying(instrumented(), EVENT, "Crash: Disarming")
     events, ending = events_and_ending(telemetry)
@@ -817,6 +835,7 @@ def test_an_error_without_a_setpoint_is_stated_as_the_lean():
         assert ("setpoint" in statement.sentence) == has_setpoint
 
 
+@mark.slow
 def test_a_lean_that_was_caught_is_stated_whole_where_no_setpoint_was_logged():
     telemetry = instrumented("Stabilize")
     elapsed = stamps(telemetry, "ATTITUDE") - EVENT

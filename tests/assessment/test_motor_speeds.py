@@ -85,6 +85,7 @@ def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
     assert ending is None
 
 
+@mark.slow
 def test_a_lost_motor_that_turns_in_the_wind_for_most_of_the_flight_stands_still():
     events, _ = events_and_ending(with_speeds(instrumented(), speed_of_failing=100.0))
     assert events[MotionEvent.MOTOR_STOOD_STILL].time == approx(EVENT, abs=0.2)

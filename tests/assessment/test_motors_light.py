@@ -41,6 +41,7 @@ def weak(begin, end=np.inf):
     return lambda time: np.outer([0, 1, 0, 0], 125.0 * ((time > begin) & (time < end)))
 
 
+@mark.slow
 def test_trims_that_shifted_in_flight_are_to_be_watched_and_name_no_motor():
     flight = evidence()
     shift = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=40.0, rise=0.05, boot=0)
@@ -105,6 +106,7 @@ def test_a_motor_that_is_weak_in_the_descent_alone_is_named():
     assert loss.subject == "motor 2 (rear left)" and loss.time == approx(72, abs=1.5)
 
 
+@mark.slow
 def test_a_motor_that_alone_was_long_at_its_limit_is_not_good():
     even = evidence()
     limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, time=72.0, subject=FRONT_LEFT, boot=0)
@@ -189,6 +191,7 @@ def test_what_names_a_motor_before_its_balance_goes_first():
     assert after.code is not MotorWatchFact.MOTOR_LOST_THRUST and not after.subject
 
 
+@mark.slow
 def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
     even = evidence()
     report = Fact(ReportedEvent.THRUST_LOST, Level.BAD, time=50.0, subject="motor 3", boot=0)
@@ -199,6 +202,7 @@ def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
     assert motors_light(replace(even, events=(report_of_no_motor,))).is_good
 
 
+@mark.slow
 def test_without_settled_flight_or_outputs_it_is_not_known():
     """There is no hover to judge the motors by.
 
@@ -287,6 +291,7 @@ def test_a_motor_message_that_ends_at_the_take_off_with_motors_off_is_no_limit()
     assert motors_light(flight).code is MotorsLight.MOTORS_NOT_SEEN
 
 
+@mark.slow
 def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
     # Motors 1 and 2 (one direction of rotation) work harder; gusts drive only motor 1 to its limit.
     def twisted(time):

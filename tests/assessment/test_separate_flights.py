@@ -97,6 +97,7 @@ def assessment():
     return assess_recording(log, signals, options=Options(with_model=False))
 
 
+@mark.slow
 def test_a_flight_has_the_parameters_that_it_was_flown_with():
     signals = recording((SOUND, 0.25), (SOUND, 0.3), (SOUND, 0.197))
     flights = separate_flights(signals)
@@ -112,6 +113,7 @@ def test_a_flight_has_the_parameters_that_it_was_flown_with():
         assert not any(table["boot"].any() for table in flight.signals.telemetry.messages.values())
 
 
+@mark.slow
 def test_a_flight_of_another_autopilot_has_the_parameters_that_this_one_reported():
     """Two logs that were joined, of vehicles with the same ids: ArduPilot's names and values are none of PX4."""
     signals = recording((SOUND, 0.25), (SOUND, 0.3), (SOUND, 0.35))
@@ -145,6 +147,7 @@ def test_what_comes_before_the_first_clock_of_a_boot_does_not_count_in_the_boot_
     assert gains == [0.25, 0.3]
 
 
+@mark.slow
 def test_a_command_that_uses_all_flights_together_says_so(capsys):
     flights = recording((SOUND, 0.25), (SOUND, 0.3))
     note_flights_used_together(separate_flights(flights)[0].signals)

@@ -7,7 +7,7 @@ from hover import Hover, asking, changed, columns
 from instrumented import instrumented
 from numpy.testing import assert_allclose
 from partial_records import partial_record
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.assessment.shown_time import SECONDS_BETWEEN_BOOTS
 from mavdem.assessment.time_history import SECONDS_AROUND_FLIGHT, time_history
@@ -48,6 +48,7 @@ def test_a_time_history_lasts_from_before_arming_to_after_disarming():
     assert_allclose(angle.values, HOVER.roll(angle.time))
 
 
+@mark.slow
 def test_setpoints_are_held_at_the_times_of_the_measured_signal():
     time = HOVER.stamps(10.0)
     setpoints = asking(HOVER.telemetry(), time, 0, HOVER.roll_rate(time), HOVER.roll(time))
@@ -113,6 +114,7 @@ def test_the_flights_of_all_boots_are_drawn_one_after_the_other():
     assert [event.seconds for event in history.events] == [approx(20.0 - period)]
 
 
+@mark.slow
 def test_a_signal_with_a_single_sample_in_flight_is_left_out():
     telemetry = armed_from_20_to_40_s()
     for time, is_shown in (([0.0, 1.0, 30.0], False), ([0.0, 30.0, 31.0], True)):
@@ -137,6 +139,7 @@ def test_a_receiver_gives_path_and_height_where_nothing_else_does():
     assert_allclose(history.position.values[:2], [[0, 0, 0], [111.2, 0, -5.0]], atol=0.1)
 
 
+@mark.slow
 def test_voltages_are_named_by_their_battery():
     time = HOVER.stamps(1.0)
     telemetry = changed(HOVER.telemetry(), "SYS_STATUS", **columns(time, voltage_battery=16000))

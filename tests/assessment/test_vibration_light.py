@@ -50,6 +50,7 @@ def test_the_limits_are_the_autopilot_s(autopilot, limits):
     assert levels == ["good", "watch", "watch", "bad"]
 
 
+@mark.slow
 def test_the_worst_axis_of_the_worst_imu_is_named():
     light_fact = light([1, 2, 3, 4, 16, 5])
     assert (light_fact.subject, light_fact.figures["axis"], light_fact.level) == (

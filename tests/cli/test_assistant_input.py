@@ -26,6 +26,7 @@ def test_a_surrogate_without_a_partner_is_replaced(sent, read):
     assert [json.loads(line)["log"] for line in lines] == [read, read]
 
 
+@mark.slow
 def test_long_lines_are_read_in_pieces():
     line = json.dumps({"log": "ab\ud800" * 50_000}) + "\n"
     source = io.TextIOWrapper(io.BytesIO(line.encode()), encoding="utf-8")

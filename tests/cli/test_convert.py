@@ -70,6 +70,7 @@ def test_recordings_hold_the_flight_of_the_model(tmp_path, capsys):
     assert document["samples"] in counts.values()
 
 
+@mark.slow
 def test_a_log_without_a_model_has_no_recording(tmp_path, capsys):
     out = tmp_path / "flight.rrd"
     assert run("convert", SLOW, out) == EXIT_UNSUPPORTED

@@ -149,6 +149,7 @@ def test_a_flight_in_which_a_motor_failed_is_a_result_without_figures(monkeypatc
     assert "motor 2 failed or was at its limit in B" in text
 
 
+@mark.slow
 def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_by_their_files():
     before, after = (
         rows_of_flights("alpha", [number], phase_margin=margin, phase_margin_interval=0.1)

@@ -57,6 +57,7 @@ def test_a_description_of_any_characters_reads_back_and_sends_none_to_the_termin
     assert load(again) == load(own_file)
 
 
+@mark.slow
 @mark.parametrize("speed, flown, slow", [(2, 18.0004, True), (2, 19.2, False), (0.5, 4.7, True)])
 def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
     speed, flown, slow, monkeypatch, capsys

@@ -67,6 +67,7 @@ def test_the_library_returns_what_is_printed(tmp_path):
     assert other_review.sentence(other_review.headline) in (tmp_path / "page.html").read_text()
 
 
+@mark.slow
 def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
     findings = []
     assessment = assess(read_log(SLOW), show_findings=findings.append)
@@ -104,6 +105,7 @@ def test_a_row_divides_the_alarms_of_two_boots():
     assert lines[1].endswith("(first of 2).")
 
 
+@mark.slow
 def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
     """The headline's event has its place in the order of time, and its sentence stands once, below."""
     assessment = assess(read_log(SLOW))
@@ -124,6 +126,7 @@ def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
     assert "100.0 s    BAD      See the headline." in lines
 
 
+@mark.slow
 def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
     """Of a motor's saturations the first stands for all, as on the page, even if a later one lasted longer."""
     assessment = assess(read_log(SLOW))
@@ -139,6 +142,7 @@ def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
     assert first.replace(count=2).sentence in " ".join(screen.split())
 
 
+@mark.slow
 def test_a_screen_lists_the_modes_before_the_landing():
     assessment = assess(read_log(SLOW))
     mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, subject="Return", cause=None, boot=0)
@@ -161,6 +165,7 @@ def test_a_screen_lists_the_modes_before_the_landing():
     assert re.findall(r"(?m)^([0-9.]+) s .* Mode Return", screen) == ["90.0", "102.0"]
 
 
+@mark.slow
 def test_the_light_of_the_headline_refers_to_it():
     """The terminal would otherwise show one sentence twice."""
     assessment = assess(read_log(SLOW))
@@ -236,6 +241,7 @@ def test_the_inventory_and_the_review_have_every_instance_and_what_can_be_truste
     assert "output 1 (motor 1)" in screen
 
 
+@mark.slow
 def test_a_light_that_has_no_short_sentence_is_shown_whole():
     assessment = assess(read_log(SLOW))
     reason = Fact(Unjudged.MULTIROTORS_ONLY, kind="a long type of vehicle " * 5)
@@ -245,6 +251,7 @@ def test_a_light_that_has_no_short_sentence_is_shown_whole():
         assert "…" not in screen and reason.sentence in " ".join(screen.split())
 
 
+@mark.slow
 def test_a_warning_of_two_lights_is_printed_once():
     assessment = assess(read_log(SLOW))
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=60.0, boot=0, subject="motor 3")

@@ -21,6 +21,7 @@ from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import load, scenario_toml
 
 
+@mark.slow
 def test_the_page_of_a_log_without_wind_says_why_and_what_to_do(tmp_path, capsys):
     assert run("wind", SLOW, "--out", tmp_path) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["wind.html"]

@@ -101,6 +101,7 @@ def test_signals_of_another_axis_share_results_and_those_of_another_flight_do_no
     assert settled_segments(other) != segments
 
 
+@mark.slow
 def test_each_of_two_boots_whose_clocks_overlap_has_its_segment():
     """The log has the same hover twice, as boots 0 and 1. The second lacks 3 s, so that it has two segments."""
     telemetry = HOVER.telemetry()
@@ -212,6 +213,7 @@ def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
     assert [round(edge) for span in segments for edge in span[:2]][1:3] == [26, 34]
 
 
+@mark.slow
 def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
     telemetry = reported()
     still = 0.01 * np.sin(telemetry.messages["LOCAL_POSITION_NED"]["time"])

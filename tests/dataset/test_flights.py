@@ -58,6 +58,7 @@ def test_segments_have_one_step_also_where_a_link_lost_messages():
     assert_allclose(flights[0].outputs[:, 0], HOVER.roll(flights[0].time), atol=1e-3)
 
 
+@mark.slow
 def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     hover = Hover(hovering=60.0)
     stamps = np.concatenate(

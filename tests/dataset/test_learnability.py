@@ -62,6 +62,7 @@ def slow_then_fast(change, fast_from):
     return LONG.telemetry(stamps, stamps)
 
 
+@mark.slow
 @mark.parametrize("fast_from", [100.0, 100.5], ids=["at once", "after a gap"])
 def test_the_fast_part_of_a_flight_is_learned_from_and_the_slow_part_is_not(fast_from):
     learnability = judged(slow_then_fast(100.0, fast_from))
@@ -155,6 +156,7 @@ def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
     assert reason.code is NotLearnableReason.NO_EVIDENCE_OF_FLIGHT
 
 
+@mark.slow
 def test_a_hover_on_little_of_the_range_is_a_flight_where_the_autopilot_idles_lower():
     telemetry = HOVER.telemetry()
     strong = with_pulses(telemetry, 1000 + (pulses(telemetry) - 1000) // 3)
@@ -333,6 +335,7 @@ def rounded(hover):
     return with_pulses(telemetry, np.round(motors + default_rng(2).normal(0, 3, motors.shape[1])))
 
 
+@mark.slow
 def test_a_command_at_the_floor_of_the_stream_is_refused():
     near = learnability_of(Signals(rounded(Hover(command=0.5))))
     assert near.learnable
@@ -428,6 +431,7 @@ def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
     assert 0.9 * told <= reason.figures["fresh_rate"] <= 1.01 * told
 
 
+@mark.slow
 def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
     """A command that moves by less than a step from message to message repeats whole rows, and then goes on by one."""
     whole = in_whole_pulses(Hover(command=2.0).telemetry())
@@ -441,6 +445,7 @@ def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
         assert learnability.learnable and learnability.figures.motor_fresh == approx(100)
 
 
+@mark.slow
 def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     """Angles and rates are rounded to 0.05 rad: a caution for a usual hover, a refusal for one that hardly moves."""
     doubted = learnability_of(Signals(with_steps(0.05, HOVER.telemetry())))
@@ -477,6 +482,7 @@ def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
     assert reason.code is NotLearnableReason.ATTITUDE_NOT_FINITE
 
 
+@mark.slow
 @mark.parametrize("field, wrong", [("rollspeed", 70.0), ("roll", 1e30), ("pitch", -6.3)])
 def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     telemetry = HOVER.telemetry()

@@ -2,7 +2,7 @@
 
 import numpy as np
 from hover import Hover, changed, columns
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.dataset.intervals import total_duration
 from mavdem.dataset.signals import Signals
@@ -27,6 +27,7 @@ def steady_seconds(turn=0.0, stray=0.0):
     return total_duration(steady_intervals(Signals(telemetry, inputs="motors"), 0))
 
 
+@mark.slow
 def test_a_turn_and_what_strays_are_not_steady():
     whole = steady_seconds()
     assert whole == approx(40.0, abs=3.0)

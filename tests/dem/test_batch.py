@@ -75,6 +75,7 @@ def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expec
     assert not multiprocessing.active_children()
 
 
+@mark.slow
 def test_a_job_without_an_answer_is_answered_by_its_error():
     answers = list(learn_many(JOBS[4:7]))  # For so few jobs no process starts.
     assert [type(each) for each in answers] == [Learned, NotLearnable, Learned]

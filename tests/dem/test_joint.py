@@ -207,6 +207,7 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     assert live_model._hyperparameters == joint_model.hyperparameters
 
 
+@mark.slow
 def test_no_lag_reaches_across_a_gap():
     """Samples after it are elsewhere, far from what the model has seen."""
     flight = in_closed_loop(wind=10.0, samples=1206)

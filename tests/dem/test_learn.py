@@ -44,6 +44,7 @@ def test_a_clean_system_is_recovered_and_forecast():
     assert isinstance(learned, Forecaster)
 
 
+@mark.slow
 def test_units_of_the_stream_do_not_matter():
     """The same flight in rad and µs, and in degrees and fractions, gives the same model in other units."""
     flight = simulated(wind=0.5)
@@ -114,6 +115,7 @@ def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
         complete_settings(Settings(window=9), record(12))
 
 
+@mark.slow
 def test_process_noise_is_the_moment_of_the_wind():
     """The estimated noise of the states correlates with the simulated torque of the wind, without a delay."""
     flight = simulated(3, wind=0.5)
@@ -182,6 +184,7 @@ def test_data_that_determine_nothing_are_refused(change, message):
         learn(change(simulated()))
 
 
+@mark.slow
 def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt():
     flight = simulated(wind=0.5)[:700]
     settings = {"p": 1, "window": 9, "parameter_precision": 1.0}
@@ -207,6 +210,7 @@ def test_an_ascent_that_ran_out_of_iterations_has_not_converged():
     assert not learn(simulated(wind=0.5)[:700], settings).converged
 
 
+@mark.slow
 def test_wrong_forecast_inputs_are_named():
     learned = learn(simulated()[:200], QUICK)
     with raises(ValueError, match=r"inputs must have shape \(H, 4\)"):
@@ -239,6 +243,7 @@ def test_from_zero_row_0_is_the_trim_and_inputs_move_the_rest_by_the_physical_mo
 CLEAN = Settings(order=2, parameter_precision=0.01, window=5)
 
 
+@mark.slow
 def test_predictions_and_noise_belong_to_their_segments():
     """Between two segments 60 samples are missing: nothing may be predicted across that gap."""
     flight = simulated()

@@ -149,6 +149,7 @@ def test_unusual_samples_do_not_shorten_the_pause_between_fits_of_many_samples(m
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 600]
 
 
+@mark.slow
 def test_while_the_first_learning_runs_samples_are_not_too_few():
     executor = Mock(**{"submit.return_value": Future()})
     online = OnlineLearner(dt=WINDY.dt, executor=executor, effect_directions=SIGNS)
@@ -160,6 +161,7 @@ def test_while_the_first_learning_runs_samples_are_not_too_few():
     assert (estimates[-1].expected_band < 0.05 * WINDY.outputs.std(axis=0)).all()
 
 
+@mark.slow
 def test_an_executor_that_is_gone_is_a_reason_for_no_model_and_no_error():
     with ThreadPoolExecutor(1) as executor:
         online = OnlineLearner(dt=0.01, executor=executor)
@@ -260,6 +262,7 @@ def fed(bands, errors):
     return np.array(half)[:, :, 0]
 
 
+@mark.slow
 def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
     errors = default_rng(0).standard_normal(3000)
     errors[1000:1200] *= 1e6
@@ -367,6 +370,7 @@ def test_marks_without_a_change_are_as_rare_as_stated():
         assert len(marked(AnomalyMarks(DT), surprise)) <= expected + 4 * np.sqrt(expected)
 
 
+@mark.slow
 @mark.parametrize("size", [4.0, 1000.0])
 def test_a_change_is_marked_promptly_and_so_is_the_next(size):
     """Surprise rises for 2 s at 40 s and at 80 s, then once for good."""

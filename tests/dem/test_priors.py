@@ -33,6 +33,7 @@ def roll_prior():
 SETTINGS = Settings(order=2, window=3, prior=roll_prior(), parameter_precision=0.01)
 
 
+@mark.slow
 def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
     """Learned with scaled and with unscaled channels, the model is the same."""
     flight = simulated(wind=0.2)[:700]
@@ -77,6 +78,7 @@ def test_a_state_that_no_output_shows_breaks_the_fit_down():
     assert fact.code is ModelRefusal.FIT_BREAKS_DOWN
 
 
+@mark.slow
 def test_unknown_inputs_are_process_noise_of_the_filter():
     """What is not known of them moves the state as well, so the filter counts it with the process noise."""
     outputs = simulated(samples=300, wind=0.5).outputs

@@ -45,6 +45,7 @@ def objective_of(flight):
     return objective, fitted.ascent.posterior.theta[places]
 
 
+@mark.slow
 def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
     """The filter runs over the first half of a piece, and a forecast over the second.
 
@@ -63,6 +64,7 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
         assert_allclose(errors[..., piece], piece_samples[1][filter_steps + 1 :] - ahead, atol=1e-9)
 
 
+@mark.slow
 def test_gradient_and_curvature_are_those_of_the_log_joint():
     objective, free = objective_of(FLIGHT[:400])
 

@@ -9,6 +9,7 @@ from mavdem import Settings, learn
 from mavdem.confidence import coverage_factor, half_width, require_probability
 
 
+@mark.slow
 def test_without_a_simulation_error_fit_no_interval_is_reported():
     assert np.isnan(learn(simulated(wind=0.5)[:700], Settings.paper()).model_interval().A).all()
 

@@ -23,6 +23,7 @@ def test_no_lag_of_var_reaches_across_a_gap():
     assert_allclose(again[:300], again[600:], rtol=1e-12)
 
 
+@mark.slow
 def test_units_do_not_matter_to_it(model):
     """The same flight in other units gives the same forecasts in those units."""
     model_in_other_units = baselines.var(in_other_units(TRAIN))

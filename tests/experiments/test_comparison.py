@@ -115,6 +115,7 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
 
 
+@mark.slow
 def test_over_flights_each_counts_once(compared):
     rows = compared.over_flights()
     ours = row_of(rows, "subspace")
@@ -138,6 +139,7 @@ def test_of_six_flights_each_is_a_pair():
     assert outcome.tests()["is_off"].tested == 6
 
 
+@mark.slow
 def test_predictions_are_compared_of_the_methods_that_make_them(compared):
     assert compared.methods_of(UNKNOWN_INPUTS) == ("hold", "constant mean")
     assert compared.to_dict()["predictions"]["methods"] == ("hold", "constant mean")

@@ -100,6 +100,7 @@ def test_the_test_is_wilcoxons_on_log_ratios():
     assert (found.less, found.windows, found.tested) == (int((ours < theirs).sum()), 15, 8)
 
 
+@mark.slow
 def test_a_method_that_diverged_lost_that_window():
     found = paired(np.ones(7), [INF, INF, 2, 3, 4, 0.5, INF])
     assert (found.less, found.ratio) == (6, 0.25)
@@ -117,6 +118,7 @@ def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
         paired(ours, theirs)
 
 
+@mark.slow
 def test_what_is_distinguished_takes_six_pairs_and_a_side():
     assert (
         paired([1.0] * 6, [2.0] * 6).result is TestResult.LOWER

@@ -152,6 +152,7 @@ def test_no_peak_is_lost_when_samples_are_thinned():
     assert not len(extremes_of_intervals(FieldSamples(time[:1], values[500:501]), 20).time)
 
 
+@mark.slow
 def test_unset_values_are_those_of_the_definition_of_mavlink():
     """Pymavlink's modules leave the attribute out, its copies of the definitions have it."""
     limits = {"UINT8_MAX": 2**8 - 1, "INT16_MAX": 2**15 - 1, "UINT16_MAX": 2**16 - 1}

@@ -34,6 +34,7 @@ DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()}
 SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
+@mark.slow
 def test_a_slow_log_gives_what_it_holds_says_why_no_more_and_has_one_page():
     """The attitude of the log comes at 4 Hz: its rows have the balance of the motors, but no model."""
     hover = mavdem.hover(SLOW)

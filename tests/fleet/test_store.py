@@ -59,6 +59,7 @@ FULL = FlightRow(
 FAILED = FlightRow.without_flight("b.bin", Fact(ReadingFact.NO_VEHICLE))
 
 
+@mark.slow
 def test_stored_rows_are_read_back_unchanged(tmp_path):
     rows = [FULL, FAILED, FlightRow(file="odd\udcff\n.bin")]
     fleet_of(tmp_path, rows)
@@ -179,6 +180,7 @@ def fleet(tmp_path):
     return tmp_path / "fleet", tmp_path / "logs", logs, table_of(tmp_path / "fleet")
 
 
+@mark.slow
 def test_what_is_known_is_not_read_again_whatever_it_is_called(fleet):
     out, folder, (log, other_log), before = fleet
     assert track(out, log, folder / "*.bin").read == 0 and table_of(out) == before
@@ -211,6 +213,7 @@ def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, mon
     assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more_rows)
 
 
+@mark.slow
 def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch):
     def write(path, rows, folder):
         with open_store(folder) as other_store:
@@ -354,6 +357,7 @@ def make_older(folder):
             db.execute(f"alter table {table} drop column {column}")
 
 
+@mark.slow
 def test_an_older_store_is_read_before_a_run_has_opened_it(tmp_path):
     fleet_of(tmp_path, [FULL])
     make_older(tmp_path)
@@ -385,6 +389,7 @@ def test_two_runs_may_open_an_older_store_at_a_time(tmp_path):
             assert second_run.result()
 
 
+@mark.slow
 def test_brief_rows_have_the_columns_of_the_index_and_are_made_for_an_older_store(tmp_path):
     fleet_of(tmp_path, [FULL, FAILED])
     brief_rows = read_brief_rows(tmp_path)
@@ -398,6 +403,7 @@ def test_brief_rows_have_the_columns_of_the_index_and_are_made_for_an_older_stor
         assert read_brief_rows(tmp_path) == brief_rows
 
 
+@mark.slow
 def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
     (log,) = make_logs(tmp_path / "disk", 1)
     (tmp_path / "links").mkdir()
@@ -568,6 +574,7 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     assert residual_mean(healthy[0], [*healthy, by_demand]) == approx(3)
 
 
+@mark.slow
 def test_health_comes_from_the_vehicle_s_healthy_flights():
     """Four flights of one vehicle.
 

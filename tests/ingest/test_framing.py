@@ -129,6 +129,7 @@ def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
     assert frames_in(cut, STAMP_BYTES).sequence.tolist() == [1, 2]
 
 
+@mark.slow
 @mark.parametrize("flood", [b"\xfe", b"\xfd\xfd\x00", b"\xfe\x00", b"\xfe\xff\xfe\x01\xfe\xfe\x1e"])
 def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
     frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(3)]

@@ -33,6 +33,7 @@ def columns_of(log):
     return columns
 
 
+@mark.slow
 def test_a_mapped_log_reads_like_one_in_memory(tmp_path, monkeypatch):
     """A large log is mapped into memory and read in parts, here of 1000 bytes."""
     path = flight_log(tmp_path)
@@ -50,6 +51,7 @@ def test_a_mapped_log_reads_like_one_in_memory(tmp_path, monkeypatch):
         np.testing.assert_array_equal(values, columns_in_memory[key])
 
 
+@mark.slow
 def test_columns_go_to_other_processes_without_the_recording(tmp_path):
     attitude = read_tlog(flight_log(tmp_path)).vehicles[0].messages["ATTITUDE"]
     pickled = pickle.loads(pickle.dumps(attitude))
@@ -65,6 +67,7 @@ def test_a_column_is_known_before_it_is_decoded(tmp_path):
     assert not attitude["pitch"].flags.writeable
 
 
+@mark.slow
 def test_a_mapped_log_keeps_the_latest_columns_only(tmp_path, monkeypatch):
     monkeypatch.setattr(contents, "MIN_MAPPED_BYTES", 1)
     monkeypatch.setattr(frame_columns, "MAX_BYTES_OF_MAPPED_COLUMNS", 10_000)

@@ -69,6 +69,7 @@ def test_json_alone_tells_the_same(log, tmp_path):
                 assert_array_equal(columns[field], other.messages[name][field], strict=True)
 
 
+@mark.slow
 def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path):
     content = bytearray(tlog(HOVER))
     second = 8 + len(heartbeat())
@@ -84,6 +85,7 @@ def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path):
 # Other recorders' files
 
 
+@mark.slow
 def test_blueos(recorder):
     """BlueOS writes MAVLink messages as JSON into MCAP files.
 
@@ -394,6 +396,7 @@ def chunk(packed):
     return record(6, head + struct.pack("<Q", len(packed)) + packed)
 
 
+@mark.slow
 def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
     """100 chunks of a few bytes would each unpack to 8 MB: the sum of what is unpacked has a limit."""
     bomb = chunk(zstandard.ZstdCompressor().compress(record(0x80, bytes(1 << 23))))

@@ -33,6 +33,7 @@ def duration_and_boots(vehicle):
     return columns["time"].max() - columns["time"].min(), len({*columns["boot"].tolist()})
 
 
+@mark.slow
 @mark.parametrize("old_start", [5.0, 70.0, 400.0])
 def test_blocks_of_an_older_log_are_left_out_and_counted(old_start, tmp_path):
     content = attitudes(20.0, 50.0)
@@ -55,6 +56,7 @@ def test_of_swapped_blocks_the_one_in_the_wrong_place_is_left_out(tmp_path):
     assert codes == [Repair.OLD_BLOCKS_LEFT_OUT]
 
 
+@mark.slow
 @mark.parametrize("start", [200, 3000])
 def test_a_block_that_is_repeated_later_is_left_out(start, tmp_path):
     """300 messages of a DataFlash log are there twice, one block after the other."""
@@ -67,6 +69,7 @@ def test_a_block_that_is_repeated_later_is_left_out(start, tmp_path):
     assert len(vehicle.messages["ATTITUDE_TARGET"]["time"]) == round(130.0 / STEP)
 
 
+@mark.slow
 @mark.parametrize("pause", [0.0, 300.0])
 def test_a_second_boot_is_kept(pause, tmp_path):
     content = attitudes(20.0, 80.0) + attitudes(80.0 + pause, 100.0 + pause)
@@ -93,6 +96,7 @@ def test_a_block_near_the_beginning_that_is_repeated_is_no_boot(tmp_path):
     assert repair.figures["size"] == approx(3321, abs=2 * message_bytes)
 
 
+@mark.slow
 def test_a_second_log_that_begins_late_on_its_clock_is_kept(tmp_path):
     content = attitudes(120.0, 180.0) + formats() + attitudes(90.0, 170.0)
     vehicle = vehicle_of(tmp_path, content)
@@ -129,6 +133,7 @@ def test_a_tail_of_an_older_flight_is_left_out_by_its_satellite_time(old_start, 
     assert repair.figures["duration"] == approx(15.0, abs=0.2)
 
 
+@mark.slow
 def test_a_second_boot_and_a_pause_fit_the_satellite_time(tmp_path):
     content = with_satellites(20, 80, utc_at_boot=90_000)
     content += with_satellites(300, 360, utc_at_boot=90_000)

@@ -23,6 +23,7 @@ def test_each_ground_stations_file_is_read(station, tmp_path):
     assert read_parameters(path) == {"MC_ROLLRATE_P": 0.15, "CA_AIRFRAME": 0.0}
 
 
+@mark.slow
 def test_the_logs_own_parameters_stay(tmp_path):
     path = tmp_path / "file.param"
     log = read_log(FLIGHT)

@@ -163,6 +163,7 @@ def test_a_zip_archive_of_very_many_files_is_refused_before_they_are_listed(tmp_
     assert "a zip archive of too many files" in str(fact)
 
 
+@mark.slow
 def test_a_packed_size_that_lies_gives_no_room(tmp_path, monkeypatch):
     """A zip archive states 1 GB as its packed size, so that its contents of 8 MB would seem harmless."""
     monkeypatch.setattr(contents, "MIN_UNPACKED_LIMIT", 1 << 10)

@@ -53,6 +53,7 @@ def message(vehicle, name, *fields):
     )
 
 
+@mark.slow
 def test_what_mavros_turned_is_turned_back(recorder):
     """MAVROS converts attitude and rates from aerospace axes (NED, FRD) to ROS axes (ENU, FLU)."""
     angles = np.radians((170, -80, 30))
@@ -130,6 +131,7 @@ def test_wherever_px4s_topics_lie(prefix, recorder):
     assert np.allclose(attitude.angle, roll(TIMES)[0], atol=1e-6)
 
 
+@mark.slow
 def test_the_system_id_is_the_most_frequent_one(recorder):
     px4_flight(recorder, prefix="/fmu/out/", system_id=7)
     after = TIMES[-1] + 0.1
@@ -196,6 +198,7 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
     assert mavdem.read_flight(path, vehicle="2").time[0] == approx(120)
 
 
+@mark.slow
 def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
     """One message of each topic has the stamp 0, or one hours or years later."""
     for row, at in enumerate(TIMES.tolist()):
@@ -377,6 +380,7 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
     }
 
 
+@mark.slow
 def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
     for code, write in (

@@ -69,6 +69,7 @@ def test_a_second_link_changes_nothing(delay):
     assert repair.figures["delay"] == approx(min(delay, 20.0), abs=0.05)
 
 
+@mark.slow
 def test_what_one_link_lost_comes_over_the_other():
     """Each of two links loses a tenth of the frames, not the same ones."""
     once = sent()
@@ -88,6 +89,7 @@ def jittered(frames, seed):
     return [(time + 0.02 * chance.random(), frame) for time, frame in frames]
 
 
+@mark.slow
 @mark.parametrize("share", [0.0, 0.3])
 def test_frames_that_overtake_each_other_on_two_links_are_counted_once(share):
     """Frames arrive out of order on both links, with or without losses."""
@@ -101,6 +103,7 @@ def test_frames_that_overtake_each_other_on_two_links_are_counted_once(share):
     assert not vehicle.messages["ATTITUDE"]["boot"].any()
 
 
+@mark.slow
 def test_the_second_link_goes_on_where_the_first_breaks_off():
     once = sent()
     first = [entry for entry in once if entry[0] < 8.0]
@@ -142,6 +145,7 @@ def test_another_vehicle_beside_two_under_one_id_is_read():
     assert [vehicle.system for vehicle in log.vehicles] == [2]
 
 
+@mark.slow
 def test_a_reboot_and_a_yaw_reset_are_no_second_vehicle():
     frames = merged(
         sent(10.0, heading=0.5),

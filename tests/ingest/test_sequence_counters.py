@@ -117,6 +117,7 @@ def test_one_vehicle_on_two_channels_is_read_as_one(rate, offset):
     assert component.lost_messages == approx(log.components[0].lost)
 
 
+@mark.slow
 def test_a_second_vehicle_that_is_silent_again_is_forgotten_live():
     second = [entry for entry in swaying(phase=3.0, first_sequence=77) if entry[0] < 6.0]
     component = live_component(merged(swaying(), second))
@@ -132,6 +133,7 @@ def test_attitudes_must_contradict_each_other_for_a_second_at_400_hz_too(seconds
     assert comparison.has_found_two_vehicles == are_two
 
 
+@mark.slow
 def test_attitudes_of_one_vehicle_that_tumbles_do_not_contradict_each_other():
     """Its frames overtake each other, which looks like a second counter."""
     comparison = AttitudeComparison()

@@ -449,6 +449,7 @@ def test_a_dropout_is_reported(tmp_path):
     assert dict(vehicle.repairs[0].figures) == {"count": 1, "duration": 1.5, "longest_gap": 1.5}
 
 
+@mark.slow
 @mark.parametrize(
     "spoil, code",
     [

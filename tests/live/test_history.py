@@ -13,6 +13,7 @@ from mavdem.live.history import MAX_EVENTS, TIME_COLUMN, LiveHistory
 from mavdem.report.charts.timeline import live_timeline
 
 
+@mark.slow
 def test_errors_count_learned_samples_whose_time_has_come():
     add_flight(history := LiveHistory(), 1.0, learnt=False)
     assert history.errors() == [] and history.learned_intervals == []
@@ -27,6 +28,7 @@ def test_errors_count_learned_samples_whose_time_has_come():
     assert_allclose(long.coverage, [0, 1])
 
 
+@mark.slow
 def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     """Predictions from before a gap of 1 s are not compared with samples after it.
 
@@ -57,6 +59,7 @@ def test_what_is_withdrawn_from_the_model_leaves_no_errors_of_predictions():
         assert_allclose(after_withdrawal.mse, expected.mse)
 
 
+@mark.slow
 def test_slow_samples_after_rows_are_drawn():
     """While a vehicle lands there are no rows, only samples that are ten times as far apart."""
     history = LiveHistory()
@@ -80,6 +83,7 @@ def test_rows_of_a_time_that_samples_have_shown_are_not_drawn_again():
     assert history.learned_intervals[0][0] == approx(101.0)
 
 
+@mark.slow
 def test_the_timeline_goes_on_after_a_reboot():
     history = LiveHistory()
     add_flight(history, 3.0)
@@ -92,6 +96,7 @@ def test_the_timeline_goes_on_after_a_reboot():
     assert history.learned_intervals == [approx((100.0, 102.99)), approx((103.99, 104.99))]
 
 
+@mark.slow
 def test_plots_show_the_latest_flight_from_its_takeoff_on_the_clock_of_its_boot():
     """Nothing of an earlier flight, of the ground before the take-off or long after the landing is shown."""
     history = LiveHistory()

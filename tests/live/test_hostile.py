@@ -98,6 +98,7 @@ def test_parameters_and_events_are_bounded():
     assert stream.drain_events() == []
 
 
+@mark.slow
 def test_close_stamps_take_bounded_memory():
     samples = SampleStream()
     assert samples.recent_rate(100.0) == 0.0

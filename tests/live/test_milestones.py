@@ -256,6 +256,7 @@ def test_what_forbids_to_fly_comes_before_a_small_margin_of_a_later_flight():
     assert [each.number for each in worst_first(verdicts)] == [1, 2]
 
 
+@mark.slow
 def test_a_landed_state_that_flaps_fills_no_memory_and_hides_no_crash():
     milestones = Milestones("roll", Mock())
     learning = learning_with()

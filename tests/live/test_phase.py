@@ -69,6 +69,7 @@ class Vehicle:
         return self.phase.is_settled(self.time)
 
 
+@mark.slow
 def test_what_shows_nothing_is_not_called_the_ground():
     assert FlightPhase(RecentMessages()).not_flying_reason.code is SessionFact.FLIGHT_UNKNOWN
     vehicle = Vehicle()

@@ -217,6 +217,7 @@ def test_landing_messages_are_requested_only_where_they_do_not_come():
     assert vehicle.rates == {30: 4.0, 36: 2.0, 74: 10.0}
 
 
+@mark.slow
 def test_rates_that_another_ground_station_sets_back_are_requested_again():
     """Another ground station sets the rates back every 15 s.
 

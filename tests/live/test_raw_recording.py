@@ -59,6 +59,7 @@ def test_what_was_received_is_there_before_the_end(tmp_path, form):
     recording.close()
 
 
+@mark.slow
 @mark.parametrize("form", [".tlog", ".mcap"])
 @mark.parametrize("silence, is_ended", [(1.0, True), (10.0, False), (-3600.0, False)])
 def test_a_recording_tells_whether_its_user_ended_the_record(tmp_path, form, silence, is_ended):

@@ -658,6 +658,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     assert session.status.rates["ATTITUDE"] > 50 and not session.status.no_model_reason
 
 
+@mark.slow
 def test_a_computer_that_was_busy_since_its_last_look_at_the_link_reports_no_silence(now):
     """Opening the dashboard may take seconds, and messages wait in the link meanwhile."""
     session, _, _ = session_of([*batches(2.0)])
@@ -672,6 +673,7 @@ def test_a_computer_that_was_busy_since_its_last_look_at_the_link_reports_no_sil
     assert session.status.no_model_reason.code is RowsFact.NOTHING_RECEIVED
 
 
+@mark.slow
 def test_a_silence_is_reported_at_once_by_a_computer_that_is_still_analysing(now):
     session, _, _ = session_of([*batches(2.0)])
     run(session)

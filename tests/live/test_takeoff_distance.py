@@ -48,6 +48,7 @@ def test_without_a_local_position_the_global_one_shows_distance_and_height():
     assert status.last_position[:3] == (approx(47.0001), approx(8.5), approx(10.5))
 
 
+@mark.slow
 def test_a_vehicle_without_a_position_of_its_own_is_searched_where_satellites_saw_it_last():
     fixes = [
         (time, message("GPS_RAW_INT", fix_type=fix_type, lat=round(1e7 * degrees), lon=85_000_000))
@@ -89,6 +90,7 @@ def test_a_vehicle_is_not_searched_where_it_was_in_a_flight_before_a_reboot():
     assert text.endswith("no position received in this flight.")
 
 
+@mark.slow
 def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     """Positions 20 m east of the take-off and 10 m above it are received."""
     drift_samples = Mock(wraps=drift_sample)
@@ -127,6 +129,7 @@ def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     assert text.startswith("1:1, in flight 20 m from the take-off and 10 m above it, battery")
 
 
+@mark.slow
 def test_no_distance_is_shown_where_the_take_off_was_not_seen():
     flight = Unplaced(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(start=12.0, end=19.0)
     positions = [

@@ -306,6 +306,7 @@ def test_motors_that_take_turns_at_their_limit_are_one_alarm():
     assert len(active.figures["names"]) == 2
 
 
+@mark.slow
 def test_a_lasting_fault_of_the_tracking_is_one_alarm_until_it_is_judged_to_be_over():
     """Reviews come a little faster than usual, so that the calm time is over before the tracking is judged again."""
     watchdog = Watchdog(RecentMessages())
@@ -686,6 +687,7 @@ def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
     )
 
 
+@mark.slow
 def test_the_status_stands_in_its_place_on_a_terminal():
     """The terminal shows wind, two alarms and the learning in lines that are updated in place."""
     terminal_output = io.StringIO()
@@ -1210,6 +1212,7 @@ def test_an_alarm_that_stays_after_the_landing_is_shown_as_a_fault(monkeypatch):
     assert "ALARM" not in shown and "no attitude" not in shown
 
 
+@mark.slow
 def test_what_forbids_to_fly_since_an_earlier_flight_stands_on_terminal_lines_and_page(
     monkeypatch, capsys
 ):

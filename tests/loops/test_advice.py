@@ -219,6 +219,7 @@ def test_a_biased_effectiveness_is_allowed_for_by_its_draws_and_gives_gains():
     assert advise(biased).parameters == advise(lacking).parameters
 
 
+@mark.slow
 @mark.parametrize("share, code", [(0.1, None), (0.2, GainFact.MOTOR_AT_LIMIT)])
 def test_gains_are_refused_only_where_motors_are_at_limits_for_longer_than_was_tried(share, code):
     loop = made_up(2.5)
@@ -229,6 +230,7 @@ def test_gains_are_refused_only_where_motors_are_at_limits_for_longer_than_was_t
     assert [reason.code for reason in reasons] == ([code] if code else [])
 
 
+@mark.slow
 @mark.parametrize("share, level", [(0.1, Level.GOOD), (0.5, Level.WATCH)])
 def test_margins_are_not_good_where_a_motor_is_at_its_limit_for_long(share, level):
     loop = made_up(0.8)
@@ -239,6 +241,7 @@ def test_margins_are_not_good_where_a_motor_is_at_its_limit_for_long(share, leve
     assert fact.level is level
 
 
+@mark.slow
 def test_gains_are_not_raised_by_a_lag_that_the_log_without_rate_setpoint_does_not_show():
     loop = made_up(1.0)
     short_lag = loop.dynamics * [1.0, 0.1, 1.0]

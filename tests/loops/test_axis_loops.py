@@ -399,6 +399,7 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
     assert rating.figures["lacking"] == lacking
 
 
+@mark.slow
 def test_gains_after_px4s_autotune_are_rated_like_those_before():
     """The autotune injects a signal from 21 s to 29 s and multiplies the gains by 6."""
     time = np.arange(20.0, 30.0)
@@ -494,6 +495,7 @@ def test_a_gain_that_changed_while_the_vehicle_oscillated_gets_no_value():
     )
 
 
+@mark.slow
 @mark.parametrize(
     "plant, record, code",
     [
@@ -512,6 +514,7 @@ def test_a_flight_without_loops_says_why(plant, record, code):
     assert refused(loop_from_plant, *changes).code is code
 
 
+@mark.slow
 @mark.parametrize("filtered, dt", [(True, 0.05), (False, 0.1)])
 def test_a_log_at_the_rate_that_a_slow_one_lacks_shows_the_crossover(filtered, dt):
     sound = made_up()
@@ -531,6 +534,7 @@ def twin(loop, **parameters):
     return build_twin({"roll": loop}, **usual | parameters)
 
 
+@mark.slow
 @mark.parametrize("bias, factor", [(-0.15, 1 / 0.85), (0.1, 1.0)])
 def test_draws_of_a_plant_that_wind_biases_are_about_its_likely_effect(bias, factor):
     loop = made_up()
@@ -541,6 +545,7 @@ def test_draws_of_a_plant_that_wind_biases_are_about_its_likely_effect(bias, fac
     assert_allclose(biased.effectiveness[1:], loop.effectiveness[1:] * factor)
 
 
+@mark.slow
 def test_the_crossover_of_a_loop_that_wind_biases_may_be_faster():
     loop = made_up()
     too_low = loop_from_plant(
@@ -549,6 +554,7 @@ def test_the_crossover_of_a_loop_that_wind_biases_may_be_faster():
     assert too_low.rate.crossover_interval[0] > loop.rate.crossover_interval[0]
 
 
+@mark.slow
 def test_a_twin_says_of_each_figure_how_sure_it_is():
     """Mass, arm, inertia, damping and lag each have a note: given, assumed, or estimated with an interval."""
     loop = made_up()
@@ -612,6 +618,7 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
     assert replay_segments({"roll": loop}) == {}
 
 
+@mark.slow
 @mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     status = dict.fromkeys(("speed", "direction"), Status.REPORTED)
@@ -627,6 +634,7 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     assert scenario.vehicle.drag_linear == approx(OF_ALL.linear, rel=1e-4), "the wind pushes it"
 
 
+@mark.slow
 @mark.parametrize(
     "by_wind, factor, limited_share, code, agrees",
     [

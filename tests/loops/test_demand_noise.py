@@ -15,6 +15,7 @@ def of_slow_log(loop):
     return replace(loop, controller=controller, record=replace(loop.record, dt=0.02))
 
 
+@mark.slow
 @mark.parametrize("factor", [1.0, 2.0, 4.0])
 def test_a_loop_with_a_high_crossover_has_a_bound_of_its_noise(factor):
     loop = of_slow_log(made_up(factor))
@@ -24,6 +25,7 @@ def test_a_loop_with_a_high_crossover_has_a_bound_of_its_noise(factor):
     assert demand_deviation(loop.controller, noise) > 0
 
 
+@mark.slow
 def test_a_loop_without_a_crossover_has_a_bound_of_its_noise():
     loop = made_up(1e-5)
     assert np.isnan(loop.rate.crossover)

@@ -31,6 +31,7 @@ def loop():
     return replace(made, plant=made.plant._replace(unexplained_output=0.01))
 
 
+@mark.slow
 def test_the_step_of_an_identified_loop_is_that_of_its_estimate_with_draws_about_it(loop):
     steps = identified_steps(loop, TIME, 50)
     true = step_from_frequency_response(
@@ -43,6 +44,7 @@ def test_the_step_of_an_identified_loop_is_that_of_its_estimate_with_draws_about
     assert steps[0, -1] == approx(1.0, abs=0.1)
 
 
+@mark.slow
 def test_a_controller_that_explains_too_little_of_the_output_shows_no_step(loop):
     other = loop.plant._replace(unexplained_output=2 * MAX_UNEXPLAINED_OUTPUT)
     assert identified_steps(replace(loop, plant=other), TIME, 5) is None
@@ -64,6 +66,7 @@ def test_only_a_loop_that_rises_within_a_few_messages_is_too_fast():
     assert not _is_too_fast(TIME, steps, 0.9 * longest)
 
 
+@mark.slow
 def test_intervals_of_margins_end_at_the_limit_of_stability():
     sound = made_up(2.5)
     unsure = sound.plant._replace(covariance=30 * sound.plant.covariance)
@@ -95,6 +98,7 @@ def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation
     assert str(refusal.value.fact).startswith("No margins: ")
 
 
+@mark.slow
 def test_a_loop_that_crosses_over_where_position_control_acts_too_has_no_margins():
     sound = made_up()
     slow = sound.plant._replace(effect=0.02 * sound.plant.effect)

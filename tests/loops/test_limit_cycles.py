@@ -102,6 +102,7 @@ def test_a_yaw_that_a_rolling_vehicle_shakes_does_not_oscillate_by_itself():
     assert (condition.oscillation.axis, condition.oscillation.other_axes) == ("roll", ())
 
 
+@mark.slow
 @mark.parametrize("seconds, growing", [(12.0, True), (33.0, True), (45.0, False)])
 def test_one_that_grows_is_found_before_motors_reach_their_limits(seconds, growing):
     def grows(size):
@@ -112,11 +113,13 @@ def test_one_that_grows_is_found_before_motors_reach_their_limits(seconds, growi
     assert limit_cycle.frequency == approx(5.0, abs=0.25)
 
 
+@mark.slow
 def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
     limit_cycle = found(swinging(4.0, 30.0), swinging(4.0, 60.0))
     assert not limit_cycle.growing and limit_cycle.at_limit == 0
 
 
+@mark.slow
 @mark.parametrize(
     "phase", [lambda t: 0.5 * t + 0.06 * t**2, lambda t: 3.0 * t], ids=["sweep", "sine"]
 )
@@ -196,6 +199,7 @@ def test_where_messages_come_too_slowly_the_frequency_is_not_told():
     assert limit_cycle.frequency is None
 
 
+@mark.slow
 @mark.parametrize(
     "rate, command, offset", [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)]
 )
@@ -203,6 +207,7 @@ def test_wind_is_none_though_motors_reach_their_limits(rate, command, offset):
     assert found(gusts(rate), gusts(command), offset=offset) is None
 
 
+@mark.slow
 def test_steps_to_the_side_are_none():
     def square(size):
         return lambda time: size * np.sign(swinging(0.25, 1.0)(time))
@@ -210,5 +215,6 @@ def test_steps_to_the_side_are_none():
     assert found(square(40.0), square(900.0)) is None
 
 
+@mark.slow
 def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
     assert found(swinging(7.0, 85.0), gusts(300.0)) is None

@@ -64,6 +64,7 @@ def test_the_loss_of_thrust_is_inside_its_interval():
     assert highest < 0.6
 
 
+@mark.slow
 @mark.parametrize("motors", FRAMES)
 def test_a_sound_flight_names_no_motor(motors):
     for seed in range(20):

@@ -132,6 +132,7 @@ def test_a_motor_is_named_from_four_fifths_of_the_probability_of_a_fault(share, 
     assert assessment.fact.subject == ("" if suspect is None else MOTORS[suspect - 1])
 
 
+@mark.slow
 def test_a_fault_among_the_first_flights_is_not_taken_for_healthy():
     """Motor 2 is weak in the third and in the last of seven flights; the others are the healthy ones."""
     vehicle = MadeUpVehicle(3)
@@ -158,6 +159,7 @@ def test_a_fault_among_the_first_flights_is_not_taken_for_healthy():
     ]
 
 
+@mark.slow
 def test_a_flight_without_a_fault_is_not_taken_for_healthy_again():
     """A drift in the second flight makes it unhealthy; the flights after that are judged by the healthy ones."""
     vehicle = MadeUpVehicle(40)
@@ -188,6 +190,7 @@ def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     assert assessments.fact.figures["loss"] == approx(1 - 1.2**-2)
 
 
+@mark.slow
 def test_a_drift_that_a_motor_most_likely_explains_names_it_with_its_loss():
     """A motor that needs 10 % more command is less than a probable fault in many vehicles; none names a sound one."""
     drifts = []
@@ -202,6 +205,7 @@ def test_a_drift_that_a_motor_most_likely_explains_names_it_with_its_loss():
     assert all(f"{MOTORS[1]}, which would have lost about" in str(fact) for fact in named)
 
 
+@mark.slow
 @mark.parametrize(
     "change, explanation",
     [((0.08, -0.06, 0.0), Explanation.LOAD), ((0.0, 0.0, -0.07), Explanation.YAW)],
@@ -246,6 +250,7 @@ def test_flights_are_judged_in_order_of_date_and_without_dates_each_alone():
     )
 
 
+@mark.slow
 def test_without_a_choice_the_first_flights_are_taken_for_healthy_and_that_is_said():
     """The user names no healthy flights: the first flights by date count as healthy."""
     vehicle = MadeUpVehicle(11)

@@ -84,6 +84,7 @@ def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor,
     assert 0.95 < first_change.probability <= 1
 
 
+@mark.slow
 @mark.parametrize("motors", [6, 8])
 def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_help(motors):
     time, commands = flight(5, sd=0.003, motors=motors)
@@ -148,6 +149,7 @@ def test_every_fault_is_found_and_its_end(faults):
     assert not found_changes
 
 
+@mark.slow
 @mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
 def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     """Roll and pitch change as by a load, relative to the thrust; no motor is named, and 8 s or more pass."""
@@ -158,6 +160,7 @@ def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     assert first_change.fact.code is MotorWatchFact.STEADY_TORQUE_CHANGED
 
 
+@mark.slow
 @mark.parametrize("shift", [(0.05, -0.04, -0.03), (-0.02, 0.05, -0.025)])
 def test_a_load_that_shifts_in_wind_is_reported_without_a_cause_once_it_has_lasted(shift):
     """The wind's drag acts off the centre of mass, so that yaw changes too, as no single motor would change it."""
@@ -172,6 +175,7 @@ def test_a_load_that_shifts_in_wind_is_reported_without_a_cause_once_it_has_last
     assert f"{words}, or rarely the wind" in first_change.fact.sentence
 
 
+@mark.slow
 @mark.parametrize("lean, motor", [((0.0, 0.0), 4), ((-12.0, 6.0), None)])
 def test_a_load_that_shifts_on_a_leaning_vehicle_is_no_motor_even_where_yaw_changes_alike(
     lean, motor
@@ -264,6 +268,7 @@ def test_coloured_noise_gives_no_alarm(sd, seconds):
     assert not [change for change in changes(time, commands) if change.motor is not None]
 
 
+@mark.slow
 def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[1])
@@ -275,6 +280,7 @@ def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     assert alarm.fact.figures["assumed"]
 
 
+@mark.slow
 def test_a_bad_link_hides_no_fault_and_no_recovery():
     """A fifth is lost, a tenth doubled or overtaken, and every 25 s it is silent for 2.5 s."""
     draw = default_rng(8)

@@ -110,6 +110,7 @@ def flight() -> LoopPosterior:
     return LoopPosterior(LoopData.from_samples(segments, DT), CONTROLLER)
 
 
+@pytest.mark.slow
 def test_gradient_and_curvature_are_those_of_finite_differences(flight: LoopPosterior) -> None:
     theta = flight.prior.mean
     expansion = flight.expand(theta)

@@ -147,6 +147,7 @@ def test_a_fit_without_delay_has_the_curvature_of_delays():
     assert at_start.curvature[model.delay_index, model.delay_index] > 2 / DELAY_PRIOR.sd**2
 
 
+@mark.slow
 def test_a_fit_to_commands_logged_late_converges_at_no_delay():
     """Commands that act before they are logged pull the delay below 0; the other parameters reach their maximum."""
     flight = in_closed_loop(2, steering=1.0, samples=900)
@@ -401,6 +402,7 @@ def test_what_turns_steadily_at_its_trim_goes_on_turning():
     assert_allclose(estimate[:, 1], 0.5, atol=2e-3)
 
 
+@mark.slow
 def test_the_variance_is_that_of_wind_which_nothing_counteracts():
     """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
     record = Record.from_flights(in_closed_loop(0, steering=0.5))
@@ -519,6 +521,7 @@ def test_jumps_may_come_early_in_a_step_and_not_late(seed, advance, fitted):
         assert effect == approx(abs(MOTORS).mean(), rel=0.02)
 
 
+@mark.slow
 def test_uncertain_parameters_widen_it_to_first_order():
     record = Record.from_flights(in_closed_loop(0, steering=0.5))
     sd = 0.03 * abs(MOTORS)
@@ -532,6 +535,7 @@ def test_uncertain_parameters_widen_it_to_first_order():
     assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
 
 
+@mark.slow
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     """Angle and rate are swapped, and then two rates are given."""
     flight = in_closed_loop(0, steering=0.5)

@@ -96,6 +96,7 @@ def test_a_steady_difference_of_motors_balances_wind_and_their_mean_is_no_torque
     assert_allclose(torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6)
 
 
+@mark.slow
 def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     """Also in that of the mean: of motors that differ steadily, as against a steady wind."""
     flight = in_closed_loop(4, steering=0.0, samples=1500)
@@ -107,6 +108,7 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     assert np.all(unsure.band >= sure.band)
 
 
+@mark.slow
 def test_wind_weaker_than_the_errors_is_not_resolved():
     flight = in_closed_loop(6, steering=0.0, samples=2000, wind=0.02)
     wind_torque = estimate_wind_torque(

@@ -94,6 +94,7 @@ def test_an_excitation_is_about_its_axis(kind, axis):
     assert demands[:, about].std() > radians(1)
 
 
+@mark.slow
 def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
     """A chirp from 1 Hz to 4 Hz over 20 s has 50 periods, since its mean frequency is 2.5 Hz."""
     excitation = Chirp(kind="chirp", lowest=1.0, highest=4.0, period=20.0)
@@ -104,6 +105,7 @@ def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
     assert abs(periods).max() == approx(radians(excitation.amplitude), rel=1e-3)
 
 
+@mark.slow
 def test_doublets_of_all_axes_take_turns():
     excitation = Doublets(kind="doublets", axis="all", period=1.0)
     demands = np.array([at.attitude_demand for at in excited(excitation, duration=30.0)])
@@ -111,6 +113,7 @@ def test_doublets_of_all_axes_take_turns():
     assert (demands != 0).any(axis=0).all()
 
 
+@mark.slow
 def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     """Over one period, demands of the three axes are uncorrelated and have the requested deviation of 3°."""
     excitation = Multisine(

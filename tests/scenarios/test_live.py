@@ -103,6 +103,7 @@ def test_a_slow_link_delivers_all_after_the_flight(monkeypatch):
     assert ground.of("ATTITUDE")[-1][1].time_boot_ms > 2900
 
 
+@mark.slow
 def test_ctrl_c_ends_it():
     def interrupted(now):
         if now > 0.5:

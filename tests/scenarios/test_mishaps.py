@@ -52,6 +52,7 @@ class Flight:
         return " | ".join(map(str, self.messages["STATUSTEXT"]["text"]))
 
 
+@mark.slow
 def test_every_kind_has_a_scenario_with_its_truth():
     flown = {load(name).mishap.kind for name in names() if load(name).mishap is not None}
     kinds = {model.model_fields["kind"].annotation.__args__[0] for model in SECTION_KINDS["mishap"]}

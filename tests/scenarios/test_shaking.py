@@ -53,6 +53,7 @@ def beginning(scenario):
     return simulation_of(scenario).advance(round(FLOWN_SECONDS * LOOP_RATE))
 
 
+@mark.slow
 def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_frequency():
     """The simulated gyro has lines at the rotor speed, at twice that, and at the frequency of the frame, 75 Hz."""
     scenario = flight(SHAKING)

@@ -77,6 +77,7 @@ def test_disarming_is_refused_in_the_air_unless_forced():
     assert falling.position[-1, 2] == 0 and falling.landed_state[-1] == 1 and simulation.finished
 
 
+@mark.slow
 def test_a_vehicle_that_tumbles_is_no_flight():
     scenario = brief(
         vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),)

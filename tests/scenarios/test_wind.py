@@ -68,6 +68,7 @@ def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
     assert air.mean(axis=0) == approx([-2.0, 0.0, 0.0], abs=0.03)
 
 
+@mark.slow
 @mark.parametrize(
     "wind",
     [

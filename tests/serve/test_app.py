@@ -97,6 +97,7 @@ def test_an_uploaded_log_is_listed_with_its_review(served):
     assert {"model.json", "../fleet.sqlite"}.isdisjoint(entry["files"])
 
 
+@mark.slow
 def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(guarded):
     """A private log is uploaded again. The link for uploads must not open it, while its owner shares it."""
     id = guarded.add("a.ulg", "Same.", token=TOKEN)
@@ -114,6 +115,7 @@ def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(gua
         )
 
 
+@mark.slow
 def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
     """A damaged log is stored only if its uploader wants that."""
     kept_answer, gone = (
@@ -131,6 +133,7 @@ def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
     assert entries[1].problem in served.get(f"/f/{gone}").text
 
 
+@mark.slow
 def test_a_file_that_is_no_log_is_refused_with_its_name(served):
     letters = [(name, b"Dear all, this is text.") for name in ("a.txt", "b.txt")]
     for path in ("/api/logs", "/upload"):
@@ -143,6 +146,7 @@ def test_a_file_that_is_no_log_is_refused_with_its_name(served):
     assert list((served.library.folder / "incoming").iterdir()) == []
 
 
+@mark.slow
 def test_other_files_are_refused_at_once_whatever_their_name(served):
     """Other formats, noise and an empty file are refused, but a log with damage at its beginning is not."""
     noise = np.random.default_rng(1).bytes(100_000)
@@ -162,6 +166,7 @@ def test_other_files_are_refused_at_once_whatever_their_name(served):
     assert served.upload(("", b"")).code == RefusalReason.UPLOAD_WITHOUT_LOG
 
 
+@mark.slow
 def test_a_log_that_cannot_be_read_is_not_kept_unless_asked(served):
     id = served.add("a.ulg", "damaged")
     entry = served.library.entry(id)
@@ -169,6 +174,7 @@ def test_a_log_that_cannot_be_read_is_not_kept_unless_asked(served):
     assert "The log was not kept." in served.get(f"/f/{id}").text
 
 
+@mark.slow
 def test_progress_is_streamed_until_all_logs_are_read(tmp_path, monkeypatch):
     """The server limits how many clients may follow the progress at a time."""
     with serving(tmp_path, is_eager=False) as server:
@@ -271,6 +277,7 @@ def test_names_are_kept_found_shown_and_taken_away(served):
     assert total(served, "red") == 0
 
 
+@mark.slow
 def test_names_are_limited_and_need_the_right_to_write(guarded):
     id = guarded.add(token=TOKEN)
     named = {"vehicle": "quad 7", "name": "Mine"}
@@ -403,6 +410,7 @@ def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_
     assert answer.refusal == (409, RefusalReason.VEHICLE_IDENTIFIED)
 
 
+@mark.slow
 def test_the_name_of_a_vehicle_with_a_serial_number_assigns_that_vehicle(served):
     served.add("a.ulg", "Of a board.")
     served.ask("PUT", "/api/vehicle", {"vehicle": "quad 7", "name": "Red quad"})
@@ -506,6 +514,7 @@ def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
     assert sign_out.status == 303 and 'mavdem=""' in sign_out.headers["Set-Cookie"]
 
 
+@mark.slow
 def test_pages_of_an_earlier_version_may_run_their_scripts_after_an_upgrade(tmp_path, monkeypatch):
     earlier, present = ("'sha256-earlier='",), ("'sha256-present='",)
     for scripts, expected in ((earlier, earlier), (present, (*earlier, *present))):
@@ -523,6 +532,7 @@ def test_a_wrong_token_is_said_to_be_wrong_and_the_right_one_may_follow(guarded,
     assert guarded.ask("POST", "/enter", f"token={TOKEN}").status == 303
 
 
+@mark.slow
 def test_another_site_is_refused(served):
     """Requests with the origin or host name of another site must not change anything."""
     id = served.add()
@@ -545,6 +555,7 @@ def test_another_site_is_refused(served):
     )
 
 
+@mark.slow
 def test_half_a_character_in_a_name_or_a_text_is_a_question_mark(served):
     (flight,) = served.ask(
         "POST",
@@ -555,6 +566,7 @@ def test_half_a_character_in_a_name_or_a_text_is_a_question_mark(served):
     assert (flight["name"], flight["note"]) == ("?.ulg", "?")
 
 
+@mark.slow
 def test_names_and_texts_of_logs_are_only_text(served):
     """Names and texts of a log contain HTML and paths: pages must show them as text, and no file may lie elsewhere."""
     name = f"../../{HOSTILE}/../x.ulg".replace('"', "%22")
@@ -576,6 +588,7 @@ def test_names_and_texts_of_logs_are_only_text(served):
     assert "unsafe" not in scripts and "default-src 'none'" in policy
 
 
+@mark.slow
 @mark.parametrize(
     "path",
     ["/f/../../etc/passwd", "/f/%2e%2e%2f/log", "/f/x/..%2ffleet.sqlite", "/static/../app.py"],
@@ -586,6 +599,7 @@ def test_paths_outside_the_library_are_not_found(served, path):
     assert served.get(f"/f/{id}/..%2f..%2ffleet.sqlite").status == 404
 
 
+@mark.slow
 def test_an_unknown_address_is_answered_in_a_sentence(served):
     unknown = served.get("/lives")
     assert unknown.status == 404 and "There is no such page" in unknown.text
@@ -597,6 +611,7 @@ def test_an_unknown_address_is_answered_in_a_sentence(served):
     assert posted.status == 405 and "GET" in posted.headers["Allow"]
 
 
+@mark.slow
 def test_malformed_uploads_are_refused(served):
     """The form is incomplete, of another type, or has fields that are too large."""
     kind = f"multipart/form-data; boundary={BOUNDARY}"
@@ -621,6 +636,7 @@ def numbered(count):
     return [(f"{number}.ulg", log(str(number))) for number in range(count)]
 
 
+@mark.slow
 def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     """Each limit of uploads is lowered and exceeded in turn.
 
@@ -744,6 +760,7 @@ def test_the_interface_describes_itself(served):
             assert answer.status in (200, 204, 400, 404), path
 
 
+@mark.slow
 def test_the_first_visit_explains_itself_and_offers_a_sample(tmp_path):
     sample = tmp_path / "sample.ulg"
     sample.write_bytes(log("Sample."))
@@ -772,6 +789,7 @@ def test_a_recording_opens_in_a_viewer(tmp_path):
         assert 'id="viewer"' in page.text and "http://127.0.0.1:*" in page.headers[POLICY_HEADER]
 
 
+@mark.slow
 def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
     def taken(*_):
         raise OSError("port 9876 is taken")
@@ -900,6 +918,7 @@ def test_only_a_wrong_cookie_is_removed(guarded, monkeypatch):
     assert refused.status == 401 and "Set-Cookie" not in refused.headers
 
 
+@mark.slow
 def test_a_page_with_scripts_of_a_forgotten_version_is_made_anew_once_from_its_log(served):
     id = served.add("old.ulg", "Good.")
     entry = served.library.entry(id)
@@ -915,6 +934,7 @@ def test_a_page_with_scripts_of_a_forgotten_version_is_made_anew_once_from_its_l
     assert "draw('former')" in served.get(f"/f/{id}").text
 
 
+@mark.slow
 def test_a_flight_whose_page_cannot_be_made_anew_keeps_log_rows_and_page(served):
     """The page of a flight is requested again, but reading takes too long: the former page stays."""
     id = served.add("old.ulg", "Good.")
@@ -931,6 +951,7 @@ def test_a_flight_whose_page_cannot_be_made_anew_keeps_log_rows_and_page(served)
     assert served.get(f"/f/{id}/log").status == 200
 
 
+@mark.slow
 def test_few_pages_wait_to_be_made_anew(served, monkeypatch):
     ids = [served.add(f"{name}.ulg", name) for name in ("one", "two")]
     monkeypatch.setattr("mavdem.serve.library.MAX_WAITING_PAGES", 1)

@@ -122,6 +122,7 @@ def test_requests_for_unknown_fields_are_refused_with_a_sentence(served):
     assert served.get(f"{damaged}/fields").refusal == (415, "log_not_read")
 
 
+@pytest.mark.slow
 def test_fields_need_the_right_to_the_log(tmp_path, reader):
     with serving(tmp_path, TOKEN, fields=FieldStore(reader=reader)) as server:
         id = server.add("flight.tlog", "One.", token=TOKEN)

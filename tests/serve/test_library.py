@@ -108,6 +108,7 @@ def test_motors_are_searched_for_as_pages_show_them():
     assert motors == [["own", "fault"], ["drift"], ["sound"]]
 
 
+@mark.slow
 def test_a_fault_that_only_other_flights_show_is_sorted_searched_and_reported_as_it_is_shown(
     library,
 ):
@@ -255,6 +256,7 @@ def release_lock(library):
     library._lock.release()
 
 
+@mark.slow
 def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(library, tmp_path):
     """A server is killed with a waiting log, a log being read, a half upload and a live recording."""
     waiting, working = stored_entry(library), stored_entry(library, "Two.")
@@ -335,6 +337,7 @@ def test_a_library_whose_folder_is_moved_lists_each_flight_once_with_its_rows(tm
         assert "Motor 3 lost thrust." in server.get("/").text
 
 
+@mark.slow
 def test_a_folder_that_is_named_by_its_parent_lists_each_flight_once(tmp_path):
     (tmp_path / "here").mkdir()
     with serving(tmp_path / "here" / ".." / "library") as server:
@@ -465,6 +468,7 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
             assert server.get(path).status == 200
 
 
+@mark.slow
 def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_serial(tmp_path):
     serial = "001a002f3039511333333539"
     fleet_of(tmp_path, [flight_row(serial, number, frame="HEXAROTOR") for number in range(2)])
@@ -504,6 +508,7 @@ def test_many_vehicles_are_in_a_list_that_shows_all():
     )
 
 
+@mark.slow
 def test_a_library_of_an_earlier_version_knows_which_vehicles_are_unnamed(tmp_path):
     """Three columns on the vehicle are missing in the index, and are filled from the fleet's rows."""
     fleet_of(
@@ -528,6 +533,7 @@ def test_a_library_of_an_earlier_version_knows_which_vehicles_are_unnamed(tmp_pa
     assert not entries["serial"].is_vehicle_unnamed
 
 
+@mark.slow
 def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
     """The index of the library is altered to name files outside its folder.
 
@@ -675,6 +681,7 @@ def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(lib
     assert "Flight 1" not in library_page([alone])
 
 
+@mark.slow
 def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(library, tmp_path):
     """The index lacks a column, has another, or is a separate file."""
     first = stored_entry(library)
@@ -733,6 +740,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
     assert unreadable(Library, tmp_path / "file").code is StartFailure.FOLDER_NOT_WRITABLE
 
 
+@mark.slow
 def test_an_address_that_is_taken_is_refused(tmp_path):
     with serving(tmp_path / "one") as server, raises(Unreadable) as refused:
         options = ServerOptions(

@@ -123,6 +123,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
         assert server.get("/live").status == 404 and "/live" not in server.get("/").text
 
 
+@mark.slow
 def test_the_part_of_a_recording_is_a_file_of_its_own(idle, monkeypatch):
     """Also where the recording was created in the second of its first message, by which the part is named."""
     live, _ = idle
@@ -135,6 +136,7 @@ def test_the_part_of_a_recording_is_a_file_of_its_own(idle, monkeypatch):
     assert part and part == live._incoming.path.read_bytes()
 
 
+@mark.slow
 @mark.parametrize(
     ("is_flying", "has_landed", "longest_silence"),
     [(False, False, 60), (False, True, 15), (True, False, 600)],
@@ -161,6 +163,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_long(
     assert seconds == longest_silence
 
 
+@mark.slow
 def test_a_flight_goes_on_when_messages_come_again_after_a_loss_in_the_air(idle, monkeypatch):
     """A minute after the loss, what was recorded is in the library."""
     live, told = idle
@@ -574,6 +577,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
     assert read_log(library.log_path(entry)).frames >= read_log(path).frames - 1
 
 
+@mark.slow
 def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_followed(
     idle, monkeypatch
 ):
@@ -646,6 +650,7 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     assert not [*live._library.new_incoming_path("f.tlog").parent.iterdir()]
 
 
+@mark.slow
 @mark.parametrize("sender, is_stored", [(GROUND_STATION, False), (FRAMES, True)])
 def test_packets_without_a_vehicle_leave_no_log(idle, monkeypatch, sender, is_stored):
     """A ground station sends its HEARTBEAT; no vehicle is there to be judged."""
@@ -661,6 +666,7 @@ def test_packets_without_a_vehicle_leave_no_log(idle, monkeypatch, sender, is_st
     assert len(entries) == is_stored and not live._incoming.path.exists()
 
 
+@mark.slow
 @mark.parametrize(
     "before, after, is_new_flight",
     [

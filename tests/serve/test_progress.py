@@ -26,6 +26,7 @@ from mavdem.serve.visible_library import VisibleLibrary
 from mavdem.wind_velocity.from_log import UNKNOWN_WIND
 
 
+@mark.slow
 def test_a_waiting_log_says_how_many_come_before_it(tmp_path):
     with serving(tmp_path, is_eager=False) as server:
         ids = [server.add(f"{number}.ulg", str(number)) for number in range(3)]
@@ -87,6 +88,7 @@ def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):
     assert len(queries) < 10
 
 
+@mark.slow
 def test_a_log_that_is_read_says_step_share_and_time(tmp_path):
     """The progress file has a step of known duration, and one of unknown duration."""
     with serving(tmp_path, is_eager=False) as server:
@@ -107,6 +109,7 @@ def test_a_log_that_is_read_says_step_share_and_time(tmp_path):
         assert server.progress(id)["share"] is None
 
 
+@mark.slow
 def test_the_page_of_a_log_that_is_read_has_its_first_plots(tmp_path):
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
@@ -118,6 +121,7 @@ def test_the_page_of_a_log_that_is_read_has_its_first_plots(tmp_path):
         assert "<figure>Height</figure>" in server.get(f"/f/{id}").text
 
 
+@mark.slow
 def test_first_plots_show_what_was_recorded(tmp_path):
     (vehicle,) = read_log(short_flight(tmp_path)).vehicles
     history = time_history(Signals(vehicle), (), UNKNOWN_WIND, ())
@@ -127,6 +131,7 @@ def test_first_plots_show_what_was_recorded(tmp_path):
     assert len(page) < 1_500_000
 
 
+@mark.slow
 def test_an_event_of_the_first_plots_leads_to_its_time(tmp_path):
     (vehicle,) = read_log(short_flight(tmp_path)).vehicles
     event = Fact(ReadingFact.NO_VEHICLE).replace(time=12.5)

@@ -37,6 +37,7 @@ def recorded_flight(library, content=MODEL):
     return library.change(entry.id, stage=Stage.DONE, files=names)
 
 
+@mark.slow
 def test_a_recording_is_made_when_it_is_first_downloaded(tmp_path):
     with serving(tmp_path) as server:
         id = server.add("a.ulg", MODEL)
@@ -51,6 +52,7 @@ def test_a_recording_is_made_when_it_is_first_downloaded(tmp_path):
         assert "data-missing" not in server.get(f"/f/{id}").text
 
 
+@mark.slow
 def test_while_it_is_made_the_answer_is_202_and_says_how_far_it_is(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.pages.MAX_RECORDING_WAIT", 0.0)
     with serving(tmp_path, is_eager=False) as server:
@@ -67,6 +69,7 @@ def test_while_it_is_made_the_answer_is_202_and_says_how_far_it_is(tmp_path, mon
         assert server.get(f"/f/{id}/flight.rrd").json["stage"] == Stage.READING
 
 
+@mark.slow
 def test_a_download_waits_for_the_recording(tmp_path, monkeypatch):
     """Two clients request a recording that is not yet written. Both wait, and both receive it."""
     monkeypatch.setattr("mavdem.serve.pages.POLL_SECONDS", 0.02)
@@ -99,6 +102,7 @@ def test_a_failure_is_one_sentence_and_the_next_request_tries_again(tmp_path):
         assert server.get(f"/api/flights/{id}").json["flight"]["stage"] == Stage.DONE
 
 
+@mark.slow
 def test_a_flight_without_a_model_says_that_it_has_no_recording(tmp_path):
     with serving(tmp_path) as server:
         id = server.add("a.ulg", "Nothing to learn.")

@@ -92,6 +92,7 @@ def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
     return MeasuredNoise({"gyro": noise}, {"gyro": find_spectral_lines(noise)})
 
 
+@mark.slow
 @mark.parametrize(
     "kind, code, exponents",
     [
@@ -129,6 +130,7 @@ def test_a_steady_throttle_names_no_line_and_a_missing_spectrum_is_reported():
     assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [NoiseFact.NO_SPECTRUM]
 
 
+@mark.slow
 def test_the_eight_strongest_lines_above_the_noise_and_8_percent_apart_are_kept():
     hertz = [17, 35, 45, 100, 109, 200, 214, 420, 280, 470, 330]
     powers = [90, 80, 70, 60, 50, 40, 39, 30, 5.7, 5.4, 4.5]
@@ -138,6 +140,7 @@ def test_the_eight_strongest_lines_above_the_noise_and_8_percent_apart_are_kept(
     assert slow == [line.cause is LineCause.UNNAMED for line in spectra]
 
 
+@mark.slow
 def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
     multiples = {1: 1000.0, 2: 500.0, 3.066: 300.0, 6: 200.0, 7: 100.0}
     moving = [(50.0 * many, power, 0.5) for many, power in multiples.items()]
@@ -210,6 +213,7 @@ def test_a_spectrum_that_may_end_below_the_motors_is_no_reason_against_a_notch(s
     assert fact.figures["highest"] == approx(nyquist, rel=0.02)
 
 
+@mark.slow
 def test_a_spectrum_beyond_the_logged_speed_of_the_motors_shows_that_no_notch_is_needed():
     telemetry = shaken()
     gyro = {name: values[::5] for name, values in telemetry.messages["GYRO_BEFORE"].items()}

@@ -444,6 +444,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     assert len(drawn(path)["motors/0_outputs"][0])  # The sink opens.
 
 
+@mark.slow
 def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     path = tmp_path / "flight.rrd"
     sending = SinkThread(RecordingFile(path), uuid4())

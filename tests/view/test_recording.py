@@ -146,6 +146,7 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
     assert "log" in shown_views and "/log" in entities
 
 
+@mark.slow
 def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
     flown = made_up_motion()
     columns = {field.name: getattr(flown, field.name, None) for field in fields(Pose)}

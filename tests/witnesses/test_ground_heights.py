@@ -66,6 +66,7 @@ def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
     assert len(event.figures["witnesses"]) == 2
 
 
+@mark.slow
 @mark.parametrize(("drift", "level"), [(6.0, Level.WATCH), (0.0, Level.GOOD)])
 def test_a_barometer_that_drifted_is_not_trusted_although_the_estimate_follows_it(drift, level):
     signals = Signals(flight(drift), inputs="motors")
@@ -81,6 +82,7 @@ def test_a_barometer_that_drifted_is_not_trusted_although_the_estimate_follows_i
     assert ("drifted" in str(check)) is (drift > 0)
 
 
+@mark.slow
 def test_a_drift_that_satellites_show_in_flight_is_dated_by_its_growth():
     (event,) = drifts(flight(12.0))
     assert event.time == approx(30.0, abs=2.0)
@@ -88,6 +90,7 @@ def test_a_drift_that_satellites_show_in_flight_is_dated_by_its_growth():
     assert small.time == approx(TAKE_OFF, abs=1.0)
 
 
+@mark.slow
 def test_a_drift_is_not_dated_by_satellites_that_wandered_the_other_way():
     telemetry = flight(-5.0)
     time = stamps(telemetry, "GPS_RAW_INT")
@@ -97,6 +100,7 @@ def test_a_drift_is_not_dated_by_satellites_that_wandered_the_other_way():
     assert event.time == approx(TAKE_OFF, abs=1.0)
 
 
+@mark.slow
 def test_a_barometer_that_freezes_in_flight_is_not_said_to_drift():
     telemetry = flight(0.0)
     time = stamps(telemetry, "SCALED_PRESSURE")
@@ -133,6 +137,7 @@ def test_without_a_fix_no_drift_is_stated():
     assert not drifts(flight(6.0, fix_type=1))
 
 
+@mark.slow
 def test_satellites_that_wander_alone_are_no_fault():
     telemetry = flight(0.0, satellite_change=10.0)
     assert not drifts(telemetry)
@@ -177,6 +182,7 @@ def end_of_log(time, doubt):
     return events_with_checked_heights(sensors, [event], [doubt])
 
 
+@mark.slow
 def test_a_height_that_satellites_contradict_is_stated_with_theirs():
     doubt = Fact(MotionEvent.HEIGHTS_DISAGREE, Level.WATCH, time=32.0, height=12.0, boot=0)
     (event,) = end_of_log(60.0, doubt)
@@ -189,6 +195,7 @@ def test_a_height_that_satellites_contradict_is_stated_with_theirs():
         assert "satellite_height" not in agreed.figures
 
 
+@mark.slow
 def test_a_height_by_a_barometer_that_drifted_is_that_by_satellites():
     (drift,) = drifts(flight(12.0))
     (event,) = end_of_log(60.0, drift)

@@ -53,6 +53,7 @@ def test_recursive_estimators_find_the_variances_of_white_noise(white_record, na
     assert (errors < white_record.noise_variances).all()
 
 
+@mark.slow
 def test_dem_finds_the_variances_of_coloured_noise_that_others_take_for_motion(coloured_record):
     truth = np.log(coloured_record.noise_variances)
     dem_error = np.abs(np.log(dem_variances(coloured_record).variances[-1]) - truth).max()

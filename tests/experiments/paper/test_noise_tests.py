@@ -42,6 +42,7 @@ def test_whiteness_rejects_white_noise_of_any_distribution_at_its_level(distribu
     assert MIN_REJECTIONS <= count <= MAX_REJECTIONS
 
 
+@mark.slow
 def test_whiteness_rejects_coloured_noise():
     assert rejections(noise_tests.whiteness, lambda rng: gaussian_series(rng, 0.6), 100) >= 95
 

@@ -226,6 +226,7 @@ def test_the_reports_have_the_least_error_first_and_all_flights(monkeypatch):
     assert len(without_flights.checks) == 3
 
 
+@mark.slow
 def test_many_lines_have_one_legend_below_their_panels():
     few = {"a": {f"line {index}": np.arange(3.0) for index in range(3)}}
     many = {name: {f"line {index}": np.arange(3.0) for index in range(9)} for name in "ab"}

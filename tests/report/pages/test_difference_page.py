@@ -66,6 +66,7 @@ def test_the_chart_of_trims_shows_the_changes_that_are_compared(difference):
     assert_allclose(after.y - before.y, [0.0, 10.0, 0.0, 0.0], atol=0.1)
 
 
+@pytest.mark.slow
 def test_trims_of_a_flight_in_which_a_motor_failed_are_not_compared():
     intervals = {"trim_share_interval": (0.01,) * 4}
     before = flight_row("quad", 0, trim_share=SHARES["A"], **intervals)
@@ -123,6 +124,7 @@ def test_lights_that_are_equal_are_one_sentence():
     assert table.rows == [["margins", "good", "good"]]
 
 
+@pytest.mark.slow
 def test_a_comparison_states_first_that_it_is_of_two_vehicles():
     rows = [flight_row(vehicle, 0) for vehicle in ("quad", "other")]
     difference = vehicle_difference(rows[:1], rows[1:])

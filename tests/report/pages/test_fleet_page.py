@@ -53,6 +53,7 @@ def table_of(text):
     return json.loads(re.search(r'id="rows" type="application/json">(.*?)</script>', text)[1])
 
 
+@mark.slow
 def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     """One of five vehicles has a fault: its section is the first, and the only open one."""
     text = fleet_page(fleet_rows(20))
@@ -469,6 +470,7 @@ def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_ask
     assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 flights"
 
 
+@mark.slow
 def test_simulated_flights_count_as_in_the_headline_and_a_motor_that_the_log_warns_of_is_in_its_column():
     bad = {"headline": "It stopped at 3 s.", "headline_level": "bad", "light_motors": "bad"}
     bad["watched_motor"] = 1

@@ -562,6 +562,7 @@ def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_
     assert "what the model was learned from" in page and "Grey: settled flight" not in page
 
 
+@mark.slow
 def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_charts():
     """A crash and seven other events are numbered by time in the list and in the charts.
 
