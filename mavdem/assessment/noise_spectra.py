@@ -8,7 +8,8 @@ import numpy as np
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts import Fact, Facts
-from mavdem.facts.noise import NoiseFact
+from mavdem.facts.noise import NoiseFact, NotchAdvice
+from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
@@ -33,6 +34,13 @@ SAME_RATE_RATIO = 0.9
 """Ratio of two sampling rates from which they are the same: rates of logs vary by a few percent. A choice."""
 
 
+FIRST_VERSION_WITH_BATCHES = (3, 6)
+"""First version of ArduCopter that logs its gyro in batches of fast samples (INS_LOG_BAT_MASK)."""
+
+FIRST_VERSION_WITH_NOTCH = (4, 0)
+"""First version of ArduCopter with a harmonic notch filter (INS_HNTCH_ENABLE)."""
+
+
 class MeasuredNoise(NamedTuple):
     """Spectra of the sensors in flight, and what follows from them."""
 
@@ -42,6 +50,8 @@ class MeasuredNoise(NamedTuple):
     """Lines of each spectrum, by its name, the strongest first."""
     notch: Fact | None = None
     """The notch filter to set, or why there is none; None if the filters are not known."""
+    no_spectrum: Fact = Fact(NoiseFact.NO_SPECTRUM)
+    """That there is no spectrum, where there is none; the autopilot decides what it advises to log."""
 
     @property
     def lines(self) -> tuple[SpectralLine, ...]:
@@ -76,7 +86,7 @@ class MeasuredNoise(NamedTuple):
         unfiltered_gyro = self.spectra.get(UNFILTERED_GYRO)
         spectrum = filtered_gyro if unfiltered_gyro is None else unfiltered_gyro
         if spectrum is None:
-            return (Fact(NoiseFact.NO_SPECTRUM),)
+            return (self.no_spectrum,)
         facts = [_spectrum_fact(spectrum)]
         for line in self.lines:
             facts.append(_line_fact(line))
@@ -164,11 +174,13 @@ def measure_noise(evidence: Evidence) -> MeasuredNoise:
         notch filter.
     """
     signals = evidence.signals
+    logger = _gyro_logger(signals.telemetry)
+    no_spectrum = Fact(NoiseFact.NO_SPECTRUM, **logger)
     if signals.attitude is None:
-        return MeasuredNoise({}, {})
+        return MeasuredNoise({}, {}, no_spectrum=no_spectrum)
     spectra = vibration_spectra(signals, evidence.flight_segments(signals.attitude.boot))
     lines = {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
-    noise = MeasuredNoise(spectra, lines)
+    noise = MeasuredNoise(spectra, lines, no_spectrum=no_spectrum)
     controller = controller_if_known(signals.for_axis("roll"))
     if controller is None:
         return noise
@@ -181,4 +193,45 @@ def measure_noise(evidence: Evidence) -> MeasuredNoise:
         spectra.get(GYRO),
         max(crossovers, default=None),
     )
-    return noise._replace(notch=notch)
+    return noise._replace(notch=notch_for_firmware(notch, signals.telemetry))
+
+
+def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
+    """Returns the advice on a notch filter as the firmware of a vehicle allows it.
+
+    Args:
+        notch: the notch filter to set, or why there is none.
+        telemetry: autopilot and firmware of the vehicle.
+
+    Returns:
+        That the firmware has no such filter, where one would be set or is not known to be needed; otherwise ``notch``,
+        whose advice on logging is for this autopilot.
+    """
+    may_be_needed = notch.code in (NotchAdvice.SET_NOTCH, NotchAdvice.SPECTRUM_BELOW_MOTORS)
+    if may_be_needed and not _is_from_version(telemetry, FIRST_VERSION_WITH_NOTCH):
+        return Fact(NotchAdvice.NO_NOTCH_IN_FIRMWARE, firmware=telemetry.firmware)
+    if notch.code is NotchAdvice.SPECTRUM_BELOW_MOTORS:
+        return notch.replace(**_gyro_logger(telemetry))
+    return notch
+
+
+def _gyro_logger(telemetry: Telemetry) -> dict[str, str | bool]:
+    """Returns the figures by which advice to log the gyro is chosen: the autopilot, and whether its version can do so.
+
+    Args:
+        telemetry: autopilot and firmware of the vehicle.
+    """
+    can_log = _is_from_version(telemetry, FIRST_VERSION_WITH_BATCHES)
+    return {"autopilot": telemetry.autopilot, "can_log": can_log}
+
+
+def _is_from_version(telemetry: Telemetry, first_version: tuple[int, int]) -> bool:
+    """Returns whether a vehicle may have what ArduCopter has from some version on; PX4 is not checked.
+
+    Args:
+        telemetry: autopilot and firmware of the vehicle. An unknown version is taken for a new one.
+        first_version: major and minor version of ArduCopter.
+    """
+    version = firmware_version(telemetry)
+    is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
+    return not is_ardupilot or version is None or version >= first_version

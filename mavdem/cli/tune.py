@@ -25,15 +25,17 @@ from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.gain_changes import GainChanges
 from mavdem.report.loops import (
     field_sentences,
+    goal_sentences,
     measured_margins,
-    thrust_sentences,
     tune_blocks,
+    tune_overview,
     tune_summary,
     tuning_result,
 )
-from mavdem.report.pages.tune_page import tune_page
+from mavdem.report.pages.tune_page import changes_to_load, tune_page
 from mavdem.report.screen import flight_sentences, judgement_sentences
 
 PAGE_FILE = "tune.html"
@@ -127,7 +129,8 @@ def tune_command(
         flights = tuple(verdict.fact for verdict in assessment.flight_verdicts)
         print_json(tune_document(source, margins, tuning, flights))
     else:
-        _print_tuning(tuning, assessment, out, verbose=verbose)
+        changes = changes_to_load(Path(source).name, tuning, evidence)
+        _print_tuning(tuning, assessment, changes, out, verbose=verbose)
     if file_names:
         # What was found comes before the files in which it is kept.
         print_to_stderr(f"Written: {', '.join(file_names)}. Nothing was sent to the vehicle.")
@@ -163,13 +166,19 @@ def _write_tuning(
 
 
 def _print_tuning(
-    tuning: Tuning, assessment: Assessment, folder: Path | None, *, verbose: bool
+    tuning: Tuning,
+    assessment: Assessment,
+    changes: GainChanges | None,
+    folder: Path | None,
+    *,
+    verbose: bool,
 ) -> None:
-    """Prints the result of the tuning and the next step, as its page has them, and then margins and gains.
+    """Prints the result of the tuning and the next step, as its page has them, margins and gains, and then reasons.
 
     Args:
         tuning: The gains to set, and the judgement of the flight.
         assessment: Assessment of the log, with the verdicts on its flights if they are judged each by itself.
+        changes: The gains to set, as tables; None if none change.
         folder: Folder that the page was written to, if it was.
         verbose: Whether to print all margins, and the status lights (a level for each part of the vehicle) that warn.
     """
@@ -179,9 +188,12 @@ def _print_tuning(
     result = tuning_result(tuning)
     blocks: Blocks = [*tune_summary(tuning, result)]
     blocks += flight_sentences(assessment, has_headline_above=False)
+    blocks += tune_overview(tuning, result)
+    if changes is not None:
+        blocks += changes.blocks
     blocks += tune_blocks(tuning, is_full=verbose, headline_above=str(result))
     blocks += measured_margins(tuning, assessment.margins)
-    blocks += thrust_sentences(tuning)
+    blocks += goal_sentences(tuning)
     blocks += field_sentences(tuning)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))

@@ -23,3 +23,4 @@ class NotchAdvice(Code):
     NOTCH_IN_PLACE = "notch_in_place"
     NO_LINE_TO_REMOVE = "no_line_to_remove"
     SPECTRUM_BELOW_MOTORS = "spectrum_below_motors"
+    NO_NOTCH_IN_FIRMWARE = "no_notch_in_firmware"

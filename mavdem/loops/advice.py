@@ -34,6 +34,7 @@ from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.demand_noise import DemandNoise, demand_noise
 from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
+    MAX_GAIN_STEP,
     MIN_BANDWIDTH_GAIN,
     NO_STEP,
     SURE_SHARE,
@@ -148,7 +149,8 @@ class Advice(ImmutableResult):
         - ``is_sound``: whether the flight is a basis for changing gains (:attr:`is_sound`).
         - ``has_room``: whether the logged gains surely have the margins already.
         - ``can_go_on``: whether gains of loops with enough margin may be raised further.
-        - ``stage`` of tuning, and number of ``flights`` that it still needs.
+        - ``stage`` of tuning, number of ``flights`` that it still needs, and ``largest_step``, the factor by which a
+          gain changes at most between two of them.
         - ``bandwidth`` and ``crossover`` of the rate loop, Hz, before and after.
         - ``expected``: rating of the loops with the new gains.
         - The margins of the target, each under its own name.
@@ -173,6 +175,7 @@ class Advice(ImmutableResult):
             can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),
             stage=int(self.stage or 0),
             flights=self.flights,
+            largest_step=MAX_GAIN_STEP,
             bandwidth=(
                 bandwidth_of_estimate(self.before.rate),
                 bandwidth_of_estimate(self.after.rate),

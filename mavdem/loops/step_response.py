@@ -245,7 +245,7 @@ def rate_step_response(
         The step response, or the reason why it is not known: a fact, from which reports make a sentence.
     """
     if signals.rate_and_setpoint is None:
-        return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} rate")
+        return _no_setpoint(signals, "rate")
     rate, setpoint = signals.rate_and_setpoint
     series = [setpoint, rate]
     attitude = signals.attitude
@@ -272,7 +272,7 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
         The step response, or the reason why it is not known: a fact, from which reports make a sentence.
     """
     if signals.angle_setpoint is None or signals.attitude is None:
-        return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} attitude")
+        return _no_setpoint(signals, "attitude")
     attitude = signals.attitude
     series = [unwrapped(signals.angle_setpoint), unwrapped(attitude.angle_series)]
     feedforward_gain = None
@@ -290,6 +290,20 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
         segments,
         MIN_SLOW_MOTION_RATE,
         feedforward_gain=feedforward_gain,
+    )
+
+
+def _no_setpoint(signals: Signals, loop: str) -> Fact:
+    """Returns the fact that the log has no setpoint of a loop, with the recorder, by which the advice names messages.
+
+    Args:
+        signals: logged time series of the vehicle for the axis of the loop.
+        loop: "rate" or "attitude".
+    """
+    return Fact(
+        StepResponseFact.NO_SETPOINT,
+        subject=f"{signals.axis} {loop}",
+        recorder=signals.telemetry.translated_from,
     )
 
 
@@ -329,7 +343,10 @@ def _measured_step_response(
     seconds = STEP_SECONDS[loop]
     min_duration = MIN_PIECE_RESPONSES * seconds
     if min(map(rate_between_outages, series)) < min_rate:
-        return Fact(StepResponseFact.TOO_SLOW, subject=subject, least_rate=min_rate)
+        recorder = signals.telemetry.translated_from
+        return Fact(
+            StepResponseFact.TOO_SLOW, subject=subject, least_rate=min_rate, recorder=recorder
+        )
     signals_on_grid = resampled_signals(
         series, segments, min_duration, min_rate, MAX_SAMPLING_RATES[loop]
     )

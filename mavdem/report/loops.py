@@ -13,7 +13,7 @@ from mavdem.assessment.axis.loop_decision import (
     LoopDiagnosis,
 )
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.axis.tuning import Tuning, faults_besides_loops
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.judgement import Judgement
 from mavdem.containers import group_by
@@ -35,7 +35,7 @@ from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.numbers import UNKNOWN_FIGURE, listed, rounded
-from mavdem.report.templates import headline, render_section, sentences_by_axes
+from mavdem.report.templates import headline, model_share, render_section, sentences_by_axes
 
 
 class LoopFigure(NamedTuple):
@@ -69,6 +69,19 @@ The speed is the gain crossover, which follows the gains. The bandwidth jumps wh
 beside −3 dB: with two thirds of the gains it may fall to a fifth, though the step response rises as before.
 """
 
+FIGURES_WITH_INTERVAL = ("phase_margin", "gain_margin")
+"""Figures of ``TUNED_FIGURES`` whose 90 % interval the overview of a tuning shows; a terminal has no room for all."""
+
+OVERVIEW_HEADERS = {
+    "phase_margin": "phase margin (°)",
+    "gain_margin": "gain margin (dB)",
+    "ms": "Ms",
+    "crossover": "crossover (Hz)",
+}
+"""Headers of ``TUNED_FIGURES`` in the overview of a tuning, whose columns are narrow."""
+
+DOUBTFUL_HEADER = "doubtful"
+"""What the overview calls loops whose margins may be wrong."""
 
 TRIED_HEADER = "tried, not to be loaded"
 """What tables call gains that another flight is to confirm before they are loaded."""
@@ -98,27 +111,150 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     """Returns the sentences that begin the report and the page of ``mavdem tune``: the result, and what to do next.
 
     A result about the control loops, or a bad one, is the headline. Otherwise the headline says for each axis what
-    becomes of its gains, and the result, which is about something else in the flight, follows.
+    becomes of its gains. Whatever else the flight shows that is watch or bad follows with its remedy, so that no gains
+    are loaded on a vehicle that needs a repair.
 
     Args:
         tuning: the advice for each axis, with the judgement of the flight.
         result: the most important result (:func:`tuning_result`).
     """
+    next_step = Sentence(str(tuning.judgement.next_step), "Next:")
+    facts_on_flight = [fact for fact in faults_besides_loops(tuning.judgement) if fact != result]
+    if _is_headline_of_tuning(tuning, result):
+        heading = [headline_sentence(headline(result))]
+    else:
+        heading = outcome_sentences(tuning)
+        facts_on_flight.insert(0, result)
+    texts_beside = (*[sentence.lead for sentence in heading], next_step.text)
+    return [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
+
+
+def _is_headline_of_tuning(tuning: Tuning, result: Fact) -> bool:
+    """Returns whether a result is the headline of a tuning: if it is about the control loops, or bad.
+
+    Args:
+        tuning: the judgement of the flight.
+        result: the most important result (:func:`tuning_result`).
+    """
     judgement = tuning.judgement
-    next_step = Sentence(str(judgement.next_step), "Next:")
     is_about_gains = result is not judgement.headline or is_about_loops(result, judgement)
-    if is_about_gains or result.is_bad:
-        return [headline_sentence(headline(result)), next_step]
+    return is_about_gains or result.is_bad
+
+
+def outcome_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns the sentence that says for each axis what becomes of its gains, such as "Roll: new gains."."""
     axes_by_outcome = group_by(tuning.axes, lambda axis: _gain_outcome(tuning, axis))
-    headline_on_gains = render_section(
+    unreliable_outcomes = {GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN}
+    return render_section(
         "tune_axes",
         axes=[*tuning.axes],
         axes_by_outcome=axes_by_outcome,
         outcomes=[*GainOutcome],
-        has_reliable_margins=not axes_by_outcome.keys()
-        <= {GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN},
+        has_reliable_margins=not axes_by_outcome.keys() <= unreliable_outcomes,
     )
-    return [*headline_on_gains, Sentence(headline(result), "The flight:"), next_step]
+
+
+def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -> list[Sentence]:
+    """Returns a sentence on what a flight shows besides its control loops, each finding with its remedy.
+
+    Args:
+        facts: the findings, the most important first; two of them may have the same sentence.
+        texts_beside: the headline and the next step, which stand beside the sentence and are not repeated.
+
+    Returns:
+        A list with the sentence; empty without findings.
+    """
+    texts: list[str] = []
+    for fact in facts:
+        for text in (headline(fact), fact.remedy):
+            text = _unless_in((*texts_beside, *texts), text)
+            if text:
+                texts.append(text)
+    return [Sentence(" ".join(texts), "The flight:")] if texts else []
+
+
+def level_of_summary(tuning: Tuning, result: Fact) -> Level:
+    """Returns the level of the summary of a tuning: the worst one of its result and of what the flight shows besides.
+
+    Args:
+        tuning: the judgement of the flight.
+        result: the most important result (:func:`tuning_result`), whose level may be unknown.
+    """
+    levels = [fault.level for fault in faults_besides_loops(tuning.judgement)]
+    for level in (Level.BAD, Level.WATCH):
+        if level in levels:
+            return level if not result.is_bad else Level.BAD
+    return result.level
+
+
+def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
+    """Returns what becomes of each axis at a glance: in a sentence, and in a table of margins now and with new gains.
+
+    Each loop has a row. Loops with doubtful margins, and those with gains that another flight is to confirm, have
+    tables of their own.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
+        result: the most important result (:func:`tuning_result`). If it is not the headline, the sentence stands there.
+    """
+    rows_by_header = dict[str, list[list[str]]]()
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice):
+            rows = rows_by_header.setdefault(_overview_header(tuning, axis), [])
+            rows += _overview_rows(advice)
+    blocks = Blocks()
+    if rows_by_header and _is_headline_of_tuning(tuning, result):
+        blocks += outcome_sentences(tuning)
+    # The doubtful loops come last.
+    for header, rows in sorted(rows_by_header.items(), key=lambda item: item[0] == DOUBTFUL_HEADER):
+        figure_headers = [OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]
+        blocks.append(Table([header, *figure_headers], rows))
+    return blocks
+
+
+def _overview_header(tuning: Tuning, axis: str) -> str:
+    """Returns the header of the overview's table that the loops of an axis are in.
+
+    Args:
+        tuning: advice on the gains of each axis; the loop of this one is identified.
+        axis: "roll", "pitch" or "yaw".
+    """
+    outcome = _gain_outcome(tuning, axis)
+    if outcome is GainOutcome.DOUBTFUL:
+        return DOUBTFUL_HEADER
+    if outcome is GainOutcome.FLY_FIRST:
+        return "now → tried"
+    if any(isinstance(advice, Advice) and advice.parameters for advice in tuning.axes.values()):
+        return "now → new"
+    return "now"
+
+
+def _overview_rows(advice: Advice) -> list[list[str]]:
+    """Returns the rows of the overview's table for the rate loop and the attitude loop of one axis.
+
+    Args:
+        advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
+
+    Returns:
+        For each loop its name, and a cell for each of ``TUNED_FIGURES``: the value now and, if it changes, with the new
+        gains, such as "29 (23 to 35) → 44".
+    """
+    loop_now, *new_loops = compared_loops(advice).values()
+    rows = []
+    for loop_name in LOOP_NAMES:
+        row = [f"{loop_now.axis} {loop_name}"]
+        for figure_name in TUNED_FIGURES:
+            value_now = _value_text(loop_now.open_loop(loop_name), figure_name)
+            cell = value_now
+            if figure_name in FIGURES_WITH_INTERVAL:
+                cell = _figure_text(loop_now.open_loop(loop_name), figure_name)
+            for new_loop in new_loops:
+                new_value = _value_text(new_loop.open_loop(loop_name), figure_name)
+                if new_value != value_now:
+                    cell = f"{cell} → {new_value}"
+            row.append(cell)
+        rows.append(row)
+    return rows
 
 
 def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
@@ -144,19 +280,19 @@ def tune_blocks(
     tuning: Tuning,
     *,
     is_full: bool = True,
-    has_gains_elsewhere: bool = False,
+    is_page: bool = False,
     headline_above: str = "",
 ) -> Blocks:
-    """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
+    """Returns the reasons behind a tuning: for each axis what to do with its gains and why, and how far to trust that.
 
-    Each remedy is stated once, and not at all if the next step, which is shown with the report, contains it.
+    Axes of which the same is to be said share a sentence. Each remedy is stated once, and not at all if the next step,
+    which is shown with the report, contains it.
 
     Args:
         tuning: advice for each axis, or the fact that says why there is none.
-        is_full: whether all margins and everything about the gains are included; otherwise only a sentence, a table of
-            the gains to set and the margins that change with them, and how far these can be trusted.
-        has_gains_elsewhere: whether a page has tables of the gains and of the loops of all axes elsewhere
-            (:func:`tuned_loops_table`), so that this report has none.
+        is_full: whether all margins and everything about the gains are included.
+        is_page: whether the report is part of a page, where each axis has its rating, and the cautions about gains to
+            set stand beside these. A terminal has all margins above the report (:func:`tune_overview`).
         headline_above: headline that stands above the report, which is not repeated as the reason for no gains; empty
             without one.
     """
@@ -164,50 +300,67 @@ def tune_blocks(
     stated_remedies = _texts_in_next_step(tuning)
     cautions = _shared_cautions(tuning.axes)
     axes_with_stated_gains: list[str] = []
-    for axes in _axes_with_same_new_gains(tuning):
-        # What is said of the new gains of several axes stands once, before their margins.
+    for axes in _axes_with_same_conclusion(tuning):
         conclusion, *reasons = _facts_on_new_gains(tuning, axes[0])
-        remedy = conclusion.remedy
-        report = " ".join([*map(str, [conclusion, *reasons]), remedy]).strip()
-        blocks.append(Sentence(report, f"{listed(axes).capitalize()}:"))
-        stated_remedies.add(remedy)
+        report = " ".join(map(str, [conclusion, *reasons]))
+        remedies = []
+        if conclusion.remedy not in stated_remedies:
+            remedies.append(conclusion.remedy)
+            stated_remedies.add(conclusion.remedy)
+        is_refused = conclusion.code is GainFact.NO_GAINS_ADVISED
+        blocks += _report_sentences(axes, report, remedies, has_no_gains=is_refused)
         axes_with_stated_gains += axes
     for axes in _axes_reported_together(tuning):
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
-        facts = _facts_on_axis(tuning, axis, has_gains=axis not in axes_with_stated_gains)
-        if len(axes) > 1:
-            facts = [_fact_on_axes(fact, listed(axes)) for fact in facts]
+        advice = tuning.axes[axis]
+        if isinstance(advice, Fact):
+            blocks += _sentences_without_loop(tuning, axes, stated_remedies, headline_above)
+            continue
+        facts = _facts_on_axis(
+            tuning, axis, has_gains=axis not in axes_with_stated_gains, is_page=is_page
+        )
         report = " ".join(str(fact) for fact in facts)
         if headline_above and report.startswith(headline_above):
             # What the report says besides remains.
             report = report.removeprefix(headline_above).strip()
-        if not report and axis not in axes_with_stated_gains:
-            blocks += render_section("tune_repair", axes=axes)
-            continue
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
         stated_remedies.update(remedies)
-        advice = tuning.axes[axis]
-        has_no_gains = isinstance(advice, Fact) or bool(advice.refusals)
-        blocks += _report_sentences(axes, report, remedies, has_no_gains=has_no_gains)
-        if isinstance(advice, Fact):
-            blocks += _faults_in_flight(tuning, axes, report, headline_above)
-            continue
-        is_rating_in_report = any(fact.code is LoopFact.MARGIN_RATING for fact in facts)
-        # Without gains to compare, one sentence on the margins is enough.
-        is_sentence_enough = bool(advice.refusals) and is_rating_in_report
-        if not has_gains_elsewhere and not is_sentence_enough:
-            table = _gain_and_margin_table(
-                advice,
-                waits_for_stage_1=tuning.waits(advice),
-                is_doubtful=_has_doubtful_margins(tuning, axis),
-            )
-            blocks.append(table)
-        blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=has_gains_elsewhere)
+        blocks += _report_sentences(axes, report, remedies, has_no_gains=bool(advice.refusals))
+        blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
     return [*blocks, *_unchecked_effects(tuning)] if is_full else blocks
+
+
+def _sentences_without_loop(
+    tuning: Tuning, axes: list[str], stated_remedies: set[str], headline_above: str
+) -> list[Sentence]:
+    """Returns why some axes get no gains: their loops are not known for the same reason; and what leads to gains.
+
+    Args:
+        tuning: for these axes the fact (coded finding) that says why their loops are not known.
+        axes: the axes.
+        stated_remedies: remedies that stand elsewhere in the report; those of these sentences are added.
+        headline_above: headline that stands above the report, which is not repeated as the reason; empty without one.
+    """
+    axis = axes[0]
+    reason = tuning.axes[axis]
+    # The axes were grouped by this reason, which is a fact.
+    assert isinstance(reason, Fact)
+    if len(axes) > 1:
+        reason = _fact_on_axes(reason, listed(axes))
+    report = str(reason)
+    if headline_above and report.startswith(headline_above):
+        report = report.removeprefix(headline_above).strip()
+    if not report:
+        return render_section("tune_repair", axes=axes)
+    remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
+    stated_remedies.update(remedies)
+    sentences = render_section("tune_no_gains", axes=axes, reason=report)
+    sentences += _remedies_towards_gains(axes, remedies)
+    return [*sentences, *_faults_in_flight(tuning, axes, report, headline_above)]
 
 
 def _caution_sentences(
@@ -244,13 +397,17 @@ def _report_sentences(
     """
     lead = f"{listed(axes).capitalize()}:"
     if has_no_gains and remedies:
-        return [
-            Sentence(report, lead),
-            Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:"),
-        ]
+        return [Sentence(report, lead), *_remedies_towards_gains(axes, remedies)]
     if not report and not remedies:
         return []
     return [Sentence(" ".join([report, *remedies]).strip(), lead)]
+
+
+def _remedies_towards_gains(axes: list[str], remedies: list[str]) -> list[Sentence]:
+    """Returns the sentence on what leads to gains of some axes; none without a remedy."""
+    if not remedies:
+        return []
+    return [Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:")]
 
 
 def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
@@ -353,18 +510,29 @@ def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sen
     return sentences_by_axes(axes_and_facts)
 
 
-def thrust_sentences(tuning: Tuning) -> list[Sentence]:
-    """Returns the sentence that says at which thrust margins are stated, and at which gains are to have them.
+def goal_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns the goal of the margins, and how many models of the vehicle reach it with the gains to set or to keep.
 
     Args:
         tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
-        A list with the sentence; empty if no gains are advised or kept.
+        The sentences; empty if no gains are advised or kept.
     """
     if tuning.refusal is not None:
         return []
-    return render_section("tune_thrust", deviation=_checked_thrust_deviation())
+    axes_by_shares = dict[tuple[str, str], list[str]]()
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice) and not _has_doubtful_margins(tuning, axis):
+            share_as_flown = advice.after.share_meeting(advice.target)
+            shares = (model_share(share_as_flown), model_share(advice.sure))
+            axes_by_shares.setdefault(shares, []).append(axis)
+    return render_section(
+        "tune_goal",
+        target=tuning.advice[0].target,
+        deviation=_checked_thrust_deviation(),
+        shares=[(axes, *shares) for shares, axes in axes_by_shares.items()],
+    )
 
 
 def field_sentences(tuning: Tuning) -> list[Sentence]:
@@ -497,32 +665,36 @@ def _fact_on_axes(fact: Fact, axis_names: str) -> Fact:
     return fact
 
 
-def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool) -> list[Fact]:
-    """Returns the facts (coded findings) whose sentences make the report of a tuning on one axis.
+def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool) -> list[Fact]:
+    """Returns the facts (coded findings) whose sentences make the report of a tuning on one axis with a known loop.
 
     Args:
         tuning: advice on the gains of each axis, or the fact that says why there is none.
         axis: "roll", "pitch" or "yaw".
         has_gains: whether what to do with the gains is among the facts; a sentence on several axes may say it already.
+        is_page: whether a rating of the margins is among them that only says how large they are. A terminal has them in
+            its overview.
 
     Returns:
         Facts in the order of their sentences:
 
-        - without an identified loop, only the reason for that;
         - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
         - otherwise the rating of the margins, what to do with the gains, why the new gains are not other ones, and that
           they make the attitude loop slower if they do. A good rating is left out where the margins may be wrong: the
           table beside it calls them doubtful.
     """
     advice = tuning.axes[axis]
-    if isinstance(advice, Fact):
-        return [advice]
+    # The loop of this axis is identified.
+    assert isinstance(advice, Advice)
     facts_on_gains = _facts_on_new_gains(tuning, axis) if has_gains else []
     if axis in tuning.doubtful_axes:
         return facts_on_gains
     ratings = _rating_unless_contradicted(advice, tuning.judgement.loop_decisions.get(axis))
     if _has_doubtful_margins(tuning, axis):
         ratings = [rating for rating in ratings if not rating.is_good]
+    if not is_page:
+        # That the axis does not follow its setpoint stands nowhere else.
+        ratings = [rating for rating in ratings if "follows" in rating.figures]
     return [*ratings, *facts_on_gains, *_slower_attitude(advice)]
 
 
@@ -577,29 +749,29 @@ def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
     return [advice_on_gains, *reasons]
 
 
-def _axes_with_same_new_gains(tuning: Tuning) -> list[list[str]]:
-    """Returns the groups of two and more axes of whose new gains a report says the same.
+def _axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
+    """Returns the groups of two and more axes of whose gains a report says the same, such as that they stay.
 
     Roll and pitch of a symmetric vehicle mostly differ in their margins, and not in what is advised.
 
     Args:
         tuning: advice on the gains of each axis, or the fact that says why there is none.
     """
-    axes_with_new_gains = []
-    for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice) and advice.parameters and not advice.refusals:
-            axes_with_new_gains.append(axis)
+    axes_with_loop = [axis for axis, advice in tuning.axes.items() if isinstance(advice, Advice)]
 
     def text_on_gains(axis: str) -> str:
-        """Returns what is said of the new gains of an axis."""
-        return " ".join(map(str, _facts_on_new_gains(tuning, axis)))
+        """Returns what is said of the gains of an axis."""
+        facts = _facts_on_new_gains(tuning, axis)
+        return " ".join(fact.sentence_and_remedy for fact in facts)
 
-    groups = group_by(axes_with_new_gains, text_on_gains)
+    groups = group_by(axes_with_loop, text_on_gains)
     return [axes for axes in groups.values() if len(axes) > 1]
 
 
 def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
     """Returns the fact (coded finding) that says what to do with the gains of an axis, such as to load them.
+
+    Its sentence leaves the goal of the margins to :func:`goal_sentences`.
 
     Gains are set in stages, with a flight after each. If these gains are of stage 2 while another axis has gains of
     stage 1 to be flown first, the fact says that they wait for that flight.
@@ -608,9 +780,7 @@ def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
         tuning: advice for all axes, which shows whether one of them has gains of stage 1.
         advice: advice on the axis.
     """
-    if tuning.waits(advice):
-        return advice.conclusion.replace(waits=True)
-    return advice.conclusion
+    return advice.conclusion.replace(waits=tuning.waits(advice), is_goal_stated=True)
 
 
 def _faults_in_flight(
@@ -764,6 +934,10 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
     for reason in (main_reason, *further_reasons):
         if reason is not None:
             texts.add(reason.remedy)
+    if next_step.code is NextStep.LOAD_GAINS:
+        for advice in tuning.advice:
+            if advice.parameters and advice.is_sound and not tuning.waits(advice):
+                texts.add(_conclusion(tuning, advice).remedy)
     return texts
 
 
@@ -953,37 +1127,6 @@ def _gains_header(gains: str, advice: Advice, *, waits_for_stage_1: bool) -> str
     return "advised"
 
 
-def _gain_and_margin_table(advice: Advice, *, waits_for_stage_1: bool, is_doubtful: bool) -> Table:
-    """Returns a table that compares one axis as it flew with what is expected of new gains.
-
-    Its rows are the gains that change, the stability margins of the rate loop and of the attitude loop, and, if gains
-    change, how far wind turns the vehicle about the axis.
-
-    Args:
-        advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
-        waits_for_stage_1: whether the new gains are to be loaded only after a flight with those of a first stage.
-        is_doubtful: whether the margins of the identified loop may be wrong; then the header calls them doubtful.
-
-    Returns:
-        The table, with a column for the gains that flew and, if gains change, one for the new gains.
-    """
-    axis = advice.before.axis
-    loops = compared_loops(advice)
-    rows = []
-    for name, advised_value in advice.parameters.items():
-        rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
-    for loop_name in LOOP_NAMES:
-        rows += _margin_rows(loops, loop_name)
-    if advice.parameters:
-        # The standard deviation of the angle in the wind of the flight, degrees.
-        wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
-        rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
-    headers = [f"{axis} (90 % interval{', margins doubtful' if is_doubtful else ''})"]
-    for gains in loops:
-        headers.append(_gains_header(gains, advice, waits_for_stage_1=waits_for_stage_1))
-    return Table(headers, rows)
-
-
 def tuned_loops_table(tuning: Tuning) -> list[Table]:
     """Returns a table of the loops of all axes: their margins, predicted steps, and how far wind turns the vehicle.
 
@@ -1044,7 +1187,7 @@ def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
         figure = LOOP_FIGURES[figure_name]
         row = [f"{loop_name}: {figure.header}"]
         for loop in loops.values():
-            row.append(_figure_text(loop.open_loop(loop_name), figure_name, figure.scale))
+            row.append(_figure_text(loop.open_loop(loop_name), figure_name))
         rows.append(row)
     return rows
 
@@ -1180,7 +1323,7 @@ def margin_tables(
             row = [figure.header]
             for loop in loops.values():
                 open_loop = loop.open_loop(loop_name)
-                row.append(_figure_text(open_loop, attribute, figure.scale))
+                row.append(_figure_text(open_loop, attribute))
             rows.append(row)
         yield Table([f"{loop_name} loop (90 % interval)", *headers], rows)
 
@@ -1190,22 +1333,42 @@ def _marked_headers(headers: Iterable[str], doubtful: Container[str]) -> list[st
     return [f"{header} (doubtful)" if header in doubtful else header for header in headers]
 
 
-def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
+def _figure_text(loop: OpenLoop, figure_name: str) -> str:
     """Returns a figure of a loop with its 90 % interval as text, such as "57 (50 to 63)".
-
-    Figures of a steady response, such as the bandwidth, do not exist for an unstable loop. They are shown as a dash,
-    since their formulas would give numbers that look good.
 
     Args:
         loop: open-loop response of the rate or attitude loop, for the estimated plant and draws from its posterior.
-        attribute: name of the figure, such as "phase_margin"; the loop has its interval as "phase_margin_interval".
-        scale: factor from the unit of the figure to the shown one.
+        figure_name: name of the figure in ``LOOP_FIGURES``, such as "phase_margin"; the loop has its interval as
+            "phase_margin_interval".
     """
-    if attribute in FIGURES_OF_STABLE_LOOPS and not loop.is_stable:
+    if not _has_figure(loop, figure_name):
         return rounded(nan)
-    value = getattr(loop, attribute)
-    interval = getattr(loop, f"{attribute}_interval")
-    return _with_interval(value, interval, scale)
+    interval = getattr(loop, f"{figure_name}_interval")
+    return _with_interval(getattr(loop, figure_name), interval, LOOP_FIGURES[figure_name].scale)
+
+
+def _value_text(loop: OpenLoop, figure_name: str) -> str:
+    """Returns a figure of a loop as text without its interval, such as "57".
+
+    Args:
+        loop: open-loop response of the rate or attitude loop.
+        figure_name: name of the figure in ``LOOP_FIGURES``.
+    """
+    if not _has_figure(loop, figure_name):
+        return rounded(nan)
+    return rounded(LOOP_FIGURES[figure_name].scale * getattr(loop, figure_name))
+
+
+def _has_figure(loop: OpenLoop, figure_name: str) -> bool:
+    """Returns whether a figure exists for a loop: those of a steady response, such as Ms, need a stable one.
+
+    Of an unstable loop their formulas would give numbers that look good.
+
+    Args:
+        loop: open-loop response of the rate or attitude loop.
+        figure_name: name of the figure in ``LOOP_FIGURES``.
+    """
+    return loop.is_stable or figure_name not in FIGURES_OF_STABLE_LOOPS
 
 
 def _with_interval(value: float, interval: tuple[float, float], scale: float) -> str:

@@ -15,7 +15,7 @@ figures for people: shares as percent, lists as "a, b and c".
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -93,6 +93,17 @@ SMALLEST_SHOWN_HALF_WIDTH = 0.1
 
 ROUNDS_TO_NO_PERCENT = 0.005
 """Share below which a text in whole percent says 0 %."""
+
+
+SUFFICIENT_RATE = 95.0
+"""Rate of messages, Hz, that counts as the 100 Hz of advice on logging: rates of logs vary by a few percent."""
+
+SETPOINT_MESSAGES = {
+    "DataFlash": "RATE and ATT (ArduCopter from 3.3 on)",
+    "ULog": "vehicle_rates_setpoint",
+    "": "ATTITUDE_TARGET",
+}
+"""Messages with setpoints of rate and attitude, by what recorded a log; telemetry has no recorder."""
 
 
 @contextmanager
@@ -411,6 +422,8 @@ def _environment() -> Environment:
         "compass_text": compass_text,
         "compass_words": compass_words,
         "margins_in_short": margins_in_short,
+        "logging_clause": _logging_clause,
+        "model_share": model_share,
         "degrees": degrees,
         "fixed": _fixed,
         "rounded_up": rounded_up,
@@ -430,6 +443,7 @@ def _environment() -> Environment:
         "rounded": rounded,
         "rounded_below": rounded_below,
         "sentence": sentence,
+        "setpoint_messages": _setpoint_messages,
         "weak_motor_clause": _weak_motor_clause,
         "with_interval": with_interval,
         "with_unit": _with_display_unit,
@@ -817,6 +831,50 @@ def _fixed(value: float, decimals: int = 0) -> str:
 def _percent(share: float, decimals: int = 0) -> str:
     """Formats a fraction as percent."""
     return f"{100 * share:.{decimals}f} %"
+
+
+def model_share(share: float) -> str:
+    """Formats a share of models, which are random draws, as percent: never as 0 %, and 100 % only if all are meant."""
+    if share < ROUNDS_TO_NO_PERCENT:
+        return "fewer than 0.5 %"
+    if share >= 1:
+        return "all"
+    if share >= 1 - ROUNDS_TO_NO_PERCENT:
+        return "over 99 %"
+    return _percent(share)
+
+
+def _logging_clause(rates: Sequence[float], names: Sequence[str]) -> str:
+    """Returns the clause of advice to fly again that says how fast to log, and how fast this flight was logged.
+
+    Args:
+        rates: rates of the messages of this flight, Hz; empty if they are not known.
+        names: names of the messages, as many.
+
+    Returns:
+        The clause, such as ", with rates and motors logged at 100 Hz (here RATE at 24 Hz and RCOU at 9.4 Hz)"; empty if
+        all messages came that fast.
+    """
+    clause = ", with rates and motors logged at 100 Hz"
+    if not rates:
+        return clause
+    if min(rates) >= SUFFICIENT_RATE:
+        return ""
+    messages = []
+    for name, rate in zip(names, rates, strict=True):
+        messages.append(f"{name} at {rounded(rate)} Hz")
+    return f"{clause} (here {listed(messages)})"
+
+
+def _setpoint_messages(recorder: str | None) -> str:
+    """Returns the messages with setpoints, by what recorded the log: "DataFlash", "ULog", or "" for telemetry.
+
+    Args:
+        recorder: what recorded the log; of another recorder, and of none that is known (None), all messages are named.
+    """
+    if recorder in SETPOINT_MESSAGES:
+        return SETPOINT_MESSAGES[recorder]
+    return "RATE and ATT (ArduPilot), vehicle_rates_setpoint (PX4) or ATTITUDE_TARGET (telemetry)"
 
 
 def _probability(probability: float) -> str:

@@ -43,7 +43,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_the_page_alone(
     assert flown_gains.keys() == gains.keys() and flown_gains != gains
     page = (out / "tune.html").read_text()
     assert page.count('<figure class="chart"') == 15 and 'class="headline"' in page
-    assert "Stage 1 of 2, rate P, I and D" in page and roll["stage"] == 1
+    assert "First stage of two, rate P, I and D" in page and roll["stage"] == 1
     monkeypatch.setattr("mavdem.cli.tune.tune_page", Mock(return_value=""))
     assert run(*arguments) == 0
     # No gains of the run before remain.
@@ -67,7 +67,7 @@ def test_a_weak_motor_is_named_in_the_place_of_gains(tmp_path, capsys):
     assert run("fly", tmp_path / "weakened.toml", "--out", log) == 0
     assert run("tune", log, "--more") == 1
     output = unwrapped(capsys.readouterr().out)
-    assert "No gains are advised. Motor 1" in output and "Next: Do not fly" in output
+    assert "No gains, because motor 1" in output and "Next: Do not fly" in output
 
 
 SHAKEN = """
@@ -103,7 +103,7 @@ def test_a_vehicle_that_must_not_fly_is_reported_before_its_loops(capsys):
     assert run("tune", shared("real/logs/gains_named_before_34.BIN"), "--more") == 1
     output = capsys.readouterr().out
     assert output.startswith("The height estimate diverged")
-    assert output.index("No gains are advised.") > 0
+    assert output.index("No gains, because") > 0
     assert "Next: Do not fly in a mode that holds the height" in output
     assert run("tune", shared("real/logs/yaw_twist_16_percent.BIN"), "--axis", "all") == 1
     assert unwrapped(capsys.readouterr().out).count("Hover for half a minute") == 1

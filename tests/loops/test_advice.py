@@ -16,6 +16,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import GainBound, GainFact, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import TrimFact
 from mavdem.loops.advice import advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
 from mavdem.loops.gain_design import (
@@ -318,10 +319,17 @@ def test_refusals_say_why():
 def test_the_next_step_is_as_careful_as_the_advice_is_sure():
     known = {"is_written": True, "needed": SURE_SHARE, "missing": (), "others": ()}
     sure = Fact(NextStep.LOAD_GAINS, Level.GOOD, share=0.95, is_biased=False, **known).sentence
-    assert "fly gently" in sure and "on trial" not in sure
+    assert "hover for a minute" in sure and "on trial" not in sure
     doubtful = Fact(NextStep.LOAD_GAINS, Level.WATCH, share=0.58, is_biased=True, **known).sentence
-    for words in ("on trial", "only 58 % of the vehicle models", "biased", "Hover low"):
+    for words in ("on trial", "58 % of the vehicle models", "biased", "Hover low"):
         assert words in doubtful
+
+
+def test_what_is_to_be_mended_comes_before_new_gains():
+    twist = Fact(TrimFact.TRIM_OF_YAW, Level.WATCH, share=0.13)
+    known = {"is_written": True, "needed": SURE_SHARE, "missing": (), "others": ()}
+    step = Fact(NextStep.LOAD_GAINS, share=0.95, is_biased=False, also=(twist,), **known).sentence
+    assert step.startswith(f"{twist.remedy} Then load these gains")
 
 
 @mark.slow

@@ -103,7 +103,7 @@ def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatc
     assert first.header[0] == "gain, stage 1" and first.rows[0][0] == "MC_ROLLRATE_P"
     assert second.header[0] == "gain, stage 2" and second.rows[0][0] == "MC_YAW_P"
     _, waiting, _ = changes.blocks
-    assert "only after the flight with the gains of stage 1" in waiting.text
+    assert "after a flight with the gains of stage 1" in waiting.text
     names = [download.name for download in changes.downloads]
     assert names == ["a.stage1.param", "a.stage1.params", "a.stage2.param", "a.stage2.params"]
     assert stage_to_load(advice.values()) is Stage.RATE

@@ -132,6 +132,7 @@ def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_
         GainFact.STEP_TOWARDS_MARGINS,
         is_sound=True,
         share=0.67,
+        share_as_flown=0.9,
         stage=1,
         flights=1,
         expected=rating,

@@ -38,7 +38,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact
 from mavdem.facts.margins import TrackingLight
-from mavdem.facts.motors import MotorsLight
+from mavdem.facts.motors import MotorsLight, TrimFact
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.immutable import ReadOnlyDict
 from mavdem.live.gain_advice import facts_of_tuning
@@ -52,8 +52,11 @@ from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.charts.timeline import assessment_timeline
 from mavdem.report.loops import (
     is_about_loops,
+    level_of_summary,
     margin_tables,
     tune_blocks,
+    tune_overview,
+    tune_summary,
     tuning_result,
 )
 from mavdem.report.pages.flight_page import review_page
@@ -206,7 +209,7 @@ def test_a_report_has_one_repair_to_make_before_the_next_flight(reason, is_state
     judgement = Mock(next_step=Fact(NextStep.DO_AS_ADVISED, reason=reason), loop_decisions={})
     tuning = partial_record(Tuning, axes={"roll": no_loop}, advice=(), judgement=judgement)
     text = plain_text(tune_blocks(tuning))
-    assert "Motor 2 is at its upper limit" in text
+    assert "No gains, because motor 2 is at its upper limit" in text
     assert ("Do not fly before motor 2" in text) is is_stated
 
 
@@ -448,10 +451,26 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     for is_full in (False, True):
         report = " ".join(texts(tune_blocks(tuning, is_full=is_full)))
         assert report.count(fast.sentence_and_remedy) == 1, is_full
-    (_, table, caution) = tune_blocks(tuning, is_full=False)
-    assert table.header[1:] == ["now", "advised"] and caution.text == fast.sentence_and_remedy
-    labels = [label for label, *_ in table.rows]
-    assert {"rate: phase margin (°)", "attitude: phase margin (°)"} <= set(labels)
+    (_, caution) = tune_blocks(tuning, is_full=False)
+    assert caution.text == fast.sentence_and_remedy
+    outcome, overview = tune_overview(tuning, tuning_result(tuning))
+    assert outcome.lead == "Roll: new gains." and overview.header[0] == "now → new"
+    assert [row[0] for row in overview.rows] == ["roll rate", "roll attitude"]
+    phase_margin = overview.rows[0][1]
+    assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
+
+
+@mark.slow
+def test_what_the_flight_warns_of_stands_beside_new_gains_and_colours_their_card(tunings):
+    tuning = tunings["below the goal"]
+    twist = Fact(TrimFact.TRIM_OF_YAW, Level.WATCH, share=0.13, headroom=None)
+    lights = ReadOnlyDict({**tuning.judgement.lights, Light.MOTORS: twist})
+    good = Fact(GainFact.ROOM_FOR_GAINS, Level.GOOD, names=["roll"])
+    tuning = tuning._replace(judgement=replace(tuning.judgement, lights=lights))
+    heading, on_flight, next_step = tune_summary(tuning, good)
+    assert heading.lead == good.sentence and next_step.lead == "Next:"
+    assert on_flight.lead == "The flight:" and on_flight.text.endswith(twist.remedy)
+    assert level_of_summary(tuning, good) is Level.WATCH
 
 
 @mark.slow

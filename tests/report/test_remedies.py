@@ -57,16 +57,32 @@ def test_the_margins_are_named_once_in_a_reason_for_none():
 @mark.parametrize(
     "share, reached",
     [
-        (0.0, "no vehicle model reaches the goal"),
-        (0.004, "fewer than 0.5 % of the vehicle models reach the goal"),
-        (0.2, "in 20 % of the vehicle models"),
+        (0.004, "and fewer than 0.5 % with 20 % more or less"),
+        (0.2, "and 20 % with 20 % more or less"),
     ],
 )
-def test_no_model_reaches_the_goal_only_where_the_share_is_zero(share, reached):
-    """The sentence distinguishes no model, few models, and a share of the models."""
+def test_few_models_that_reach_the_goal_are_not_rounded_to_none(share, reached):
     expected = Fact(LoopFact.MARGIN_RATING, phase_margin=44.0, gain_margin=8.9, ms=1.9)
     target = {"phase_margin": 45.0, "gain_margin": 6.0, "ms": 2.0}
+    shares = {"share": share, "share_as_flown": 0.4}
     step = Fact(
-        GainFact.STEP_TOWARDS_MARGINS, share=share, stage=1, flights=1, expected=expected, **target
+        GainFact.STEP_TOWARDS_MARGINS, stage=1, flights=1, expected=expected, **shares, **target
     )
     assert reached in step.sentence
+
+
+@mark.parametrize(
+    ("rate", "end"),
+    [
+        (24.0, "calm air, with rates and motors logged at 100 Hz (here RATE at 24 Hz)."),
+        (98.0, "calm air."),
+    ],
+)
+def test_advice_to_log_faster_states_the_recorded_rates(rate, end):
+    not_steered = Fact(LoopFact.NOT_STEERED, share=0.2, names=("RATE",), rates=(rate,))
+    assert not_steered.remedy.endswith(end)
+
+
+def test_advice_to_log_a_setpoint_names_the_messages_of_the_recorder():
+    missing = Fact(LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0, recorder="DataFlash")
+    assert "RATE" in missing.remedy and "ATTITUDE_TARGET" not in missing.remedy

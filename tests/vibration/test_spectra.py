@@ -1,5 +1,7 @@
 """Spectra of made-up noise, the names of its lines, and the notch filters for them."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, with_pulses
 from known_gains import ARDUPILOT
@@ -7,9 +9,10 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from scipy.signal import find_peaks
 
-from mavdem.assessment.noise_spectra import MeasuredNoise
+from mavdem.assessment.noise_spectra import MeasuredNoise, notch_for_firmware
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
 from mavdem.facts.noise import NoiseFact, NotchAdvice
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_filters
@@ -233,3 +236,23 @@ def test_prominent_peaks_are_those_of_scipy(seed):
     curve = default_rng(seed).standard_normal(200).cumsum()
     expected, _ = find_peaks(curve, prominence=1.5)
     assert prominent_peaks(curve, 1.5) == expected.tolist()
+
+
+@mark.parametrize(
+    ("autopilot", "firmware", "words"),
+    [
+        ("ARDUPILOTMEGA", "ArduCopter V3.3 (bd817897)", "has no notch filter"),
+        (
+            "ARDUPILOTMEGA",
+            "ArduCopter V4.5.1 (bd817897)",
+            "INS_LOG_BAT_MASK 1 and INS_LOG_BAT_OPT 4.",
+        ),
+        ("PX4", "PX4 v1.14.0", "SDLOG_PROFILE"),
+    ],
+)
+def test_advice_on_a_notch_names_only_what_the_firmware_has(autopilot, firmware, words):
+    telemetry = replace(HOVER.telemetry(), autopilot=autopilot, firmware=firmware)
+    slow = Fact(NotchAdvice.SPECTRUM_BELOW_MOTORS, highest=50.0, rotor_frequency=None)
+    advice_text = notch_for_firmware(slow, telemetry).sentence_and_remedy
+    assert words in advice_text
+    assert ("INS_LOG" in advice_text) + ("SDLOG" in advice_text) <= 1

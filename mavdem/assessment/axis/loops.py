@@ -15,7 +15,7 @@ from mavdem.assessment.axis.gains import (
 from mavdem.assessment.axis.training import flights_after_start
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import usable_segments
-from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -137,7 +137,41 @@ def identified_loop_or_reason(
     try:
         return loop_of_axis(signals, log, start, estimates)
     except NotLearnable as error:
-        return error.fact
+        return _with_recording(error.fact, signals)
+
+
+REASONS_WITH_RATES = (
+    LoopFact.LOOP_TOO_SHORT,
+    LoopFact.NOT_STEERED,
+    LoopFact.MARGIN_UNCERTAIN,
+)
+"""Reasons for no loop that advise another flight, recorded faster if this one was recorded slowly."""
+
+
+def _with_recording(reason: Fact, signals: Signals) -> Fact:
+    """Adds to the reason why a loop is not known how the flight was recorded, by which the advice names what to log.
+
+    Args:
+        reason: the reason, which may consist of several ``reasons``.
+        signals: logged time series of the vehicle for the axis.
+
+    Returns:
+        The reason, with the ``recorder`` (such as "DataFlash"; empty for telemetry) if the rate setpoint is missing,
+        or with ``names`` and ``rates``, Hz, of the messages of attitude and motors if another flight is advised.
+    """
+    telemetry = signals.telemetry
+    if reason.code is LoopFact.NO_LOOP:
+        reasons = [_with_recording(each, signals) for each in reason.figures["reasons"]]
+        return reason.replace(reasons=tuple(reasons))
+    if reason.code is LoopFact.NO_RATE_SETPOINT:
+        return reason.replace(recorder=telemetry.translated_from)
+    streams = [each for each in (signals.attitude, signals.model_inputs) if each is not None]
+    if reason.code in REASONS_WITH_RATES and streams:
+        return reason.replace(
+            names=tuple(telemetry.name_in_source(stream.message) for stream in streams),
+            rates=tuple(rate_between_outages(stream) for stream in streams),
+        )
+    return reason
 
 
 def loop_of_axis(

@@ -18,13 +18,14 @@ from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, LoopDecision, a
 from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
+from mavdem.assessment.lights import OTHER_LIGHTS
 from mavdem.assessment.record import Assessment
 from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction, LoopFact
-from mavdem.facts.margins import MarginsLight
+from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
@@ -33,8 +34,8 @@ from mavdem.loops.axis_loops import Loop
 from mavdem.loops.gain_design import SURE_SHARE, Stage
 
 STAGE_HEADINGS = {
-    Stage.RATE: "Stage 1 of 2, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
-    Stage.ANGLE: "Stage 2 of 2, angle P: load, hover one minute, fly ten doublets, mavdem tune",
+    Stage.RATE: "First stage of two, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
+    Stage.ANGLE: "Second stage of two, angle P, after the first: load, hover one minute, fly ten doublets, mavdem tune",
 }
 """First line of the parameter files of each stage."""
 NOTCH_HEADING = "Notch filter, with the gains of the log"
@@ -43,6 +44,9 @@ PRESENT_HEADING = "The values of the log, to go back to"
 """First line of the parameter files with the values that advised ones replace."""
 PRESENT_SUFFIX = ".before"
 """End of the name of these files, before the ending."""
+
+LIGHTS_BEFORE_GAINS = (Light.MOTORS, Light.VIBRATION, Light.POWER)
+"""Lights whose faults are mended before new gains are loaded: motors, vibration and battery change the loops."""
 
 
 def present_parameter_files(names: Iterable[str], vehicle: Telemetry) -> dict[str, str]:
@@ -442,7 +446,55 @@ def _next_step_with_new_gains(
     )
     axes = tuple(advice.before.axis for advice in changed_loops)
     flight = most_certain.flight_before_gains.replace(names=axes)
-    return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
+    return Fact(
+        NextStep.FLY_BEFORE_GAINS,
+        judgement.headline.level,
+        reason=flight,
+        also=_faults_before_gains(judgement),
+    )
+
+
+def faults_besides_loops(judgement: Judgement) -> list[Fact]:
+    """Returns what a flight shows to be watch or bad about anything but its control loops, each finding once.
+
+    Lights of the log and of the weather count only if they are bad, as in a headline.
+
+    Args:
+        judgement: headline and status lights of the flight.
+
+    Returns:
+        The headline, if it is such a finding, and the facts of the lights in their order.
+    """
+    candidates = [judgement.headline]
+    for name, light in judgement.lights.items():
+        if light.is_bad or name not in OTHER_LIGHTS:
+            candidates.append(light)
+    faults: list[Fact] = []
+    for fact in candidates:
+        is_about_loops = isinstance(fact.code, MarginsLight | TrackingLight)
+        if fact.is_watch_or_bad and not is_about_loops and fact not in faults:
+            faults.append(fact)
+    return faults
+
+
+def _faults_before_gains(judgement: Judgement) -> Facts:
+    """Returns what is to be mended before new gains are loaded, although it does not forbid to fly.
+
+    These are the headline of the flight, and what the ``LIGHTS_BEFORE_GAINS`` show, as far as they are watch or bad.
+    What only another flight can clear up is left out.
+
+    Args:
+        judgement: headline and status lights of the flight.
+    """
+    urgent_facts = [judgement.headline]
+    for name in LIGHTS_BEFORE_GAINS:
+        if name in judgement.lights:
+            urgent_facts.append(judgement.lights[name])
+    faults = []
+    for fault in faults_besides_loops(judgement):
+        if fault in urgent_facts and fault.without_flight_advice.remedy:
+            faults.append(fault)
+    return tuple(faults)
 
 
 def _step_to_load_gains(
@@ -466,7 +518,10 @@ def _step_to_load_gains(
         The fact ``LOAD_GAINS`` with these figures, among others:
 
         - ``share``: the fraction of the models that fit the flight with which the gains to load have the required
-          margins, the lowest of all loops;
+          margins with 20 % more or less thrust, too, the lowest of all loops, and ``share_as_flown`` with the thrust of
+          this flight;
+        - ``flights``: the number of flights, each with a bounded change of the gains, until the design of this stage;
+        - ``also``: what is to be mended before the gains are loaded;
         - ``needed``: the fraction from which on the gains count as certain;
         - ``is_biased``: whether wind biased the control effectiveness of a loop;
         - ``missing``: the status lights that should be known before;
@@ -495,6 +550,9 @@ def _step_to_load_gains(
         judgement.headline.level,
         is_written=is_written,
         share=min(advice.sure for advice in loops_to_load),
+        share_as_flown=min(advice.after.share_meeting(advice.target) for advice in loops_to_load),
+        flights=max(advice.flights for advice in loops_to_load),
+        also=_faults_before_gains(judgement),
         needed=SURE_SHARE,
         is_biased=is_biased,
         missing=_unknown_lights_for_higher_gains(judgement, loops_to_load),

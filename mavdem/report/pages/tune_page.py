@@ -28,8 +28,9 @@ from mavdem.report.gain_overview import gain_overview
 from mavdem.report.loops import (
     compared_loops,
     field_sentences,
+    goal_sentences,
+    level_of_summary,
     measured_margins,
-    thrust_sentences,
     tune_blocks,
     tune_details,
     tune_summary,
@@ -98,15 +99,16 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     summary = tune_summary(tuning, result)
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
-    changes = _changes_to_load(name, tuning, evidence)
+    changes = changes_to_load(name, tuning, evidence)
     signals_by_axis = {axis: evidence.signals.for_axis(axis) for axis in tuning.axes}
     gains = gain_overview(signals_by_axis, changes)
     # The row of status lights (judgements of motors, power and others) is left out: this page is about the loops only.
-    head = Head(result.level, lights={}, changes=changes, gains=gains)
+    level = level_of_summary(tuning, result)
+    head = Head(level, lights={}, changes=changes, gains=gains)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
 
 
-def _changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChanges | None:
+def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChanges | None:
     """Returns the parameters to load, as a table with files to download; None if no parameter is to be changed.
 
     Args:
@@ -134,12 +136,10 @@ def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Bloc
         result: the result that stands at the top of the page, and is not repeated here.
     """
     # New gains have a table of their own on this page; details have a chapter at its end.
-    blocks = tune_blocks(
-        tuning, is_full=False, has_gains_elsewhere=True, headline_above=str(result)
-    )
+    blocks = tune_blocks(tuning, is_full=False, is_page=True, headline_above=str(result))
     blocks += measured_margins(tuning, assessment.margins)
-    blocks += thrust_sentences(tuning)
-    return [*blocks, *tuned_loops_table(tuning)]
+    blocks += tuned_loops_table(tuning)
+    return [*blocks, *goal_sentences(tuning)]
 
 
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
