@@ -174,8 +174,7 @@ def measure_noise(evidence: Evidence) -> MeasuredNoise:
         notch filter.
     """
     signals = evidence.signals
-    logger = _gyro_logger(signals.telemetry)
-    no_spectrum = Fact(NoiseFact.NO_SPECTRUM, **logger)
+    no_spectrum = _with_logger(Fact(NoiseFact.NO_SPECTRUM), signals.telemetry)
     if signals.attitude is None:
         return MeasuredNoise({}, {}, no_spectrum=no_spectrum)
     spectra = vibration_spectra(signals, evidence.flight_segments(signals.attitude.boot))
@@ -211,18 +210,19 @@ def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
     if may_be_needed and not _is_from_version(telemetry, FIRST_VERSION_WITH_NOTCH):
         return Fact(NotchAdvice.NO_NOTCH_IN_FIRMWARE, firmware=telemetry.firmware)
     if notch.code is NotchAdvice.SPECTRUM_BELOW_MOTORS:
-        return notch.replace(**_gyro_logger(telemetry))
+        return _with_logger(notch, telemetry)
     return notch
 
 
-def _gyro_logger(telemetry: Telemetry) -> dict[str, str | bool]:
-    """Returns the figures by which advice to log the gyro is chosen: the autopilot, and whether its version can do so.
+def _with_logger(fact: Fact, telemetry: Telemetry) -> Fact:
+    """Adds to a fact that advises to log the gyro which autopilot is to do so, and whether its version can.
 
     Args:
+        fact: that the gyro has no spectrum, or one that ends too low.
         telemetry: autopilot and firmware of the vehicle.
     """
     can_log = _is_from_version(telemetry, FIRST_VERSION_WITH_BATCHES)
-    return {"autopilot": telemetry.autopilot, "can_log": can_log}
+    return fact.replace(autopilot=telemetry.autopilot, can_log=can_log)
 
 
 def _is_from_version(telemetry: Telemetry, first_version: tuple[int, int]) -> bool:
