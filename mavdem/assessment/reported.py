@@ -108,6 +108,12 @@ COUNTING_FIELDS = (
 )
 """The estimator's primary lane, and the counter of its resets of the position."""
 
+SAME_CHANGE_SECONDS = 1.0
+"""Time, s, within which changes of such a field are one: PX4 tries one lane after the other within milliseconds.
+
+A choice, the longest time between two messages of these fields.
+"""
+
 
 def reported_events(signals: Signals) -> Facts:
     """Returns the events that the autopilot reports, in order of boot and time.
@@ -610,7 +616,8 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
     """Yields each change of the state estimator's primary lane, and each of its resets, in one boot.
 
     Each change of the value of one of the ``COUNTING_FIELDS``, which have the number of the lane or count resets, is an
-    event. Its subject may contain the new value, such as "lane 1".
+    event. Its subject may contain the new value, such as "lane 1". Of changes that follow each other within
+    ``SAME_CHANGE_SECONDS``, only the last one is an event: it has the value that stays.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -624,7 +631,8 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
         counter_values = columns[counting_field.field][is_selected]
         times = columns["time"][is_selected]
         changed_samples = 1 + np.flatnonzero(np.diff(counter_values))
-        for sample in changed_samples:
+        seconds_to_next_change = np.diff(times[changed_samples], append=inf)
+        for sample in changed_samples[seconds_to_next_change > SAME_CHANGE_SECONDS]:
             subject = counting_field.subject.format(int(counter_values[sample]))
             yield _reported_event(
                 signals,

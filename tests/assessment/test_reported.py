@@ -279,6 +279,12 @@ def test_a_failsafe_and_a_lane_are_states_too():
     switched = changed(FLOWN, "estimator_selector_status", **lanes)
     switches = events(switched, ReportedEvent.ESTIMATOR_SWITCHED)
     assert [(fact.time, fact.subject) for fact in switches] == [(20.0, "lane 1"), (25.0, "lane 0")]
+    # The selector tries lanes 0 and 2 before it stays with lane 1.
+    tried = columns(np.array([20.0, 20.01, 20.02, 20.03, 40.0]), primary_instance=[1, 0, 2, 1, 1])
+    (fact,) = events(
+        changed(FLOWN, "estimator_selector_status", **tried), ReportedEvent.ESTIMATOR_SWITCHED
+    )
+    assert (fact.time, fact.subject) == (20.03, "lane 1")
     resets = 255 * (np.arange(len(CLIMB)) < 300)
     telemetry = changed(FLOWN, "LOCAL_POSITION_NED", resets=resets)
     (fact,) = events(telemetry, ReportedEvent.ESTIMATOR_RESET)
