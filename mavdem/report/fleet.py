@@ -22,7 +22,7 @@ from mavdem.fleet.flights import (
 )
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRow
-from mavdem.report.blocks import Rated, Sentence
+from mavdem.report.blocks import Sentence
 from mavdem.report.templates import bans_first, first_sentence, render_section
 
 ANOMALOUS_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
@@ -78,14 +78,14 @@ def light_level(flight: AxisRows, light: Light) -> Level:
     if light is not Light.MOTORS:
         return level_of_log
     health_level = HEALTH_LEVELS[MotorHealth(worst_health(flight))]
-    return motors_level(level_of_log, health_level)
+    return level_beside_other_flights(level_of_log, health_level)
 
 
-def motors_level(level_of_log: Level, health_level: Level) -> Level:
-    """Returns the worse of two levels of a flight's motors: by its log alone, and by comparison with other flights.
+def level_beside_other_flights(level_of_log: Level, health_level: Level) -> Level:
+    """Returns the worse of two levels of a flight: by its log alone, and of its motors beside other flights.
 
     Args:
-        level_of_log: level of the motors' status light by the log alone.
+        level_of_log: level of the headline, or of the motors' status light, by the log alone.
         health_level: level of the motors' health in comparison with other flights. It counts only if it is "bad" or
             "watch": sound health does not make a warning of the log better.
     """
@@ -270,32 +270,33 @@ def bad_headline(flights: Flights) -> str:
 
 
 def badge(flights: Flights) -> str:
-    """Returns the one word that a fleet's page shows for a vehicle, such as "fault" or "good", with its colour.
-
-    It is the health of the motors if that is an anomaly ("fault" or "drift"). Otherwise it is the level of the latest
-    flight's headline (its most serious finding): "good", "watch", "bad" or "unknown". A flight without a headline has
-    the health of the motors, too.
+    """Returns the one word that a fleet's page shows for a vehicle: its level, or that its latest log was not used.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date.
 
     Returns:
-        The word with a level, which decides on the colour; without a level if the latest log was not used.
+        "good", "watch", "bad" or "unknown" (:func:`badge_level`), or ``NOT_USED``.
     """
-    latest_row = log_row(flights[-1])
-    if not latest_row.has_flight:
-        return NOT_USED
-    health = vehicle_health(flights)
-    headline_level = latest_row.headline_level
-    if health in ANOMALOUS_HEALTHS or headline_level is None:
-        return Rated(health, HEALTH_LEVELS[MotorHealth(health)])
-    return Rated(headline_level, Level(headline_level))
+    return str(badge_level(flights)) if log_row(flights[-1]).has_flight else NOT_USED
 
 
 def badge_level(flights: Flights) -> Level:
-    """Returns the level of the :func:`badge` of flights; unknown for a log that was not used."""
-    badge_text = badge(flights)
-    return badge_text.level if isinstance(badge_text, Rated) else Level.UNKNOWN
+    """Returns the level of a vehicle: the worse one of its latest headline and of its motors beside other flights.
+
+    A flight without a headline (its most serious finding) has the level of the motors; a log that was not used has the
+    level "unknown".
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date.
+    """
+    latest_row = log_row(flights[-1])
+    if not latest_row.has_flight:
+        return Level.UNKNOWN
+    health_level = HEALTH_LEVELS[MotorHealth(vehicle_health(flights))]
+    if latest_row.headline_level is None:
+        return health_level
+    return level_beside_other_flights(Level(latest_row.headline_level), health_level)
 
 
 def urgency_and_age(flights: Flights) -> UrgencyAndAge:

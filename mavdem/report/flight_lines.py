@@ -60,6 +60,9 @@ class FlightLine(NamedTuple):
     urgency: Urgency
     """How urgently the vehicle needs a look after this flight; a simulated one needs none."""
 
+    light_levels: str
+    """Levels of all lights, in their order, separated by spaces: by them the page's filter finds "motors:good"."""
+
     cells: list[str]
     """The cells, one for each of the ``COLUMNS``."""
 
@@ -87,6 +90,7 @@ def flight_line(flight: AxisRows, *, is_counted: bool = True) -> FlightLine:
         simulated=bool(first_row.simulated),
         is_counted=is_counted,
         urgency=Urgency.UNKNOWN if first_row.simulated else urgency_and_age([flight]).urgency,
+        light_levels=" ".join(light_level(flight, light) for light in Light),
         cells=cells,
     )
 

@@ -440,6 +440,7 @@ def _environment() -> Environment:
         "probability": _probability,
         "quoted": quote,
         "reason_for_no_margins": _reason_for_no_margins,
+        "recording_advice": _recording_advice,
         "rounded": rounded,
         "rounded_below": rounded_below,
         "sentence": sentence,
@@ -511,6 +512,11 @@ def with_interval(value: float, half_width: float | None, unit: str = " %") -> s
     if half_width is not None and scale * half_width > SMALLEST_SHOWN_HALF_WIDTH:
         return f"{plus_minus(shown_value, scale * half_width)}{unit}"
     return f"{rounded(shown_value)}{unit}"
+
+
+def _recording_advice(least_rate: float) -> str:
+    """Returns the advice to record a flight fast enough for its control loops, at a least rate in Hz."""
+    return f"Record attitude, rates and motor outputs at {_fixed(least_rate)} Hz or more."
 
 
 def headroom_clause(headroom: float | None) -> str:

@@ -3,7 +3,8 @@
 The table ``entries`` has the verdict by the log alone: headline, level, next step and suspected motor. A comparison
 with the vehicle's other flights shows smaller losses of thrust (a fault or a drift, an anomaly of the motors), and is
 made anew whenever such a flight comes, so it is looked up in the fleet's table ``flights``. Two functions of
-``report.fleet`` join both: ``is_headline_replaced`` and ``motors_level``. The SQL of searches is made from them.
+``report.fleet`` join both: ``is_headline_replaced`` and ``level_beside_other_flights``. The SQL of searches is made
+from them.
 """
 
 import json
@@ -19,7 +20,7 @@ from mavdem.report.fleet import (
     HEALTH_LEVELS,
     URGENCY_OF_HEALTHS,
     is_headline_replaced,
-    motors_level,
+    level_beside_other_flights,
 )
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.serve.index import CONTENT_HASH_SQL, SQL_ORDERS, LibraryEntry
@@ -84,7 +85,9 @@ SHOWN_URGENCY_SQL = (
 
 
 def level_compared_with_fleet_sql(column: str) -> str:
-    """Returns the SQL expression of a level that an anomaly of the motors may make worse, as ``motors_level`` has it.
+    """Returns the SQL expression of a level that an anomaly of the motors may make worse.
+
+    It does what ``level_beside_other_flights`` does.
 
     Args:
         column: column of the table ``entries`` with the level by the log alone.
@@ -106,9 +109,9 @@ def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:
     """
     cases = ""
     for level_of_log in Level:
-        level = motors_level(level_of_log, HEALTH_LEVELS[health])
+        level = level_beside_other_flights(level_of_log, HEALTH_LEVELS[health])
         cases += f" when '{level_of_log}' then '{level}'"
-    level_without_log = motors_level(Level.UNKNOWN, HEALTH_LEVELS[health])
+    level_without_log = level_beside_other_flights(Level.UNKNOWN, HEALTH_LEVELS[health])
     return f"case {column}{cases} else '{level_without_log}' end"
 
 

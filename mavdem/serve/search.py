@@ -65,7 +65,7 @@ LEVEL_SQL = level_compared_with_fleet_sql("level")
 """SQL expression of the level of the headline that pages show."""
 
 MOTORS_LEVEL_SQL = level_compared_with_fleet_sql("motors")
-"""SQL expression of the level of the motors as pages show it, as ``motors_level`` has it."""
+"""SQL expression of the level of the motors as pages show it, as ``level_beside_other_flights`` has it."""
 
 COMPARED_LEVELS_SQL = {"level": LEVEL_SQL, str(Light.MOTORS): MOTORS_LEVEL_SQL}
 """SQL expressions of the levels that a comparison with other flights may make worse, by their names in a search."""

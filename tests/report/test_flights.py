@@ -20,7 +20,7 @@ from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import reviewed_difference
-from mavdem.report.fleet import vehicle_health, vehicle_texts
+from mavdem.report.fleet import badge, vehicle_health, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
 from mavdem.report.pages.fleet_page import _named_cells
 from mavdem.report.vehicle_summary import vehicle_summaries
@@ -34,6 +34,24 @@ def fleet_blocks(rows, **options):
 def fleet_counts(rows):
     """The counts of a fleet with these rows."""
     return fleet_summary.fleet_counts(vehicle_summaries(rows))
+
+
+@mark.parametrize(
+    "headline_level, health, word",
+    [
+        ("bad", "drift", "bad"),
+        ("watch", "fault", "bad"),
+        ("good", "drift", "watch"),
+        ("good", "ok", "good"),
+        (None, "ok", "good"),
+        ("unknown", "ok", "unknown"),
+    ],
+)
+def test_the_word_of_a_flight_is_the_worse_level_of_headline_and_motors(
+    headline_level, health, word
+):
+    row = flight_row("quad", 0, headline_level=headline_level, health=health)
+    assert badge([(row,)]) == word
 
 
 def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():

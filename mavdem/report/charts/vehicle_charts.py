@@ -27,7 +27,9 @@ PERCENT = 100
 ERROR_RATIO_TITLE = "Error ratio of the model (1: as the mean)"
 """Title of the chart of how well the model of each flight predicts it."""
 
-FLIGHTS_CAPTION = "Points of one flight are drawn side by side, so that all are seen."
+FLIGHTS_CAPTION = """\
+Flights stand in order of time, evenly spaced whatever time is between them. Points of one flight are drawn side by \
+side, so that all are seen."""
 """What stands below the charts."""
 
 CLICK_CAPTION = " A click opens the flight."

@@ -244,7 +244,7 @@ def _chapters(
         _series_chapter(flights, series_charts),
         _light_chapter(reviewed, headline),
         *later_chapters,
-        margins._replace(folded=True),
+        margins._replace(folded=not _do_loops_differ(reviewed)),
         _parameter_chapter(reviewed),
         _autopilot_parameter_chapter(reviewed),
         _single_side_chapter(series_charts),

@@ -70,13 +70,10 @@ LEVEL_MARKS = {Level.BAD: "■", Level.WATCH: "▲", Level.GOOD: "●", Level.UN
 """Mark of each level, which tells levels apart without their colours, the worst first."""
 
 BADGE_LEVELS = {
-    "fault": Level.BAD,
     "bad": Level.BAD,
-    "drift": Level.WATCH,
     "watch": Level.WATCH,
     NOT_USED: Level.UNKNOWN,
     "unknown": Level.UNKNOWN,
-    "ok": Level.GOOD,
     "good": Level.GOOD,
 }
 """Level of each word in the column of the health, the most urgent word first: the order in which the page sorts."""
@@ -181,6 +178,7 @@ def _table_of_scripts(
         "kinds": [column.kind for column in COLUMNS.values()],
         "rows": rows,
         "urgencies": [line.urgency for line in lines],
+        "lights": [line.light_levels for line in lines],
         "levels": BADGE_LEVELS,
         # In JSON the keys of an object come in the order of the alphabet, and not in that of urgency.
         "healths": [*BADGE_LEVELS],
@@ -373,7 +371,7 @@ def _vehicle_sections(
     Flights whose logs do not identify their vehicle may be of several vehicles, and have no section, unless they were
     compared with a baseline. To keep the page small, charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles
     with more than one flight. Sections are folded, so that all vehicles that need a look can be seen at once. If it is
-    only one, and its motors were judged, its section is unfolded.
+    only one, its section is unfolded.
 
     Args:
         summaries: summary of the flights under each name.
@@ -399,8 +397,7 @@ def _vehicle_sections(
         if name in names_with_charts:
             # Charts are HTML that this program made itself, so that nothing in it has to be escaped.
             section.charts = Markup(charts(name))  # noqa: S704
-        is_only_urgent = vehicle.needs_look and urgent_count == 1
-        section.is_open = is_only_urgent and vehicle.health != UNKNOWN
+        section.is_open = vehicle.needs_look and urgent_count == 1
         sections.append(section)
     return sections
 

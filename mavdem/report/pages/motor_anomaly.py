@@ -23,8 +23,8 @@ from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
     HEALTH_LEVELS,
     is_headline_replaced,
+    level_beside_other_flights,
     motor_next_step,
-    motors_level,
     suspected_motor,
 )
 from mavdem.report.pages.environment import environment, render_page
@@ -321,7 +321,7 @@ def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     level_of_log = Level(light["level_of_log"] or light["level"])
     level = level_of_log
     if anomaly is not None:
-        level = motors_level(level_of_log, anomaly.level)
+        level = level_beside_other_flights(level_of_log, anomaly.level)
     return render_page(
         environment().get_template("motors_light.html"),
         heading=light["heading"],

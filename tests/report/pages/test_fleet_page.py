@@ -310,13 +310,15 @@ found.rising = cells(times);
 found.state = [...document.querySelectorAll('#flights th')].map(one => one.ariaSort);
 heads[times].click();
 found.falling = cells(times);
-type('QUAD-1 fault 0199.ulg');
+type('QUAD-1 level:bad 0199.ulg');
 found.health = cells(3);
 found.count = document.getElementById('count').textContent;
 type('time>280');
 found.longest = cells(times);
 type('colour>45');
 found.unknown = document.getElementById('count').textContent;
+type('motors:unknown');
+found.unknownMotors = document.getElementById('count').textContent;
 type('motor:3');
 found.motor = lines().map(row => row.textContent);
 type('motor:30');
@@ -342,7 +344,8 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     rows = fleet_rows(1000)
     text = fleet_page(rows)
     table = table_of(text)
-    large_table = json.dumps(table | {"rows": table["rows"] * 10})
+    columns_of_rows = {name: table[name] * 10 for name in ("rows", "urgencies", "lights")}
+    large_table = json.dumps(table | columns_of_rows)
     _, shown_by_browser = browser.shown(
         text.replace(json.dumps(table), large_table), SORTED, tmp_path
     )
@@ -360,7 +363,12 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     assert numbers == sorted(numbers) and numbers[0] == approx(min(seconds), rel=0.01)
     assert float(shown_by_browser["falling"][0]) == approx(max(seconds), rel=0.01)
     assert shown_by_browser["state"].count("ascending") == 1
-    assert shown_by_browser["health"] == ["fault"] * 10
+    assert shown_by_browser["health"] == ["bad"] * 10
+    motors_index = [*Light].index(Light.MOTORS)
+    levels_of_motors = [levels.split()[motors_index] for levels in columns_of_rows["lights"]]
+    unknown_count = levels_of_motors.count("unknown")
+    assert 0 < unknown_count < len(levels_of_motors)
+    assert shown_by_browser["unknownMotors"].startswith(f"{unknown_count} found in ")
     counts = f"{flight_count} flights and {unused_count} logs that were not used"
     assert f"10 found in {counts}" in shown_by_browser["count"]
     # What is not known comes last, also in falling order.
