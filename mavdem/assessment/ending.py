@@ -34,7 +34,7 @@ Its own delay is 2 s, and it waits for the vehicle to lie still.
 MAX_EARLY_REPORT = 1.0
 """Time, s, by which the report may seem to come before the crash, since stamps of messages differ: a choice."""
 
-FIGURES_OF_LOSS = ("height", "height_source", "speed", "boot")
+FIGURES_OF_LOSS = ("height", "height_source", "speed", "speed_source", "boot")
 """Figures that the ending takes over from the loss, None where the loss does not have them."""
 
 OPTIONAL_FIGURES = ("onset", "is_ground", "satellite_height")

@@ -7,6 +7,7 @@ attitude, or the autopilot's own report. A dive that the motors end has none of 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +22,8 @@ from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorFact
-from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Rest
+from mavdem.facts.witnesses import HeightSource, SensorFact
+from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Descent, Rest
 from mavdem.witnesses.sensor_facts import (
     MIN_SUPPORT,
     checked_event,
@@ -141,6 +142,7 @@ def ground_contact(
 
         - ``height``: height above the take-off just before, m;
         - ``speed``: speed downward that all height sensors confirm, m/s;
+        - ``speed_source``: the sensor that measured it; None without a speed;
         - ``angle``: largest error of the attitude, rad;
         - ``witnesses``: facts of sensors for and against the contact;
         - ``onset``: time of the loss of attitude, s since boot, if it came shortly before a hit;
@@ -370,7 +372,8 @@ class _Contact:
         """
         onset = self._onset_time(time)
         contact = self._search.first_knock(onset, time)
-        fall_speed = self.sensors.sink_rate((contact - DESCENT_SECONDS, contact))
+        descent = self.sensors.confirmed_descent((contact - DESCENT_SECONDS, contact))
+        fall_speed = None if descent is None else descent.speed
         contact_speed = self._contact_speed(contact, fall_speed)
         throttle_closing = self.sensors.throttle_closed_fact(
             (onset - DESCENT_SECONDS, onset + STICK_REACTION_SECONDS)
@@ -398,6 +401,7 @@ class _Contact:
             angle=0.0 if peak_error is None else peak_error.counted_angle,
             height=height,
             speed=contact_speed,
+            speed_source=None if descent is None else self._speed_source(contact, descent),
             boot=self.sensors.boot,
         )
         if is_hit and onset < contact:
@@ -473,6 +477,17 @@ class _Contact:
         if "estimate" not in last_rates:
             return fall_speed
         return min(fall_speed, max(0.0, last_rates["estimate"]))
+
+    def _speed_source(self, contact: float, descent: Descent) -> HeightSource:
+        """Returns what measured the speed of a contact (:meth:`_contact_speed`).
+
+        Args:
+            contact: time when the vehicle touched the ground, s since boot.
+            descent: the confirmed descent just before.
+        """
+        last_rates = self.sensors.sink_rates((contact - CONTACT_SPEED_SECONDS, contact))
+        is_braked = last_rates.get(HeightSource.ESTIMATE, inf) < descent.speed
+        return HeightSource.ESTIMATE if is_braked else descent.source
 
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact.

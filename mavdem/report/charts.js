@@ -123,7 +123,8 @@
       }
       ctx.restore();
     }
-    if (strip) keyOf(chart, names.map((name, i) => [name, tints[i % tints.length]]).filter(([name]) => !named.has(name)));
+    const { min, max } = chart.scales.x, isInView = name => data.spans.some(([start, end, other]) => other === name && end > min && start < max);
+    if (strip) keyOf(chart, names.map((name, i) => [name, tints[i % tints.length]]).filter(([name]) => !named.has(name) && isInView(name)));
     if (data.picture) {
       const [low, high] = data.lines[0].ends, top = chart.valToPos(high, "y", true), left = at(data.columns[0]);
       ctx.imageSmoothingEnabled = false;
@@ -258,11 +259,11 @@
   };
 
   // Noise of many lines, such as those of all motors, would hide each of them. Where several samples of a line share some
-  // pixels, their mean is drawn, over the range from the least to the greatest of them. Paper, which may have no colours, has
-  // smoother means over paler ranges: the dashes that tell lines apart there are seen on them.
-  const PIXELS_OF_MEAN = 4, PIXELS_OF_MEAN_ON_PAPER = 16, LEAST_SAMPLES_OF_MEAN = 3, linearPaths = uPlot.paths.linear();
+  // pixels, their mean is drawn, over the range from the least to the greatest of them: paler on paper, which may have no
+  // colours, so that the dashes of the lines are seen. Means over more pixels would hide a motor that fails within a second.
+  const PIXELS_OF_MEAN = 4, LEAST_SAMPLES_OF_MEAN = 3, linearPaths = uPlot.paths.linear();
   const meanAndRange = (chart, seriesNumber, first, last) => {
-    const isForPaper = root.classList.contains("printing"), pixels = (isForPaper ? PIXELS_OF_MEAN_ON_PAPER : PIXELS_OF_MEAN) * devicePixelRatio, size = Math.floor((last - first + 1) * pixels / chart.bbox.width);
+    const size = Math.floor((last - first + 1) * PIXELS_OF_MEAN * devicePixelRatio / chart.bbox.width);
     if (size < LEAST_SAMPLES_OF_MEAN) return { ...linearPaths(chart, seriesNumber, first, last), fill: null };
     const times = chart.data[0], values = chart.data[seriesNumber], { scale } = chart.series[seriesNumber], mean = new Path2D(), range = new Path2D();
     const place = (time, value) => [chart.valToPos(time, "x", true), chart.valToPos(value, scale, true)];
@@ -401,8 +402,8 @@
   // Of a log each of the first plots over the flight has times of its own: a sheet or a telephone may end between them.
   const hasTimes = figure => figure.closest("#flight:not(.session) > .plots") != null;
   const height = (figure, data) => {
-    if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
+    if (!data.lines.length) return isForPaper ? 20 : 26;
     // Many lines in one plot, such as those of all motors, are told apart only where it is high.
     const isCrowded = data.lines.length > 3, isWide = figure.clientWidth > 500;
     // On paper two of the first plots stand beside each other, and plots below each other share an axis on one sheet.

@@ -176,24 +176,32 @@
     showMoment(shownTime);
   });
 
-  // Paper has what is open on the screen. Closed parts that state something and closed chapters that warn have a line each,
-  // and one line names all others. Only what a phone folds by itself is opened.
-  let foldedParts = [], unprinted = [];
+  // Paper has what is open on the screen, and also: chapters that warn, the plots and gains that the top of the page folds,
+  // and a list of all events that is not long. One line names all that stays closed.
+  const MAX_PRINTED_EVENTS = 40; // a choice: with their evidence they take less than a sheet
+  const MAX_FEW_EVENTS = 10; // a choice: so many stand above the plots in the place of a shorter list
+  const closedForScreen = () => {
+    const parts = [...document.querySelectorAll("main :is(.fold, .gains):not([open]), #flight:not(.session) > .more:not([open]), .chapter > details:not([open]):has(> summary > .rating:is(.watch, .bad))")];
+    const allEvents = document.querySelector("#flight:not(.session) > details.events:not([open])"), eventCount = allEvents?.querySelectorAll("tr").length;
+    // The short list may already have all events; only their evidence is then closed.
+    const isLonger = eventCount > document.querySelectorAll("#flight > .events:not(details) tr").length;
+    if (isLonger && eventCount <= MAX_PRINTED_EVENTS) parts.push(allEvents);
+    if (isLonger) document.getElementById("flight").classList.toggle("few", eventCount <= MAX_FEW_EVENTS);
+    return parts;
+  };
+  let openedParts = [], unprintedParts = [];
   addEventListener("beforeprint", () => {
-    foldedParts = [...document.querySelectorAll("main .fold:not([open])")];
-    for (const part of foldedParts) part.open = true;
-    const chapters = [...document.querySelectorAll(".chapter:has(> details:not([open]))")].filter(
-      chapter => !chapter.querySelector(":scope > details > summary > .rating:is(.watch, .bad)")
-    );
-    const bareParts = document.querySelectorAll("details[open] > .part:not([open]):has(> summary > strong:only-child)");
-    unprinted = [...bareParts, ...chapters];
-    for (const part of unprinted) part.classList.add("unprinted");
-    const titles = unprinted.map(part => part.querySelector("h2, strong").textContent);
-    const line = document.getElementById("unprinted");
-    if (line) line.textContent = titles.length ? `Closed, not printed: ${titles.join(", ")}.` : "";
+    openedParts = closedForScreen();
+    for (const part of openedParts) part.open = true;
+    // A closed part with a sentence on what it is about is printed as that; one without would be a heading over nothing.
+    unprintedParts = [...document.querySelectorAll(".chapter:has(> details:not([open])), .chapter > details[open] > .part:not([open]):has(> summary > strong:only-child)")];
+    for (const part of unprintedParts) part.classList.add("unprinted");
+    const titles = unprintedParts.map(part => part.querySelector("h2, strong").textContent);
+    const line = document.getElementById("unprinted"), words = `Closed, not printed: ${titles.join(", ")}. “Open all” on the page prints all but long lists.`;
+    if (line) line.textContent = titles.length ? words : "";
   }, true); // before the charts are drawn for paper
   addEventListener("afterprint", () => {
-    for (const part of foldedParts) part.open = false;
-    for (const part of unprinted) part.classList.remove("unprinted");
+    for (const part of openedParts) part.open = false;
+    for (const part of unprintedParts) part.classList.remove("unprinted");
   });
 })();

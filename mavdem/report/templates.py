@@ -431,6 +431,7 @@ def _environment() -> Environment:
         "headline": headline,
         "headroom_clause": headroom_clause,
         "height_up": height_up,
+        "by_source": by_source,
         "listed": listed,
         "one_line_list": one_line_list,
         "parameter": PARAMETERS.get,
@@ -628,7 +629,12 @@ HEIGHT_SOURCE_WORDS = {
     HeightSource.ESTIMATE: "the autopilot's estimate",
     HeightSource.SATELLITES: "satellites",
 }
-"""What measured a height, as words that follow "by"."""
+"""What measured a height or a descent, as words that follow "by"."""
+
+
+def by_source(source: HeightSource | None) -> str:
+    """Returns what measured a height or a descent, such as " by the barometer"; empty if that is not known."""
+    return f" by {HEIGHT_SOURCE_WORDS[source]}" if source else ""
 
 
 def height_up(
@@ -643,9 +649,7 @@ def height_up(
         source: what measured it; None if that is not known.
         satellite_height: the height by satellites, m, if they contradict the source; None if they do not.
     """
-    text = f"{_fixed(height)} m up"
-    if source:
-        text += f" by {HEIGHT_SOURCE_WORDS[source]}"
+    text = f"{_fixed(height)} m up{by_source(source)}"
     if satellite_height is not None:
         distance = _fixed(abs(satellite_height))
         place = " below the take-off" if satellite_height < 0 and distance != "0" else ""

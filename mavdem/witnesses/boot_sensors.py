@@ -71,6 +71,15 @@ OPEN_BEFORE_SECONDS = 1.0
 CONTRADICTION_MARGIN = 0.5
 """Seconds after a moment within which a contradiction of barometer and estimate concerns it: both are averages."""
 
+MAX_SINK_RATE_AT_REST = 0.5
+"""Speed downward, m/s, that an estimate may have before the take-off.
+
+With a larger error a landing at 1.5 m/s, which pilots do, would exceed ``MIN_SINK_RATE``.
+"""
+
+SECONDS_BEFORE_TAKE_OFF = 2.0
+"""Seconds before the take-off in which that speed is taken, while the vehicle still rests; a choice."""
+
 MAX_FALL_SPEED = 60.0
 """Speed downward, m/s, that no multirotor exceeds: twice the speed of a compact one that falls (0.6 kg and 0.01 m²)."""
 
@@ -81,13 +90,15 @@ MIN_REST_SECONDS = 1.0
 """Seconds of rest that show that the vehicle lies on the ground."""
 
 
-class _Descent(NamedTuple):
+class Descent(NamedTuple):
     """The fastest descent in an interval, by one height sensor."""
 
     speed: float
     """Speed downward, m/s."""
     time: float
     """When it was so fast, s since boot."""
+    source: HeightSource
+    """The sensor, ``BAROMETER`` or ``ESTIMATE``."""
 
 
 class Rotation(NamedTuple):
@@ -304,11 +315,15 @@ class BootSensors:
     def climb_estimate(self) -> TimeSeries | None:
         """Climb by the autopilot's estimate (N,), m/s upward; None if it was not recorded.
 
+        It is also None if it sank while the vehicle rested before its take-off, since then its speeds are wrong.
+
         After an impact the estimate often diverges. A barometer shows that (:meth:`sink_rate` compares the two). Where
         none was recorded, samples are left out at which the estimated height is more than ``MAX_GROUND_HEIGHT`` below
         the take-off, at which the vehicle cannot be.
         """
         climb_rate = series_of_boot(self.signals.climb_rate, self.boot)
+        if climb_rate is not None and self._sinks_at_rest(climb_rate):
+            return None
         height = series_of_boot(self.signals.height, self.boot)
         has_barometer = self.height.barometer_climb is not None
         if climb_rate is None or height is None or has_barometer or isinf(self.take_off):
@@ -316,6 +331,16 @@ class BootSensors:
         heights = np.interp(climb_rate.time, height.time, height.values)
         heights -= height.value_at(self.take_off)
         return climb_rate.select(heights > -MAX_GROUND_HEIGHT)
+
+    def _sinks_at_rest(self, climb_rate: TimeSeries) -> bool:
+        """Returns whether an estimate sank in the seconds before the take-off, in which the vehicle rested.
+
+        Args:
+            climb_rate: the estimate (N,), m/s upward.
+        """
+        before_take_off = (self.take_off - SECONDS_BEFORE_TAKE_OFF, self.take_off)
+        rates_at_rest = climb_rate.within(before_take_off).values
+        return bool(len(rates_at_rest) and np.median(rates_at_rest) < -MAX_SINK_RATE_AT_REST)
 
     def sink_rates(self, interval: TimeInterval) -> dict[str, float]:
         """Returns the largest speed downward in an interval, by each height sensor (:meth:`_fastest_descents`).
@@ -330,14 +355,14 @@ class BootSensors:
         descents = self._fastest_descents(interval)
         return {source: descent.speed for source, descent in descents.items()}
 
-    def _fastest_descents(self, interval: TimeInterval) -> dict[str, _Descent]:
+    def _fastest_descents(self, interval: TimeInterval) -> dict[HeightSource, Descent]:
         """Returns the fastest descent in an interval by each height sensor.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            Descents by the source, "barometer" and "estimate"; a source without samples in the interval, or with a
+            Descents by the source, barometer and estimate; a source without samples in the interval, or with a
             speed that is not possible (:meth:`_fall_speed_limit`), is missing. The speed is negative if the vehicle
             climbed throughout.
         """
@@ -345,8 +370,8 @@ class BootSensors:
         _, end = interval
         max_possible_speed = self._fall_speed_limit(end)
         for source, recorded_climb in (
-            ("barometer", self.height.barometer_climb),
-            ("estimate", self.climb_estimate),
+            (HeightSource.BAROMETER, self.height.barometer_climb),
+            (HeightSource.ESTIMATE, self.climb_estimate),
         ):
             if recorded_climb is None:
                 continue
@@ -357,7 +382,7 @@ class BootSensors:
             row = int(speeds_downward.argmax())
             fastest_speed = float(speeds_downward[row])
             if fastest_speed <= max_possible_speed:
-                descents[source] = _Descent(fastest_speed, float(climb.time[row]))
+                descents[source] = Descent(fastest_speed, float(climb.time[row]), source)
         return descents
 
     def _fall_speed_limit(self, end: float) -> float:
@@ -385,28 +410,38 @@ class BootSensors:
         return min(float(np.sqrt(2 * GRAVITY * drop)), MAX_FALL_SPEED)
 
     def sink_rate(self, interval: TimeInterval) -> float | None:
-        """Returns the largest speed downward in an interval that barometer and autopilot agree on.
+        """Returns the speed of the :meth:`confirmed_descent` in an interval, m/s; None without one.
+
+        Args:
+            interval: start and end, s since boot.
+        """
+        descent = self.confirmed_descent(interval)
+        return None if descent is None else descent.speed
+
+    def confirmed_descent(self, interval: TimeInterval) -> Descent | None:
+        """Returns the fastest descent in an interval that barometer and autopilot agree on, with its source.
 
         The autopilot's estimate is preferred, since the slope of the barometer's averages lags behind a short fall. If
-        the two contradict each other, and not only by that lag, either may be wrong: then the result is the smaller
-        speed, which both confirm.
+        the two contradict each other, and not only by that lag, either may be wrong: then the result is the slower
+        descent, which both confirm.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            Speed, m/s, at least 0; None if neither sensor has a possible speed in the interval.
+            The descent, whose speed is at least 0 m/s; None if neither sensor has a possible speed in the interval.
         """
-        rates = self.sink_rates(interval)
-        if not rates:
+        descents = self._fastest_descents(interval)
+        if not descents:
             return None
-        if "estimate" in rates:
+        descent = min(descents.values(), key=lambda each: each.speed)
+        if HeightSource.ESTIMATE in descents:
             start, end = interval
             search = [(start, end + CONTRADICTION_MARGIN)]
             is_contradicted = bool(intersection(self.height.contradictions, search))
             if not is_contradicted or self._barometer_sank_as_far(end):
-                return max(0.0, rates["estimate"])
-        return max(0.0, min(rates.values()))
+                descent = descents[HeightSource.ESTIMATE]
+        return descent._replace(speed=max(0.0, descent.speed))
 
     def _barometer_sank_as_far(self, end: float) -> bool:
         """Returns whether the barometer lost as much height as the estimate in the ``SLOPE_SECONDS`` before a time.

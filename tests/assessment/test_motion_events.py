@@ -25,6 +25,7 @@ from pytest import approx, mark
 from mavdem.assessment.commanded_swings import path_leans
 from mavdem.assessment.contact_time import ContactSearch
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
+from mavdem.assessment.flights import flights_in_boot
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.attitude_error import AttitudeError, largest_error
@@ -33,7 +34,7 @@ from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorFact, Side
+from mavdem.facts.witnesses import HeightSource, SensorFact, Side
 from mavdem.ingest.telemetry import selected_rows
 from mavdem.ingest.vocabulary import quaternion, wrapped_angle
 from mavdem.witnesses.boot_sensors import BootSensors, Rest
@@ -659,6 +660,18 @@ def test_a_hard_landing_upright_is_to_be_watched():
     assert events[MotionEvent.LANDED_HARD].level is Level.WATCH
     assert "sinking" in events[MotionEvent.LANDED_HARD].sentence
     assert "sinking" not in Fact(MotionEvent.LANDED_HARD, time=3.0, speed=0.04).sentence
+
+
+def test_an_estimate_that_sinks_at_rest_shows_no_speed_of_a_landing():
+    sound = impact(2.5)
+    position = sound.messages["LOCAL_POSITION_NED"]
+    is_at_rest = position["time"] < flights_in_boot(Signals(sound, inputs="motors"), 0)[0][0]
+    telemetry = changed(sound, "LOCAL_POSITION_NED", vz=np.where(is_at_rest, 2.0, position["vz"]))
+    sources = []
+    for log in (sound, telemetry):
+        events, _ = events_and_ending(log)
+        sources.append(events[MotionEvent.LANDED_HARD].figures["speed_source"])
+    assert sources == [HeightSource.ESTIMATE, HeightSource.BAROMETER]
 
 
 def test_a_knock_at_the_take_off_does_not_hide_a_hard_landing():

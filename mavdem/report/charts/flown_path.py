@@ -93,30 +93,23 @@ class MapWind(NamedTuple):
     name: str = "wind"
     """What is written before its label, such as "mean wind"."""
 
-    is_labelled: bool = True
-    """Whether the label is written; not where a status light above the map says as much."""
-
     @classmethod
-    def of_flight(cls, wind: WindVelocity | None, stated_wind: str = "") -> Self | None:
+    def of_flight(cls, wind: WindVelocity | None) -> Self | None:
         """Returns the wind of a flight for its map: its mean, and how its direction changed over time.
 
         Args:
             wind: the estimated wind; None without an estimate.
-            stated_wind: what the page says of the wind above its map. If it contains the direction, such as "NW", the
-                arrow has no label.
 
         Returns:
             The wind, without the speed if that is not identifiable; None if the direction is not identifiable.
         """
         if wind is None or not wind.direction_identifiable:
             return None
-        is_direction_stated = compass_text(wind.direction) in stated_wind
         return cls(
             wind.direction,
             speed_interval=wind.mean_speed_interval if wind.speed_identifiable else None,
             time=wind.time,
             directions=wind.polar.direction,
-            is_labelled=not is_direction_stated,
         )
 
     @property

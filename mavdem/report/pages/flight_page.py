@@ -252,7 +252,6 @@ def _log_head(
         timeline: charts of the flight over time, if it has any.
         chapters: chapters of the page, to which the lights link.
     """
-    sentence_on_wind = str(assessment.lights.get(Light.WIND, ""))
     return Head(
         assessment.headline.level,
         lights=lights_with_reason_once(assessment.lights, assessment.headline),
@@ -260,7 +259,7 @@ def _log_head(
         timeline=timeline,
         analysis=assessment.analysis,
         light_anchors=_anchors_of_lights(chapters, assessment.lights),
-        path=flown_path(timeline, MapWind.of_flight(assessment.wind, sentence_on_wind)),
+        path=flown_path(timeline, MapWind.of_flight(assessment.wind)),
         day_in_name=day_in_file_name(Path(assessment.log.source).name),
     )
 

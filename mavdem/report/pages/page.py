@@ -22,7 +22,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact
 from mavdem.flight import Flight
-from mavdem.report.blocks import Block, Sentence, Table, shortened
+from mavdem.report.blocks import Block, Rated, Sentence, Table, shortened
 from mavdem.report.brief_events import StatedEvents, count_text, short_list
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
@@ -45,6 +45,9 @@ from mavdem.report.why import evidence_text, new_evidence_text
 
 MAX_FAULT_LENGTH = 125
 """Longest summary of an earlier flight's fault, characters: three lines of a telephone, with what failed first."""
+
+MAX_PRINTED_ROWS = 40
+"""Rows of a long table without any warning that paper has all the same: a choice, less than a sheet."""
 
 MAX_NEWEST_EVENTS = 4
 """Events that the page of a session that goes on shows at first: a choice, so that a telephone shows the plots soon."""
@@ -97,8 +100,8 @@ class Chapter(NamedTuple):
     searchable: Table | None = None
     """A long table above the rest, with a field to search its rows; None without.
 
-    If it is printed, paper has only its rows with a rated cell, such as warnings. A row whose first cell is a
-    :class:`Moment` moves the plots there.
+    If it is printed, paper has only its rows with a rated cell, such as warnings; without any, all rows if they are at
+    most ``MAX_PRINTED_ROWS``. A row whose first cell is a :class:`Moment` moves the plots there.
     """
 
     notch_trial: NotchTrial | None = None
@@ -114,6 +117,17 @@ class Chapter(NamedTuple):
     def anchor(self) -> str:
         """Name by which links within the page lead to it: its title in lower case, with hyphens between the words."""
         return anchor_of(self.title)
+
+    @property
+    def printed_rows(self) -> Sequence[Sequence[str]]:
+        """The rows of its long table that paper has."""
+        if self.searchable is None or not self.searchable.is_printed:
+            return ()
+        rows = self.searchable.rows
+        rated_rows = [row for row in rows if any(isinstance(cell, Rated) for cell in row)]
+        if not rated_rows and len(rows) <= MAX_PRINTED_ROWS:
+            return rows
+        return rated_rows
 
     @property
     def has_charts(self) -> bool:

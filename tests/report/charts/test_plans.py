@@ -64,7 +64,10 @@ def test_a_vehicle_in_flight_is_drawn_with_heading_take_off_and_wind():
     assert 'transform="translate(0.0 -100.0) rotate(90.0)"' in svg
     assert re.search(r'class="good" cx="-?0.0" cy="-?0.0"', svg)
     assert "take-off, rings every 400 m</span>" in svg and "vehicle</span>" in svg
-    assert 'rotate(270.0)"><path class="arrow"' in svg and "5.5 to 8.6 m/s from W (270°) →" in svg
+    assert (
+        'rotate(270.0)"><path class="arrow"' in svg
+        and "5.5 to 8.6 m/s from W (270°)\N{NO-BREAK SPACE}→" in svg
+    )
     logged = str(flown_path(timeline._replace(takeoff=None, heading=None)).svg)
     assert "start</span>" in logged and "end</span>" in logged
 

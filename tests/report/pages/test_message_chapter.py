@@ -2,13 +2,14 @@
 
 import numpy as np
 from browsing import HOSTILE
+from pytest import mark
 
 from mavdem.facts import Level
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import NO_SEVERITY
 from mavdem.report.blocks import Moment
 from mavdem.report.pages.message_chapter import MAX_MESSAGES, MAX_TEXT_LENGTH, messages_chapter
-from mavdem.report.pages.page import render_document
+from mavdem.report.pages.page import MAX_PRINTED_ROWS, render_document
 
 
 def vehicle_that_wrote(*texts, errors=()):
@@ -80,6 +81,15 @@ def test_warnings_are_kept_and_printed_of_more_messages_than_a_page_lists():
     rows = page.split("<tbody>")[1].split("</tbody>")[0]
     assert rows.count("<tr") == MAX_MESSAGES and rows.count('class="on-screen"') == MAX_MESSAGES - 1
     assert 'data-at="1000.0"' in rows and 'href="#t=1000.00"' in rows
+
+
+@mark.parametrize("total, is_printed", [(MAX_PRINTED_ROWS, True), (MAX_PRINTED_ROWS + 1, False)])
+def test_messages_without_a_warning_are_printed_where_they_are_few(total, is_printed):
+    texts = [(float(number), 0, 6, f"text {number}") for number in range(total)]
+    chapter = messages_chapter(vehicle_that_wrote(*texts), 0)
+    assert bool(chapter.printed_rows) is is_printed
+    page = render_document("a.bin", "", [], [chapter])
+    assert (f"{total} rows, none of them a warning" in page) is not is_printed
 
 
 def test_a_text_of_a_damaged_log_does_not_fill_the_page():

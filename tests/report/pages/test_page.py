@@ -415,6 +415,8 @@ CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
 };
 // One event has no text on paper, as if it were in a closed list only.
 document.querySelector(".events .number").closest("tr").hidden = true;
+const warned = document.querySelector(".chapter > details:not([open])");
+warned.querySelector("summary").insertAdjacentHTML("beforeend", '<span class="rating watch">watch</span>');
 dispatchEvent(new Event("beforeprint"));
 await new Promise(done => setTimeout(done, 50));
 const box = element => element.getBoundingClientRect();
@@ -436,6 +438,8 @@ const printedNumbers = new Set(numbers.filter(number => number.checkVisibility()
 const result = {
   unexplainedNumbers: [...drawnNumbers].filter(number => !printedNumbers.has(number)),
   hasNumbers: drawnNumbers.size > 0,
+  isWarningPrinted: warned.open,
+  hasDate: /\\d{4}-\\d\\d-\\d\\d \\d\\d:\\d\\d UTC/.test(document.getElementById("identity").innerText),
   charts: figures.length, misfits: misfits.length, beyondPaper,
   paper: getComputedStyle(document.documentElement).getPropertyValue("--card").trim(),
   hasClosedParts: shownParts.length > 0,
@@ -454,6 +458,7 @@ const result = {
 };
 dispatchEvent(new Event("afterprint"));
 CanvasRenderingContext2D.prototype.fillText = drawText;
+result.isWarningClosedAgain = !warned.open;
 return { ...result, screen: getComputedStyle(document.querySelector(".contents")).display };
 })()"""
 
@@ -489,6 +494,9 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight,
     assert on_paper == {
         "unexplainedNumbers": [],
         "hasNumbers": True,
+        "isWarningPrinted": True,
+        "isWarningClosedAgain": True,
+        "hasDate": True,
         "misfits": 0,
         "beyondPaper": 0,
         "paper": "#ffffff",
