@@ -149,6 +149,16 @@ def now(monkeypatch):
     return clock
 
 
+@fixture
+def without_learning(monkeypatch):
+    """For tests of other things: to learn from some seconds of flight takes longer than to receive them."""
+
+    def take_sample(learner, *_sample):
+        learner.no_model_reason = None
+
+    monkeypatch.setattr("mavdem.OnlineLearner.update", take_sample)
+
+
 def run(session):
     """Lets a session process all that its link delivers, and ends it."""
     while session.link.script:
@@ -346,6 +356,7 @@ def test_a_prior_of_other_inputs_is_not_used_and_says_so():
 
 
 @mark.slow
+@mark.usefixtures("without_learning")
 def test_rates_are_asked_for_and_given_back(now, monkeypatch):
     """The session requests 200 Hz of two messages, and restores their former interval of 250 ms at its end."""
     monkeypatch.setattr(ScriptedLink, "awaits_greeting", True)
@@ -612,6 +623,7 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
 
 
 @mark.slow
+@mark.usefixtures("without_learning")
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     """After 9 s of flight nothing arrives for 10 min, then heartbeats, then the flight goes on."""
     session, screen, reported_facts = session_of([*batches(9.0)])
@@ -687,6 +699,7 @@ def test_a_silence_is_reported_at_once_by_a_computer_that_is_still_analysing(now
 
 
 @mark.slow
+@mark.usefixtures("without_learning")
 def test_the_end_of_a_silence_says_for_how_long_motion_was_missing_if_that_was_longer(now):
     """Nothing arrives for 60 s, twice; the second time only heartbeats came in the 30 s before."""
     session, _, reported_facts = session_of([*batches(9.0)])
