@@ -196,7 +196,10 @@ def _print_tuning(
     blocks += goal_sentences(tuning)
     blocks += field_sentences(tuning)
     if tuning.notch:
-        blocks.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
+        # The parameters of a notch filter that is set stand in the table of gains.
+        is_in_table = bool(tuning.notch_parameters)
+        text = tuning.notch.sentence if is_in_table else tuning.notch.sentence_and_remedy
+        blocks.append(Sentence(text, "Notch filter:"))
     if folder:
         blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
     # A screen shortens its summary, but never its footer, so that all blocks are given as the footer.

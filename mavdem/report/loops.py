@@ -236,13 +236,14 @@ def _overview_rows(advice: Advice) -> list[list[str]]:
         advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
 
     Returns:
-        For each loop its name, and a cell for each of ``TUNED_FIGURES``: the value now and, if it changes, with the new
-        gains, such as "29 (23 to 35) → 44".
+        For each loop its name, which the attitude loop shares with the rate loop above it as far as the axis, and a
+        cell for each of ``TUNED_FIGURES``: the value now and, if it changes, with the new gains, such as
+        "29 (23 to 35) → 44".
     """
     loop_now, *new_loops = compared_loops(advice).values()
     rows = []
     for loop_name in LOOP_NAMES:
-        row = [f"{loop_now.axis} {loop_name}"]
+        row = [f"{loop_now.axis} rate" if loop_name == "rate" else f"  {loop_name}"]
         for figure_name in TUNED_FIGURES:
             value_now = _value_text(loop_now.open_loop(loop_name), figure_name)
             cell = value_now
@@ -360,7 +361,8 @@ def _sentences_without_loop(
     stated_remedies.update(remedies)
     sentences = render_section("tune_no_gains", axes=axes, reason=report)
     sentences += _remedies_towards_gains(axes, remedies)
-    return [*sentences, *_faults_in_flight(tuning, axes, report, headline_above)]
+    text_on_axes = " ".join([report, *remedies])
+    return [*sentences, *_faults_in_flight(tuning, axes, text_on_axes, headline_above)]
 
 
 def _caution_sentences(
@@ -1127,11 +1129,12 @@ def _gains_header(gains: str, advice: Advice, *, waits_for_stage_1: bool) -> str
     return "advised"
 
 
-def tuned_loops_table(tuning: Tuning) -> list[Table]:
+def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) -> list[Table]:
     """Returns a table of the loops of all axes: their margins, predicted steps, and how far wind turns the vehicle.
 
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
+        axes_with_feedforward: axes whose charts of the attitude have feed-forward, while the table's steps do not.
 
     Returns:
         A list with the table, which has a column for the present gains of each axis and, if they change, one for its
@@ -1143,7 +1146,7 @@ def tuned_loops_table(tuning: Tuning) -> list[Table]:
     rows = []
     for loop_name in LOOP_NAMES:
         rows += _margin_rows(loops, loop_name)
-        rows += _step_rows(loops, loop_name)
+        rows += _step_rows(loops, loop_name, axes_with_feedforward)
     if tuning.parameters:
         # The standard deviation of the angle in the wind of the flight, degrees.
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
@@ -1210,17 +1213,25 @@ def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
     return is_contradicted or has_reasons_against_gains
 
 
-def _step_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
+def _step_rows(
+    loops: Mapping[str, Loop], loop_name: str, axes_with_feedforward: Collection[str]
+) -> list[list[str]]:
     """Returns the rows of a table with overshoot and rise time of a loop's predicted step responses.
 
     Args:
         loops: loops with the present and, if gains change, with the new gains, which have a cell each.
         loop_name: "rate" or "attitude".
+        axes_with_feedforward: axes whose charts of the attitude have feed-forward of its setpoint, with which a step
+            rises faster and overshoots. The rows say that their steps are without it.
     """
-    # The chart of the attitude has the feed-forward of its setpoint too, with which a step rises faster and overshoots.
-    condition = " without feed-forward" if loop_name == "attitude" else " of a step"
-    overshoot_row = [f"{loop_name}: overshoot{condition} (%)"]
-    rise_time_row = [f"{loop_name}: rise time{condition} (ms)"]
+    condition = " of a step"
+    other_basis = ""
+    if loop_name == "attitude":
+        condition = " without feed-forward"
+        if axes_with_feedforward:
+            other_basis = f"; the chart of {listed(axes_with_feedforward)} has it"
+    overshoot_row = [f"{loop_name}: overshoot{condition} (%{other_basis})"]
+    rise_time_row = [f"{loop_name}: rise time{condition} (ms{other_basis})"]
     for loop in loops.values():
         overshoot, rise_time = _step_texts(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
         overshoot_row.append(overshoot)

@@ -455,7 +455,7 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert caution.text == fast.sentence_and_remedy
     outcome, overview = tune_overview(tuning, tuning_result(tuning))
     assert outcome.lead == "Roll: new gains." and overview.header[0] == "now → new"
-    assert [row[0] for row in overview.rows] == ["roll rate", "roll attitude"]
+    assert [row[0] for row in overview.rows] == ["roll rate", "  attitude"]
     phase_margin = overview.rows[0][1]
     assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
 

@@ -171,6 +171,21 @@ def feedforward_remark(responses: Responses) -> str:
     Returns:
         The sentence; empty if there is no such axis.
     """
+    axes = axes_with_feedforward(responses)
+    if not axes:
+        return ""
+    return (
+        f" Feed-forward: about {listed(axes)} the autopilot adds the slope of the angle's setpoint to the rate "
+        "setpoint, so that a step of the attitude overshoots more than its margins suggest."
+    )
+
+
+def axes_with_feedforward(responses: Responses) -> list[str]:
+    """Returns the axes whose chart of the attitude's step has feed-forward of the setpoint's rate.
+
+    Args:
+        responses: responses by axis and loop; a chart has feed-forward only if the response was measured.
+    """
     axes = []
     for axis, loops in responses.items():
         attitude = loops.get("attitude")
@@ -178,12 +193,7 @@ def feedforward_remark(responses: Responses) -> str:
             continue
         if isinstance(attitude.measured, StepResponse):
             axes.append(axis)
-    if not axes:
-        return ""
-    return (
-        f" Feed-forward: about {listed(axes)} the autopilot adds the slope of the angle's setpoint to the rate "
-        "setpoint, so that a step of the attitude overshoots more than its margins suggest."
-    )
+    return axes
 
 
 def _step_figure_text(response: StepResponse, key: str) -> str:

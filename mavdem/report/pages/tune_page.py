@@ -37,7 +37,7 @@ from mavdem.report.loops import (
     tuned_loops_table,
     tuning_result,
 )
-from mavdem.report.pages.loop_chapters import feedforward_remark
+from mavdem.report.pages.loop_chapters import axes_with_feedforward, feedforward_remark
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
@@ -138,7 +138,8 @@ def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Bloc
     # New gains have a table of their own on this page; details have a chapter at its end.
     blocks = tune_blocks(tuning, is_full=False, is_page=True, headline_above=str(result))
     blocks += measured_margins(tuning, assessment.margins)
-    blocks += tuned_loops_table(tuning)
+    responses = {axis: assessment.responses.get(axis, {}) for axis in tuning.axes}
+    blocks += tuned_loops_table(tuning, axes_with_feedforward(responses))
     return [*blocks, *goal_sentences(tuning)]
 
 
