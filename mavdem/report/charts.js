@@ -130,7 +130,7 @@
       ctx.imageSmoothingEnabled = false;
       ctx.drawImage(data.picture, left, top, at(data.columns[1]) - left, chart.valToPos(low, "y", true) - top);
     }
-    ctx.lineWidth = ratio; ctx.strokeStyle = "#7d8694";
+    ctx.lineWidth = ratio; ctx.strokeStyle = "#7d8694"; ctx.setLineDash([]);
     for (const level of data.levels) {
       const y = chart.valToPos(level, "y", true);
       ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
@@ -289,7 +289,7 @@
   // On paper, which may have no colours, the lines of a plot have dashes of their own: lengths of dashes and gaps in pixels,
   // by the number of the line. A line that is dashed on the screen stays so, a setpoint gives way to what follows it, and no
   // other line of the plot has the dashes of either.
-  const DASHES = [5, 4], PAPER_DASHES = [[], DASHES, [1.5, 2.5], [9, 3, 1.5, 3], [14, 4], [9, 3, 1.5, 3, 1.5, 3], [3, 3, 1.5, 3], [20, 3]];
+  const DASHES = [7, 5], PAPER_DASHES = [[], DASHES, [1.5, 2.5], [9, 3, 1.5, 3], [14, 4], [9, 3, 1.5, 3, 1.5, 3], [3, 3, 1.5, 3], [20, 3]];
   const dashesOnPaper = (line, lines) => {
     const isSecondary = other => other.kind === "dashes" || other.name === "setpoint";
     if (isSecondary(line)) return DASHES;
@@ -308,10 +308,12 @@
   };
   const isDashedOnPaper = (line, lines) => lines.length > 1 && (line.kind === "line" || line.kind === "dashes");
 
+  // Where lines are equal each is seen: what was measured is wide, and dashes are wider than the solid line below them.
+  const WIDTHS = { wide: 4.5, dashes: 1.9 };
   const series = (line, lines) => {
     // Where lines lie over each other, each shines through.
     const isOneOfMany = lines.length > 3 && line.kind === "line";
-    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: line.kind === "wide" ? 3.5 : 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
+    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: WIDTHS[line.kind] ?? 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
     if (isOneOfMany) Object.assign(drawn, { paths: meanAndRange, fill: () => line.colour + (root.classList.contains("printing") ? "14" : "30") });
     if (line.kind === "dashes") drawn.dash = DASHES;
     if (isDots(line) || line.kind === "stems") drawn.paths = () => null;
@@ -363,7 +365,8 @@
   // Writes beside the title of a chart whose axis is limited which lines leave it, and how far.
   const nameLinesOutside = (figure, data) => {
     const [low, high] = data.y.ends ?? [];
-    if (low == null || high == null || data.picture) return;
+    // Over all frequencies a gain or phase always leaves the part around the crossover.
+    if (low == null || high == null || data.picture || data.x.log) return;
     const words = [];
     for (const line of data.lines) {
       const values = line.right ? [] : [...line.y].filter(value => value != null && (value < low || value > high));
@@ -526,7 +529,8 @@
 
   // The legend of a chart: the cursor's place, and for each line its name and its value there. A name hides its line.
   const markOf = (line, lines) => {
-    const mark = Object.assign(element("i"), { style: `background: ${line.colour}; border-color: ${line.colour}` });
+    const ink = line.kind === "dashes" ? dashedBackground(DASHES, line.colour) : line.colour;
+    const mark = Object.assign(element("i"), { className: line.kind, style: `background: ${ink}; border-color: ${line.colour}` });
     if (isDots(line)) mark.className = isRing(line, lines) ? "dot ring" : "dot";
     if (isDashedOnPaper(line, lines)) mark.style.setProperty("--on-paper", dashedBackground(dashesOnPaper(line, lines), line.colour));
     return mark;

@@ -513,7 +513,17 @@ class Plan(NamedTuple):
     """Of a map: what the script ``page.js`` needs to follow the cursor of the charts; None of another drawing."""
 
 
-Panel = Chart | Plan
+class Note(NamedTuple):
+    """Words in the place of a chart that cannot be drawn."""
+
+    title: str
+    """What is missing."""
+
+    text: str
+    """Why."""
+
+
+Panel = Chart | Plan | Note
 """What a column of a page may hold."""
 
 Charts = tuple[Chart, ...]

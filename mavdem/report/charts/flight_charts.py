@@ -28,7 +28,8 @@ from mavdem.report.charts.chart import (
     step_chart,
 )
 from mavdem.report.charts.model_charts import line_with_quantile_band
-from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
+from mavdem.report.numbers import rounded
+from mavdem.report.palette import COMMAND, MEASURED, PHYSICAL, PREDICTED
 from mavdem.vibration.spectra import Spectrum, max_decimated
 from mavdem.vibration.spectral_lines import (
     MIN_PEAK_PROMINENCE,
@@ -76,11 +77,14 @@ MIN_GAIN_RATIO = 10.0
 HEAT_PERCENTILES = (20.0, 99.8)
 """Percentiles of the power, dB, that a spectrogram shows as its lowest and highest colour."""
 
+ROOM_FOR_NAMES = 10.0
+"""Highest power on the axis of a spectrum, relative to the highest one drawn: names of marks stand above the lines."""
+
 CLOSED_LOOP_GAIN = Axis("gain |T|", is_logarithmic=True)
 """Axis of the gain from setpoint to response."""
 
-LOOP_COLOURS = {"now": PREDICTED, "new": PHYSICAL}
-"""Colours of loops, and of what they do, with the gains that flew ("now") and with new ones ("new")."""
+LOOP_COLOURS = {"new": PHYSICAL, "now": PREDICTED}
+"""Colours of loops, and of what they do, with new gains ("new") and with those that flew ("now"), as they are drawn."""
 
 UNNAMED_LINE = "?"
 """Name at the mark of a spectral line whose cause is not known."""
@@ -208,11 +212,16 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     With the open-loop response L the sensitivity is S = 1/(1 + L), by which feedback multiplies disturbances. A mark at
     each crossover frequency, where the gain is 1, has the phase margin beside it in the chart of the phase.
 
+    The loop with the gains that flew is dashed and drawn last, so that it is seen where it equals the other one.
+
     Args:
         loops: the loops of one axis by their names in legends: "now" with the gains that flew, and "new" if any change.
         loop_name: "rate" or "attitude".
     """
-    shown_loops = [_ShownLoop.of(name, loop.open_loop(loop_name)) for name, loop in loops.items()]
+    shown_loops = []
+    for name in LOOP_COLOURS:
+        if name in loops:
+            shown_loops.append(_ShownLoop.of(name, loops[name].open_loop(loop_name)))
     axis = next(iter(loops.values())).axis.capitalize()
     title = f"{axis} {loop_name}"
     return (
@@ -263,7 +272,8 @@ class _ShownLoop(NamedTuple):
         Args:
             values: what the chart shows of the response (N, F).
         """
-        return line_with_quantile_band(self.name, LOOP_COLOURS[self.name], self.frequency, values)
+        line = line_with_quantile_band(self.name, LOOP_COLOURS[self.name], self.frequency, values)
+        return line._replace(style=LineStyle.DASHES) if self.name == "now" else line
 
     def crossover_mark(self, words: str = "") -> Mark:
         """Returns a mark at the crossover frequency, with words beside it."""
@@ -343,13 +353,17 @@ def _unwrapped_phase(response: Complex) -> Array:
 
 
 def axis_spectrum_charts(
-    noise: MeasuredNoise, loop: Loop | None, name: str, axes: Sequence[str]
+    noise: MeasuredNoise,
+    loops: Mapping[str, Loop],
+    name: str,
+    axes: Sequence[str],
 ) -> dict[str, Chart]:
     """Draws the power spectrum of each axis of a sensor (``spectrum_chart``), all with the same range of power.
 
     Args:
         noise: spectra and spectral lines of the sensors; there is at least one of this sensor.
-        loop: control loop whose gyro filters are drawn; None without.
+        loops: identified loop of each axis whose crossover frequency is marked. The filters of the fastest loop are
+            drawn for all axes, since they are filters of one gyro.
         name: name of the sensor in ``noise``.
         axes: names of the axes of its spectra, such as roll, pitch and yaw.
 
@@ -358,12 +372,15 @@ def axis_spectrum_charts(
     """
     charts = {}
     powers = []
+    loop_with_filters = fastest_loop(loops)
     for index, axis in enumerate(axes):
-        chart = spectrum_chart(noise, loop, name, index)
+        chart = spectrum_chart(noise, loop_with_filters, name, index)
+        if axis in loops:
+            chart = chart._replace(marks=(*chart.marks, _crossover_mark(loops[axis])))
         charts[axis] = chart._replace(title=f"{axis.capitalize()}: {chart.title}")
         powers += [line.y for line in chart.lines if not line.is_on_right_axis]
     all_powers = np.concatenate(powers)
-    limits = (float(all_powers.min()), float(all_powers.max()))
+    limits = (float(all_powers.min()), ROOM_FOR_NAMES * float(all_powers.max()))
     for axis, chart in charts.items():
         charts[axis] = chart._replace(y=chart.y._replace(limits=limits))
     return charts
@@ -376,8 +393,7 @@ def spectrum_chart(
 
     Args:
         noise: spectra and spectral lines of the sensors; there is at least one of this sensor.
-        loop: control loop whose gyro filters are drawn as a gain in dB, and whose crossover frequency is marked; None
-            without.
+        loop: control loop whose gyro filters are drawn as a gain in dB; None without.
         name: name of the sensor in ``noise``.
         axis: number of the axis whose spectrum is drawn, from 0; None for the sum of all axes.
 
@@ -398,9 +414,9 @@ def spectrum_chart(
     right_axis = None
     if loop is not None:
         lines.append(_filter_line(loop, max_frequency))
-        # Filters hardly amplify, and what they attenuate by more than 80 dB does not matter.
-        right_axis = Axis("(dB)", limits=(-80.0, 3.0))
-        marks.append(Mark(loop.crossover, "crossover", BAD))
+        # Filters hardly amplify, and what they attenuate by more than 80 dB does not matter. The names of the marks
+        # stand above 0 dB.
+        right_axis = Axis("(dB)", limits=(-80.0, 12.0))
     return Chart(
         f"{name.replace('_', ' ').capitalize()}, power ({unit})",
         Axis("frequency (Hz)", limits=(0.0, max_frequency)),
@@ -409,6 +425,16 @@ def spectrum_chart(
         marks=tuple(marks),
         right_axis=right_axis,
     )
+
+
+def fastest_loop(loops: Mapping[str, Loop]) -> Loop | None:
+    """Returns the rate loop with the highest crossover frequency, which filters concern most; None without loops."""
+    return max(loops.values(), key=lambda loop: loop.crossover, default=None)
+
+
+def _crossover_mark(loop: Loop) -> Mark:
+    """Returns the mark at the crossover frequency of a rate loop: noise below it moves the vehicle."""
+    return Mark(loop.crossover, f"crossover {rounded(loop.crossover)} Hz", LOOP_COLOURS["now"])
 
 
 class _SpectrumLines(NamedTuple):

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup, escape
 
 from mavdem.report.blocks import HARD_SPACE, Table, with_unbroken_units
-from mavdem.report.charts.chart import Chart
+from mavdem.report.charts.chart import Chart, Note
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, MODE_COLOURS, PREDICTED
 from mavdem.report.template_cache import CompiledTemplates
 from mavdem.report.why import evidence_text
@@ -46,9 +46,9 @@ def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
     Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units``, ``with_unbroken_intervals``,
-    ``css_string`` and ``evidence_text``, the tests ``is table`` and ``is chart`` by which they choose how to draw a
-    block, and as globals the version of the program and the colours of charts. The environment is cached and shared: a
-    filter that one page adds is there for all pages.
+    ``css_string`` and ``evidence_text``, the tests ``is table``, ``is chart`` and ``is note`` by which they choose how
+    to draw a block, and as globals the version of the program and the colours of charts. The environment is cached and
+    shared: a filter that one page adds is there for all pages.
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
@@ -66,6 +66,7 @@ def environment() -> Environment:
     }
     jinja.tests["table"] = lambda block: isinstance(block, Table)
     jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
+    jinja.tests["note"] = lambda panel: isinstance(panel, Note)
     jinja.filters["prose"] = _prose_as_html
     jinja.filters["with_unbroken_units"] = lambda html: Markup(with_unbroken_units(html))
     jinja.filters["with_unbroken_intervals"] = _with_unbroken_intervals

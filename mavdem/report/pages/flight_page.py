@@ -46,6 +46,7 @@ from mavdem.report.brief_events import (
 )
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Charts, Group
+from mavdem.report.charts.flight_charts import fastest_loop
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import (
@@ -72,7 +73,6 @@ from mavdem.report.pages.loop_chapters import (
 from mavdem.report.pages.message_chapter import messages_chapter
 from mavdem.report.pages.noise_chapters import (
     controller_spectra_chapter,
-    fastest_loop,
     vibration_chapter,
 )
 from mavdem.report.pages.page import (
@@ -821,7 +821,7 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
         signals.telemetry,
         assessment.noise,
         controller,
-        fastest_loop(assessment),
+        fastest_loop(assessment.identified_loops),
         _motor_frequencies(evidence),
     )
 

@@ -36,6 +36,10 @@ TUNING_TITLE = "Tuning at a glance"
 """Title of the chapter with a row of pictures of the tuning."""
 
 
+LOOP_CAPTION = "Open loops with 90 % bands. Vertical: where the gain is 1, with the phase margin."
+"""What stands below the charts of the open loops."""
+
+
 class StepFigure(NamedTuple):
     """A figure of a step response as a table shows it."""
 
@@ -103,17 +107,12 @@ def responses_chapter(
     """
     rows = []
     doubts = Blocks()
-    names_by_refusal = dict[Fact, list[str]]()
     has_identified_step = False
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
             name = f"{axis} {loop_name}"
             measured_response = response.measured
-            if isinstance(measured_response, Fact):
-                # The fact says why there is no response. Without its subject, equal reasons are equal facts.
-                refusal = measured_response.replace(subject="")
-                names_by_refusal.setdefault(refusal, []).append(name)
-            else:
+            if isinstance(measured_response, StepResponse):
                 row_name = name
                 if measured_response.is_identified:
                     has_identified_step = True
@@ -127,8 +126,7 @@ def responses_chapter(
         headers = [figure.header for figure in STEP_FIGURES.values()]
         blocks.append(Table(["step response (90 % interval)", *headers], rows))
     blocks += doubts
-    for refusal, names in names_by_refusal.items():
-        blocks.append(Sentence(str(refusal.replace(subject=listed(names)))))
+    blocks += sentences_without_response(responses)
     columns = step_charts(responses, advised_steps_by_loop)
     if not columns:
         return Chapter("Step response", blocks)
@@ -138,6 +136,25 @@ def responses_chapter(
         has_advised_steps=bool(advised_steps_by_loop),
     )
     return Chapter("Step response", blocks, [Group.of_axes(columns, light, caption)])
+
+
+def sentences_without_response(responses: Responses) -> list[Sentence]:
+    """Returns why step responses could not be measured; loops without one for the same reason share a sentence.
+
+    Args:
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+    """
+    names_by_reason = dict[Fact, list[str]]()
+    for axis, loops in responses.items():
+        for loop_name, response in loops.items():
+            if isinstance(response.measured, Fact):
+                # Without their subject, such as "roll rate", equal reasons are equal facts.
+                reason = response.measured.replace(subject="")
+                names_by_reason.setdefault(reason, []).append(f"{axis} {loop_name}")
+    sentences = []
+    for reason, names in names_by_reason.items():
+        sentences.append(Sentence(str(reason.replace(subject=listed(names)))))
+    return sentences
 
 
 def _responses_caption(
@@ -279,8 +296,7 @@ def loops_chapters(
     figures += loop_cautions(advice)
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}
-    text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
-    group = Group.of_axes(columns, assessment.lights[Light.MARGINS], text)
+    group = Group.of_axes(columns, assessment.lights[Light.MARGINS], LOOP_CAPTION)
     yield Chapter("Control loops", summary, [group._replace(has_common_x=True)])
     groups: list[Group] = []
     # The page of a flight must be fast to make. That of `mavdem tune` also has the twin's hover in wind.

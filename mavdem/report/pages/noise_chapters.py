@@ -1,5 +1,8 @@
 """Chapters of vibration: over time, and as spectra of gyro, accelerometer, motors' demand and D term, with filters."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from mavdem.assessment import Assessment
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import Names
@@ -12,6 +15,7 @@ from mavdem.report.charts.chart import Chart, Group
 from mavdem.report.charts.flight_charts import (
     UNNAMED_LINE,
     axis_spectrum_charts,
+    fastest_loop,
     spectrogram_charts,
 )
 from mavdem.report.charts.hardware_charts import raw_sensor_charts, vibration_charts
@@ -28,6 +32,9 @@ CONTROLLER_SIGNALS = "demand", "d_term"
 
 AXES_OF_SENSORS: dict[str, Names] = {ACCELEROMETER: ("forward", "right", "down"), GYRO: AXES}
 """Names of the three axes of a sensor. Spectra of other signals are about roll, pitch and yaw."""
+
+NO_LOOPS: Mapping[str, Loop] = MappingProxyType({})
+"""The loops of a signal that is in none, or of a vehicle whose loops are not identified."""
 
 VIBRATION_CAPTION = """\
 The light judges the mean of settled flight, and no clips of an impact. Clips add up from the left."""
@@ -102,7 +109,8 @@ def gyro_chapter(
         # What the log does not show needs the advice how to record it.
         is_unknown = fact.level is Level.UNKNOWN
         blocks.append(Sentence(fact.sentence_and_remedy if is_unknown else str(fact)))
-    loop = fastest_loop(assessment)
+    loops = assessment.identified_loops
+    loop = fastest_loop(loops)
     if loop is not None:
         blocks += filter_sentences(loop)
     sections = []
@@ -110,13 +118,7 @@ def gyro_chapter(
         spectrograms = _spectrograms(noise, GYRO, timeline)
         if spectrograms:
             sections.append(Section("Gyro over time and throttle", groups=spectrograms))
-    return Chapter("Spectra", blocks, _spectra(noise, GYRO, loop), sections=sections)
-
-
-def fastest_loop(assessment: Assessment) -> Loop | None:
-    """Returns the identified rate loop with the highest crossover frequency, which filters concern most."""
-    loops = assessment.identified_loops.values()
-    return max(loops, key=lambda loop: loop.crossover, default=None)
+    return Chapter("Spectra", blocks, _spectra(noise, GYRO, loops), sections=sections)
 
 
 def controller_spectra_chapter(
@@ -138,7 +140,9 @@ def controller_spectra_chapter(
     return Chapter(title, (), groups, folded=True)
 
 
-def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> list[Group]:
+def _spectra(
+    noise: MeasuredNoise, sensor: str, loops: Mapping[str, Loop] = NO_LOOPS
+) -> list[Group]:
     """Returns the spectra of the three axes of a sensor before and after its filters, side by side.
 
     A caption explains lines of unknown cause, if the charts mark any. It also warns of aliasing, if the filtered signal
@@ -147,14 +151,14 @@ def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> lis
     Args:
         noise: spectra of all sensors.
         sensor: name of the sensor in ``noise``.
-        loop: the loop whose filters are drawn, if any.
+        loops: identified loop of each axis, whose crossover and filters are drawn.
 
     Returns:
         One group of charts; none for a sensor that was not logged.
     """
     if _first_spectrum(noise, sensor) is None:
         return []
-    charts = axis_spectrum_charts(noise, loop, sensor, AXES_OF_SENSORS.get(sensor, AXES))
+    charts = axis_spectrum_charts(noise, loops, sensor, AXES_OF_SENSORS.get(sensor, AXES))
     # Spectral lines are marked in the charts with their cause.
     mark_names = set[str]()
     for chart in charts.values():

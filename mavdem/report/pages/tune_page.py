@@ -20,7 +20,7 @@ from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Blocks
-from mavdem.report.charts.chart import Chart, Group, Panel
+from mavdem.report.charts.chart import Chart, Group, Note, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
 from mavdem.report.gain_changes import GainChanges, gain_changes
@@ -37,12 +37,16 @@ from mavdem.report.loops import (
     tuned_loops_table,
     tuning_result,
 )
-from mavdem.report.pages.loop_chapters import axes_with_feedforward, feedforward_remark
+from mavdem.report.pages.loop_chapters import (
+    LOOP_CAPTION,
+    axes_with_feedforward,
+    feedforward_remark,
+    sentences_without_response,
+)
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
-from mavdem.report.templates import sentences_by_axes
 
 SUBTITLE = "Margins of the loops, and the advice on their gains. Nothing was sent to the vehicle."
 """What stands below the title."""
@@ -61,11 +65,11 @@ COLOUR_MEANINGS = {
 GAIN_MEANING = "|T| is the gain of the closed rate loop, shown where flight and prediction differ."
 """What the caption adds if the gain of a rate loop is drawn, too."""
 
+GAIN_PANEL = "gain"
+"""Name of the chart of that gain among those of the loops, which have the names of these."""
+
 TRIED_GAINS_MEANING = "Where these were tried and are not to be loaded, the tables say so."
 """What the caption adds if another flight is to confirm some of the advised gains."""
-
-LOOP_CAPTION = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
-"""What stands below the charts of the open loops."""
 
 
 def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
@@ -146,7 +150,8 @@ def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Bloc
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     """Returns the chapter of step responses: as measured, predicted, and with advised gains.
 
-    Where no response was measured, only those that the identified loop predicts are drawn.
+    Where no response was measured, only those that the identified loop predicts are drawn. Without a loop either, the
+    reason stands in the place of the chart, if another axis has such a chart, and otherwise below all charts.
 
     Args:
         tuning: the advice for each axis.
@@ -154,17 +159,22 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     """
     responses = {axis: assessment.responses.get(axis, {}) for axis in tuning.axes}
     steps = advised_steps(responses, tuning.axes)
-    panels = {axis: _step_panels(axis, tuning, responses[axis], steps) for axis in tuning.axes}
+    charts = {axis: _step_panels(axis, tuning, responses[axis], steps) for axis in tuning.axes}
+    panels = _with_notes(charts, responses)
+    responses_without_note: dict[str, dict[str, LoopResponse]] = {}
+    for axis, responses_of_axis in responses.items():
+        notes = panels[axis].keys() - charts[axis].keys()
+        responses_without_note[axis] = {
+            name: response for name, response in responses_of_axis.items() if name not in notes
+        }
+    reasons = sentences_without_response(responses_without_note)
     caption = _step_caption(panels) + feedforward_remark(responses)
     rate_responses = [loops["rate"] for loops in responses.values() if "rate" in loops]
     if any(response.contradiction is not None for response in rate_responses):
         caption = f"{caption} {GAIN_MEANING}"
     if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
         caption = f"{caption} {TRIED_GAINS_MEANING}"
-    groups = _groups_of_columns(panels, assessment, caption)
-    responses_of_drawn_axes = {axis: responses[axis] for axis in responses if panels[axis]}
-    reasons = _reasons_without_response(responses_of_drawn_axes)
-    return Chapter("Step response", sentences_by_axes(reasons), groups)
+    return Chapter("Step response", reasons, _groups_of_columns(panels, assessment, caption))
 
 
 def _step_panels(
@@ -173,10 +183,11 @@ def _step_panels(
     responses: Mapping[str, LoopResponse],
     advised: StepsByLoop,
 ) -> dict[str, Sequence[Panel]]:
-    """Returns the charts of the step responses of one axis, by loop: "rate" and "attitude".
+    """Returns the charts of the step responses of one axis, by loop: "rate" and "attitude"; gains under ``GAIN_PANEL``.
 
     A loop without a measured response and without an identified model has no chart. Where the measurement contradicts
-    the prediction, a rate loop also has the chart of its gain, measured and predicted.
+    the prediction, a rate loop also has the chart of its gain, measured and predicted. It comes last, so
+    that the charts of several axes are aligned.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -186,34 +197,50 @@ def _step_panels(
     """
     advice = tuning.axes[axis]
     panels: dict[str, Sequence[Panel]] = {}
+    gain_charts: Sequence[Panel] = ()
     for loop_name in LOOP_NAMES:
         response = responses.get(loop_name)
         if response is not None and isinstance(response.measured, StepResponse):
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
             has_gain = response.contradiction is not None
-            charts = step_charts(response_of_loop, advised, has_gain=has_gain)
-            panels[loop_name] = charts[axis]
+            step, *gain_charts_of_loop = step_charts(response_of_loop, advised, has_gain=has_gain)[
+                axis
+            ]
+            panels[loop_name] = [step]
+            gain_charts = [*gain_charts, *gain_charts_of_loop]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
             panels[loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
+    if gain_charts:
+        panels[GAIN_PANEL] = gain_charts
     return panels
 
 
-def _reasons_without_response(
-    responses: Responses,
-) -> list[tuple[str, Fact]]:
-    """Returns the axis and the reason for each loop whose step response could not be measured.
+def _with_notes(
+    charts: Mapping[str, Mapping[str, Sequence[Panel]]], responses: Responses
+) -> dict[str, dict[str, Sequence[Panel]]]:
+    """Returns the charts of step responses with a note in the place of each missing one that another axis has.
 
     Args:
-        responses: responses of the axes by loop, with the reason in the place of a measured response.
+        charts: charts by axis, and then by what they show: "rate", "attitude" or "gain".
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+
+    Returns:
+        Charts and notes, in the same order for all axes.
     """
-    axes_and_reasons = []
-    for axis, loops in responses.items():
-        for response in loops.values():
-            if isinstance(response.measured, Fact):
-                axes_and_reasons.append((axis, response.measured))
-    return axes_and_reasons
+    drawn_names = {name for charts_of_axis in charts.values() for name in charts_of_axis}
+    panels: dict[str, dict[str, Sequence[Panel]]] = {}
+    for axis, charts_of_axis in charts.items():
+        panels[axis] = {}
+        for name in (*LOOP_NAMES, GAIN_PANEL):
+            response = responses[axis].get(name)
+            if name in charts_of_axis:
+                panels[axis][name] = charts_of_axis[name]
+            elif name in drawn_names and response is not None:
+                title = f"{axis.capitalize()} {name}: no step"
+                panels[axis][name] = [Note(title, str(response.measured))]
+    return panels
 
 
 def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
@@ -248,7 +275,7 @@ def _groups_of_columns(
     """Arranges charts in columns: one for each axis or, if only one axis has charts, one for each of its loops.
 
     Args:
-        charts: charts by axis, and then by loop, "rate" or "attitude"; an axis may have none.
+        charts: charts by axis, and then by what they show, such as "rate" or "attitude"; an axis may have none.
         assessment: assessment of the log. Its judgement of the stability margins names the axis with the worst ones,
             whose column a phone shows first.
         caption: text below the charts.

@@ -171,7 +171,9 @@ def test_a_step_of_the_identified_loop_is_not_called_measured():
 
 
 def test_spectra_have_their_lines_and_the_filters_over_them():
-    """The noise before and after the filters is drawn with the motor line, the crossover and the gain of the filters.
+    """The noise before and after the filters is drawn with the motor line and the gain of the filters.
+
+    Each axis has the crossover of its own loop.
 
     The spectrogram is an image in the page.
     """
@@ -181,7 +183,7 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
         Loop, controller=controller_from_parameters(GAINS, "roll", (1.0,)), crossover=12.0
     )
     chart = spectrum_chart(MeasuredNoise(spectra, {"gyro_before": (line,)}), loop)
-    assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
+    assert [mark.name for mark in chart.marks] == ["motor"]
     assert [drawn_line.name for drawn_line in chart.lines] == [
         "unfiltered",
         "filtered",
@@ -192,14 +194,18 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     assert slow.name == "filtered (50 Hz only)"
     spectra["gyro"] = spectrum("gyro")
     assert chart.lines[2].is_on_right_axis and chart.lines[2].y[0] == approx(0.0, abs=0.1)
-    axes = axis_spectrum_charts(MeasuredNoise(spectra, {}), None, "gyro", AXES)
+    slow_loop = partial_record(Loop, controller=loop.controller, crossover=5.0)
+    loops = {"roll": loop, "yaw": slow_loop}
+    axes = axis_spectrum_charts(MeasuredNoise(spectra, {}), loops, "gyro", AXES)
+    crossovers = {axis: [mark.x for mark in chart.marks] for axis, chart in axes.items()}
+    assert crossovers == {"roll": [12.0], "pitch": [], "yaw": [5.0]}
     assert [axis.title.split(":")[0] for axis in axes.values()] == ["Roll", "Pitch", "Yaw"]
     for axis in axes.values():
         assert (axis.lines[0].y < chart.lines[0].y).all() and axis.y.limits == axes["roll"].y.limits
     # A line of unknown cause is marked only in the axes that have a peak there.
     unknown = line._replace(cause=LineCause.UNNAMED, frequency=60.0)
     noise = MeasuredNoise(spectra, {"gyro_before": (unknown,)})
-    marked_axes = axis_spectrum_charts(noise, None, "gyro", AXES)
+    marked_axes = axis_spectrum_charts(noise, {}, "gyro", AXES)
     assert [mark.name for mark in spectrum_chart(noise).marks] == [UNNAMED_LINE]
     assert not any(axis.marks for axis in marked_axes.values())
     over_time, over_throttle = spectrogram_charts(spectra["gyro"])
