@@ -1,9 +1,10 @@
 """Lines on a live session that are printed below each other, of one form, by which programs find what they look for.
 
 A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before it is known),
-and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
-What the pilot must know at once although it is only to be watched has ``WARNING``, and what to do next ``NEXT``. At the
-end verdicts have ``VERDICT`` and written files ``FILE``.
+and a text. After a restart of the autopilot the time names the boot: ``boot 2, 12.4 s``. Lines of alarms have ``ALARM``
+before the text, those of their ends ``ALARM OVER``, and no other line has. What the pilot must know at once although it
+is only to be watched has ``WARNING``, and what to do next ``NEXT``. Verdicts on flights have ``VERDICT``, and written
+files ``FILE``.
 """
 
 from math import isfinite, nan
@@ -55,16 +56,21 @@ LEVEL_STYLES = {
 """Style in which the word for each level is printed, in the notation of the library Rich."""
 
 
-def stamped_line(text: str, reception: float | None = None, boot_clock: float = nan) -> str:
+def stamped_line(
+    text: str, reception: float | None = None, boot_clock: float = nan, boot: int = 0
+) -> str:
     """Returns a line of text that begins with the time of day and the time on the vehicle's clock.
 
     Args:
         text: the text.
         reception: when it was found, UNIX s; None for now.
         boot_clock: when it was found, s of the vehicle's boot clock; NaN where that is not known.
+        boot: number of that boot, from 0; the line names those after the first, whose clock has begun again.
     """
     moment = time_of_day(clock.unix_time() if reception is None else reception)
     boot_clock_text = f"{boot_clock:.1f}" if isfinite(boot_clock) else "-"
+    if boot:
+        boot_clock_text = f"boot {boot + 1}, {boot_clock_text}"
     return f"{moment} {boot_clock_text:>{CLOCK_WIDTH}} s  {text}"
 
 
@@ -91,13 +97,13 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
         sentence = fact.figures["reason"].sentence
     elif event.is_alarm:
         marker = ALARM_MARKER
-    elif fact.code is SessionFact.RECORDING_JUDGED:
+    elif fact.code in (SessionFact.FLIGHT_VERDICT, SessionFact.RECORDING_JUDGED):
         marker = VERDICT_MARKER
     parts = [marker, sentence]
     if has_remedy:
         parts.append(fact.remedy)
     text = " ".join(part for part in parts if part)
-    return stamped_line(escape_unprintable(text), event.reception, event.clock)
+    return stamped_line(escape_unprintable(text), event.reception, event.clock, event.boot)
 
 
 def print_line(

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
-from math import ceil, inf
+from math import ceil, inf, isfinite, nan
 from time import monotonic
 from typing import NamedTuple
 
@@ -42,14 +42,15 @@ from mavdem.report.live import (
     headline_and_next_step,
     light_rows,
     statement_of_headline,
+    states_unrepaired_fault,
     status_line_text,
     unrepaired_fault_text,
     unwatched_quantities_text,
     vehicle_text,
     watched_quantities_text,
 )
-from mavdem.report.templates import first_sentence, render_section
 from mavdem.report.templates import headline as headline_text
+from mavdem.report.templates import render_section
 
 UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
@@ -222,6 +223,8 @@ class StatusLines:
         self._advised_text = ""
         # The line on the fault of an earlier flight that was printed last; empty before any.
         self._printed_fault_of_earlier_flight = ""
+        # Number of the boot, and time on its clock, s, of the latest line, which the lines at the end have too.
+        self._latest_moment = (0, nan)
         # The event that no vehicle has been found, which is printed if it still holds after a while, and when it came,
         # s of the monotonic clock.
         self._no_vehicle_event: Event | None = None
@@ -271,8 +274,9 @@ class StatusLines:
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
+        self._latest_moment = (status.boot, status.boot_clock)
         if status.loss is None:
-            self._print_watch_changes(_watch_facts_to_print(status), status.boot_clock)
+            self._print_watch_changes(status)
         if self.terminal_text is None:
             self._print_state(status)
         else:
@@ -301,6 +305,8 @@ class StatusLines:
         Args:
             event: What was found, and when.
         """
+        if isfinite(event.clock):
+            self._latest_moment = (event.boot, event.clock)
         # The alarm that the link is lost has no end of its own: the event that messages come again ends it, which its
         # line then says. So this is looked up before the event updates whether the alarm is active.
         ends_alarm = self._is_link_alarmed and event.fact.code is RowsFact.MESSAGES_RESUMED
@@ -429,7 +435,7 @@ class StatusLines:
         with suppress(OSError):
             self.terminal_text.update(status_block, refresh=True)
 
-    def _print_watch_changes(self, watch_facts: Facts, boot_clock: float) -> None:
+    def _print_watch_changes(self, status: SessionStatus) -> None:
         """Prints which quantities the session watches now, and which no longer, with the reason, if that has changed.
 
         A session compares quantities such as the battery and the vibration with their values earlier in the flight,
@@ -437,11 +443,10 @@ class StatusLines:
         other share a line.
 
         Args:
-            watch_facts: A fact (coded finding) for each of these quantities: since when it is watched, or why it is
-                not.
-            boot_clock: Time of the vehicle's boot clock, s; NaN before that is known.
+            status: State of the live session, with a fact (coded finding) for each of these quantities: since when it
+                is watched, or why it is not.
         """
-        reportable_facts = _facts_to_report(watch_facts)
+        reportable_facts = _facts_to_report(_watch_facts_to_print(status))
         is_updated_in_place = self.terminal_text is not None
         if is_updated_in_place:
             reportable_facts = self._unwatched_facts(reportable_facts)
@@ -457,7 +462,7 @@ class StatusLines:
         if changed_facts and is_stable:
             self._printed_watch_facts.update(changes)
             text = escape_unprintable(watched_quantities_text(changed_facts))
-            self._print(stamped_line(text, boot_clock=boot_clock))
+            self._print_now(text, status)
 
     def _unwatched_facts(self, watch_facts: dict[Hashable, Fact]) -> dict[Hashable, Fact]:
         """Returns the facts on quantities that are not watched, and forgets what was printed on all others.
@@ -510,9 +515,8 @@ class StatusLines:
         self._printed_state = state
         self._print_time = now
         self._print_status_line(status)
-        is_bad = status.session_judgement.headline.is_bad
-        if is_bad or not is_new:
-            self._print_next_step(status, is_reminder=is_bad)
+        if status.session_judgement.headline.is_bad or not is_new:
+            self._print_next_step(status)
 
     def _print_status_line(self, status: SessionStatus) -> None:
         """Prints the state in one line, and below it a fault of an earlier flight, if that was not printed before.
@@ -521,12 +525,11 @@ class StatusLines:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
         state_text = escape_unprintable(status_line_text(status))
-        self._print(stamped_line(state_text, boot_clock=status.boot_clock))
+        self._print_now(state_text, status)
         fault_text = _fault_of_earlier_flight(status)
         if fault_text and fault_text != self._printed_fault_of_earlier_flight:
             self._printed_fault_of_earlier_flight = fault_text
-            line = stamped_line(escape_unprintable(fault_text), boot_clock=status.boot_clock)
-            self._print(line)
+            self._print_now(escape_unprintable(fault_text), status)
 
     def _print_no_vehicle_event(self, status: SessionStatus) -> None:
         """Prints the event that no vehicle has been found once it is ``SEARCH_SECONDS`` old, if it still holds then.
@@ -575,22 +578,23 @@ class StatusLines:
         """
         if self._has_stamps:
             marked_text = f"{marker} {text}" if marker else text
-            self._print_below(stamped_line(marked_text))
+            boot, boot_clock = self._latest_moment
+            self._print_below(stamped_line(marked_text, boot_clock=boot_clock, boot=boot))
         else:
             self._print_below(text, indent=0)
 
-    def _print_next_step(self, status: SessionStatus, *, is_reminder: bool = False) -> None:
+    def _print_next_step(self, status: SessionStatus) -> None:
         """Prints what to do next, unless that is to fly on or hover, was printed before, or the latest event said it.
 
         Args:
             status: State of the live session.
-            is_reminder: Whether the first sentence of a step that was printed or said before is printed again.
         """
         next_step = status.session_judgement.next_step
         # With a reason, such as a fault to repair after the landing, even this step says something new.
         has_reason = bool(next_step.figures.get("reason"))
         is_to_stay = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST) and not has_reason
-        if is_to_stay:
+        # A fault of an earlier flight has a line of its own, which says what to do.
+        if is_to_stay or states_unrepaired_fault(next_step):
             return
         text = escape_unprintable(next_step)
         # Measured numbers in a step change all the time, which makes it no other step.
@@ -598,12 +602,17 @@ class StatusLines:
         was_advised_by_event = text in escape_unprintable(self._advised_text)
         was_printed = content == self._printed_next_step
         self._printed_next_step = content
-        if was_advised_by_event or was_printed:
-            if not is_reminder:
-                return
-            text = first_sentence(text)
-        if text:
-            self._print(stamped_line(f"{NEXT_MARKER} {text}", boot_clock=status.boot_clock))
+        if text and not was_advised_by_event and not was_printed:
+            self._print_now(f"{NEXT_MARKER} {text}", status)
+
+    def _print_now(self, text: str, status: SessionStatus) -> None:
+        """Prints a line with the present time and that of the vehicle's clock.
+
+        Args:
+            text: The text of the line, without unprintable characters.
+            status: State of the live session, with the present boot and its clock.
+        """
+        self._print(stamped_line(text, boot_clock=status.boot_clock, boot=status.boot))
 
 
 def _fault_of_earlier_flight(status: SessionStatus) -> str:
@@ -681,7 +690,7 @@ def _status_block(status: SessionStatus) -> Group:
         # A line of its own, so that a pilot finds at the same place what to do.
         parts.append(Text(texts.next_step, f"bold {headline_style}"))
     unrepaired_fault = escape_unprintable(unrepaired_fault_text(status))
-    if unrepaired_fault:
+    if unrepaired_fault and not states_unrepaired_fault(status.session_judgement.next_step):
         parts.append(Text(unrepaired_fault, LEVEL_STYLES[Level.WATCH]))
     if status.vehicle is not None:
         table_width = min(STDERR.width, MAX_COLUMNS)

@@ -101,6 +101,7 @@ class NextStep(Code):
     LAND_NOW = "land_now"
     LAND_SOON = "land_soon"
     FLY_ON = "fly_on"
+    FLY_ON_IF_REPAIRED = "fly_on_if_repaired"
     HOVER_FIRST = "hover_first"
     LET_LAND = "let_land"
     FLY_BY_SIGHT = "fly_by_sight"

@@ -128,6 +128,8 @@ class RecordingState(StrEnum):
     """The session goes on, and is read once it is over."""
     BEING_READ = "being_read"
     """It waits to be read, or is being read."""
+    READ_AT_NEXT_START = "read_at_next_start"
+    """The server ends, and reads it once it runs again."""
     FAILED = "failed"
     """It could not be read."""
 

@@ -55,6 +55,8 @@ class Milestones:
         self._mean_wind: WindEstimate | None = None
         # Whether the vehicle flew at the latest update.
         self._was_flying = False
+        # Number of the latest flight whose verdict was reported when it ended, since it was lost; 0 for none.
+        self._reported_loss = 0
         # When the flight ended that is not reported yet, s of the boot clock; None without one.
         self._landing_to_report: float | None = None
         # How many rows had been learned from at the last report of a flight.
@@ -124,6 +126,23 @@ class Milestones:
         if self._landing_to_report is not None and is_end_known:
             self._report_flight(learning, status, self._landing_to_report, physical)
             self._landing_to_report = None
+        self._report_end_of_lost_flight(status)
+
+    def _report_end_of_lost_flight(self, status: SessionStatus) -> None:
+        """Reports the verdict on a flight that was lost, once: when its motors are disarmed, or its messages end.
+
+        Otherwise the last that a pilot reads of a crash is the alarm, and the verdict comes with the next take-off.
+
+        Args:
+            status: status of the session.
+        """
+        verdict = self._latest_verdict
+        has_ended = not status.is_flying or status.is_silent
+        if status.loss is None or verdict is None or not has_ended:
+            return
+        if verdict.number != self._reported_loss:
+            self._reported_loss = verdict.number
+            self._log(verdict.fact_in_next_flight)
 
     def _note_restart(self, boot: int) -> None:
         """Notes that the autopilot has restarted. If the vehicle flew, the judgement of that flight says it was lost.
@@ -154,7 +173,8 @@ class Milestones:
             if former_verdict is not None and former_verdict.number != status.flight_number:
                 # Another flight has begun.
                 self._keep_verdict(former_verdict)
-                self._log(former_verdict.fact_in_next_flight)
+                if former_verdict.number != self._reported_loss:
+                    self._log(former_verdict.fact_in_next_flight)
                 self._forget_milestones()
             # In flight the verdict is that of the moment. This holds too if the flight goes on after a restart of the
             # autopilot in the air, by which it seemed to be lost.

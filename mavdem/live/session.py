@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from math import inf
+from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Estimate, Learned, Settings
@@ -71,6 +72,19 @@ NOT_FOLLOWED_CODES = (
     VehicleFact.TWO_VEHICLES_LIVE,
 )
 """Codes of the reasons why no vehicle that sends is followed, so that there is no model."""
+
+
+class _Resumption(NamedTuple):
+    """The report that messages come again, which waits for one with a time on the vehicle's clock."""
+
+    fact: Fact
+    """The report."""
+
+    arrival_time: float
+    """When the first message after the silence arrived, s of the monotonic clock."""
+
+    former_time: float
+    """Time of the timeline before it, s."""
 
 
 class LiveSession:
@@ -173,6 +187,8 @@ class LiveSession:
         # Time without any message, s, if it was reported that messages come again, and neither attitude nor motor
         # outputs have come since; otherwise 0.
         self._reported_silence = 0.0
+        # The report that messages come again, while it waits for a message with a time.
+        self._resumption: _Resumption | None = None
         # Number of the flight that ``flight`` is about.
         self._flight_number = 0
         # The latest model of an earlier flight, which is kept if the latest flight gives none.
@@ -356,12 +372,13 @@ class LiveSession:
             vehicle = self.stream.followed_vehicle
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle, self.stream.boot)
         silence = self._update_silence_monitor(first_arrival, last_arrival, frames)
+        former_time = self.history.now
         self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
         if self.stream.is_flying:
             self.history.note_flight(self.stream.flight_number, self.stream.takeoff_time)
         self._show_slow_sample()
         self._withdraw_samples_of_landing_or_loss()
-        self._report_resumed_messages(silence)
+        self._report_resumed_messages(silence, first_arrival, former_time)
         self._report_resumed_motion()
         self._silence_monitor.note_attitudes(self.stream.attitude_count)
         self._silence_monitor.note_outage(silence, is_flying=self.stream.is_flying)
@@ -415,19 +432,32 @@ class LiveSession:
         last_reception, first_reception = restart
         return first_reception - last_reception
 
-    def _report_resumed_messages(self, silence: float) -> None:
+    def _report_resumed_messages(
+        self, silence: float, arrival_time: float, former_time: float
+    ) -> None:
         """Reports that messages of the followed vehicle come again, if none had come for ``SILENCE_SECONDS``.
+
+        The first of them may have no time on the vehicle's clock, such as HEARTBEAT. The report waits for one that has,
+        since its time would be that of the loss otherwise; for ``SILENCE_SECONDS`` at most.
 
         Args:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
+            arrival_time: when the latest ones arrived, s of the monotonic clock.
+            former_time: time of the timeline before these, s.
         """
-        report = resumption(MissingMessages.MESSAGES, silence)
-        if report is None:
+        fact = resumption(MissingMessages.MESSAGES, silence)
+        if fact is not None:
+            self._resumption = _Resumption(fact, arrival_time, former_time)
+            # A moment later attitude and motor outputs come again, too. :meth:`_report_resumed_motion` then reports
+            # that only if these were missing for much longer.
+            self._reported_silence = silence
+        waiting = self._resumption
+        if waiting is None:
             return
-        self._presentation.log(report)
-        # A moment later attitude and motor outputs come again, too. :meth:`_report_resumed_motion` then reports that
-        # only if these were missing for much longer.
-        self._reported_silence = silence
+        has_new_time = self.history.now != waiting.former_time
+        if has_new_time or arrival_time - waiting.arrival_time > SILENCE_SECONDS:
+            self._resumption = None
+            self._presentation.log(waiting.fact)
 
     def _report_resumed_motion(self) -> None:
         """Reports that attitude or motor outputs come again, if neither had come for ``SILENCE_SECONDS``.

@@ -95,6 +95,14 @@ STATES_OF_LEARNING = (
 )
 """Reasons without a model that say what the session does, and nothing about the vehicle: no verdict on a flight."""
 
+STEPS_TO_THE_GROUND = (
+    NextStep.LAND_NOW,
+    NextStep.LAND_SOON,
+    NextStep.LET_LAND,
+    NextStep.FLY_BY_SIGHT,
+)
+"""Next steps in flight that end it, or let the pilot watch the vehicle itself: none of them lets it fly on."""
+
 LOG_KEEPING_STEPS = (NextStep.KEEP_LOG, NextStep.KEEP_MODEL)
 """Next steps after a flight without fault that need a log of it."""
 
@@ -170,6 +178,9 @@ class SessionStatus(ImmutableResult):
 
     boot_clock: float = nan
     """Latest time of the vehicle's boot clock, s; NaN before any."""
+
+    boot: int = 0
+    """Number of the boot that this clock counts from, from 0 for the first one that the session received."""
 
     state: VehicleState | None = None
     """Its mode, arming and battery; None before a vehicle is chosen."""
@@ -503,11 +514,26 @@ class SessionStatus(ImmutableResult):
 
     @property
     def session_judgement(self) -> Judgement:
-        """The judgement to show: of the latest flight, but on the ground with the headline of a worse earlier flight.
+        """The judgement to show: of the latest flight, with what is known of faults of earlier ones.
 
-        A take-off does not repair what was found before, so that the worst verdict of the session heads it while the
-        vehicle does not fly, and at the end. The lights remain those of the latest flight.
+        A take-off does not repair what was found before. On the ground, and at the end, the worst verdict of the
+        session heads the judgement. In flight, a next step that lets the vehicle fly gets the condition that the fault
+        of an earlier flight was repaired. The lights remain those of the latest flight.
         """
+        judgement = self._judgement_with_worst_verdict
+        fault = self.unrepaired_fault
+        if (
+            fault is None
+            or not self._is_in_flight
+            or judgement.next_step.code in STEPS_TO_THE_GROUND
+        ):
+            return judgement
+        next_step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
+        return replace(judgement, next_step=next_step)
+
+    @property
+    def _judgement_with_worst_verdict(self) -> Judgement:
+        """The judgement of the latest flight; on the ground headed by the verdict on a worse earlier flight."""
         judgement = self.overall_judgement
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or self._is_in_flight:
@@ -526,7 +552,7 @@ class SessionStatus(ImmutableResult):
         """
         verdict = self.worst_earlier_verdict
         if verdict is not None and verdict.judgement.headline.forbids_flight:
-            is_stated_by_headline = self.session_judgement.headline == verdict.fact
+            is_stated_by_headline = self._judgement_with_worst_verdict.headline == verdict.fact
             if is_stated_by_headline:
                 return None
             return self._warning_of_fault(verdict.fact, verdict.judgement.next_step)
@@ -1301,9 +1327,9 @@ def _lights_of_recording(
 ) -> dict[str, Fact]:
     """Returns the lights of a flight that is over: for each part of the vehicle the fact with its judgement.
 
-    The recording of the flight is judged after its end, and gives each part a level: good, watch, bad or unknown. Where
-    it is another level than in flight, the light becomes a fact that states what the recording shows. Where it is the
-    same one or unknown, the light of the flight stays.
+    The recording of the flight is judged after its end, and gives each part a level. Its judgement takes the place of
+    that in flight, also where both have one level, so that level, sentence and figures are those of the headline and of
+    the library. Where the recording leaves a part unknown, the light of the flight stays.
 
     Args:
         lights_in_flight: the judgement of each part in the session, by the name of the part.
@@ -1314,8 +1340,10 @@ def _lights_of_recording(
     lights = dict(lights_in_flight)
     for name, light in lights_in_flight.items():
         level = recorded_levels[name]
-        if level not in ("", Level.UNKNOWN, light.level):
-            statement = recorded_sentences.get(name, "")
+        statement = recorded_sentences.get(name, "")
+        is_judged = level not in ("", Level.UNKNOWN)
+        # Without a statement, that of the flight says more, unless it contradicts the level.
+        if is_judged and (statement or level != light.level):
             lights[name] = Fact(SessionFact.LIGHT_OF_RECORDING, Level(level), statement=statement)
     return lights
 

@@ -364,6 +364,7 @@ class LiveStream:
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
             boot_clock=self._clock.now,
+            boot=self.boot,
             no_model_reason=self._no_rows_reason,
             rates=self._rows.rates(self._clock.now),
             is_flying=self.is_flying,

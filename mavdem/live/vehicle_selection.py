@@ -23,6 +23,7 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.messages import Message, parameters_by_name
 from mavdem.live.recent_messages import MAX_ROWS
+from mavdem.live.vehicle_state import autopilot_name
 
 MIN_MESSAGES = 3
 """HEARTBEATs, and messages of attitude, before a vehicle is followed: a choice.
@@ -144,10 +145,11 @@ class Component:
 
     @property
     def description(self) -> str:
-        """Its name, and type and autopilot where they are known."""
+        """Its name and, where they are known, type and autopilot in words, as in "1:1 (quadrotor, ArduPilot)"."""
         if self.vehicle_type == UNNAMED:
             return self.name
-        return f"{self.name} ({self.vehicle_type}, {self.autopilot})"
+        vehicle_type = self.vehicle_type.replace("_", " ").lower()
+        return f"{self.name} ({vehicle_type}, {autopilot_name(self.autopilot)})"
 
     def has_sent(self, frame: Frame) -> bool:
         """Returns whether a frame has this component's ids."""

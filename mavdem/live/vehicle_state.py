@@ -62,6 +62,23 @@ class VehicleState(NamedTuple):
     name_in_logs: str = ""
     """Name by which its logs are recognised, from the calibration of a sensor; empty where that is not known."""
 
+    library_name: str = ""
+    """Name under which a library lists its logs: the same or, where that is empty, one made of its system id."""
+
+    @property
+    def autopilot_name(self) -> str:
+        """How people call its autopilot; empty where that is not known."""
+        return autopilot_name(self.autopilot)
+
+
+def autopilot_name(autopilot: str) -> str:
+    """Returns how people call an autopilot, such as "ArduPilot".
+
+    Args:
+        autopilot: name of its MAV_AUTOPILOT without the prefix, such as "ARDUPILOTMEGA".
+    """
+    return "ArduPilot" if autopilot == "ARDUPILOTMEGA" else autopilot
+
 
 def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
     """Returns the state of a vehicle by its latest messages: flight mode, arming, battery, satellites and name.
@@ -106,6 +123,7 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
         autopilot=vehicle.autopilot,
         # Several vehicles may have the same system id.
         name_in_logs="" if basis is Basis.SYSTEM_ID else name,
+        library_name=name,
     )
 
 

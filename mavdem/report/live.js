@@ -205,15 +205,18 @@
   };
   announce();
 
-  // The alarm at the edge of the window, while the headline that states it is scrolled out of sight.
+  // The alarm at the edge of the window, while the headline that states it is scrolled out of sight. A page that gets no
+  // answer states the last one in the line above it.
   const strip = Object.assign(document.createElement("button"), { id: "alarm", type: "button", hidden: true });
   strip.setAttribute("role", "alert");
   strip.addEventListener("click", () => scrollTo({ top: 0 }));
   document.body.append(strip);
+  const isHeadlineInSight = () => document.querySelector("#result .headline")?.getBoundingClientRect().bottom > 0;
   const showAlarm = () => {
-    const text = main.dataset.alarm ?? "", headline = document.querySelector("#result .headline");
+    const text = main.dataset.alarm ?? "";
     if (strip.textContent !== text) strip.textContent = text;
-    strip.hidden = !text || !headline || headline.getBoundingClientRect().bottom > 0;
+    strip.classList.toggle("watch", main.dataset.level === "watch");
+    strip.hidden = !text || isHeadlineInSight() || root.classList.contains("unanswered");
   };
   addEventListener("scroll", showAlarm, { passive: true });
   root.addEventListener("renewed", showAlarm);
@@ -231,7 +234,7 @@
     const newer = new DOMParser().parseFromString(text, "text/html"), flight = charts.groups.flight;
     // Another version of the program may have other scripts and another style.
     if (newer.querySelector("footer").textContent !== main.querySelector("footer").textContent) return location.reload();
-    const time = flight && charts.cursorOf(flight), shownFlight = flightNumber();
+    const time = flight && charts.cursorOf(flight), shownFlight = flightNumber(), wasAtTop = isHeadlineInSight();
     let followedSpan = shownSpan;
     title = newer.title;
     renew(main, newer.querySelector("main"));
@@ -240,6 +243,8 @@
       followedSpan = chosenSpan;
       root.eventShown = false;
       history.replaceState(null, "", location.pathname);
+      // Who read the headline of the flight before reads that of the new one from its beginning.
+      if (wasAtTop) scrollTo({ top: 0 });
     }
     announce();
     for (const group of Object.values(charts.groups)) charts.follow(group);
@@ -288,8 +293,10 @@
     if (!words && !line.hidden) announce();
     line.hidden = !words;
     root.classList.toggle("unanswered", !!words);
+    showAlarm();
     if (!words) return;
-    line.textContent = `${words} What is below is ${age}\u00a0s old.`;
+    const lastAlarm = main.dataset.alarm ? ` Last alarm: ${main.dataset.alarm.replace("⚠ ", "")}.` : "";
+    line.textContent = `${words} What is below is ${age}\u00a0s old.${lastAlarm}`;
     document.title = `⚠ ${words} — ${title}`;
   };
   setInterval(tell, 1000);

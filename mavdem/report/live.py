@@ -7,7 +7,7 @@ from typing import NamedTuple
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
@@ -15,9 +15,9 @@ from mavdem.facts.session import LinkFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
-from mavdem.live.session_status import SessionStatus, cause_of_alarm
+from mavdem.live.session_status import HEADLINES_WITHOUT_ALARM, SessionStatus, cause_of_alarm
 from mavdem.motors.motor_changes import FALSE_ALARMS
-from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.blocks import Blocks, Sentence, Table, shortened
 from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import (
     as_clause,
@@ -32,6 +32,9 @@ from mavdem.report.why import headline_evidence
 
 NEXT_STEP_LEAD = "Next: "
 """Beginning of the line with the next step."""
+
+MAX_FIGURE_LENGTH = 50
+"""Most characters of a sentence that stands for the figure of a light: two lines of a light on a telephone."""
 
 
 def watched_quantities_text(watch_facts: Sequence[Fact]) -> str:
@@ -190,6 +193,9 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
                 voltage=voltage,
             )
             figure = age.text
+        if light.code is SessionFact.LIGHT_OF_RECORDING:
+            # The figures of the session may be others than those of the recording.
+            figure = shortened(as_clause(first_clause(light.sentence)), MAX_FIGURE_LENGTH)
         if not figure and light.is_watch_or_bad:
             figure = as_clause(first_clause(light.sentence))
         if not figure and light.level is Level.UNKNOWN:
@@ -221,7 +227,9 @@ def live_title(status: SessionStatus, link: str, names: GivenNames) -> str:
 def live_alarm(status: SessionStatus) -> str:
     """Returns the alarm of a vehicle in flight in a few words, such as "⚠ Motor 1: land now", for the page's title.
 
-    It is the reason why the vehicle must land. Without such a reason, it is the headline if that is bad.
+    It is the reason why the vehicle must land. Without such a reason, it is the headline if that is bad. While the link
+    is lost, the text begins with that and its age, from the first seconds on, since what was advised before may be out
+    of date.
 
     Args:
         status: state of the session.
@@ -232,18 +240,27 @@ def live_alarm(status: SessionStatus) -> str:
     judgement = status.overall_judgement
     headline = judgement.headline
     is_bad_now = headline.is_bad and headline.code is not WatchFact.ALARM_OVER
-    if status.is_over or not status.is_flying or not is_bad_now:
+    is_link_lost = status.link_loss is not None
+    if status.is_over or not status.is_flying or not (is_bad_now or is_link_lost):
         return ""
+    link_loss = status.link_loss
+    if link_loss is not None:
+        # What was wrong with the vehicle before follows as the alarm.
+        link_loss = link_loss.replace(cause=None)
     reason_to_land = None
     if judgement.next_step.code is NextStep.LAND_NOW:
         # The alarm names what is wrong with the vehicle, even if its link was lost since.
         reason_to_land = cause_of_alarm(judgement.next_step.figures["reason"])
-    sentences = render_section("live_alarm", alarm=reason_to_land, headline=headline)
+        if reason_to_land.code is LinkFact.LOST_IN_FLIGHT:
+            reason_to_land = None
+    sentences = render_section(
+        "live_alarm", link_loss=link_loss, alarm=reason_to_land, headline=headline
+    )
     return " ".join(sentence.text for sentence in sentences)
 
 
 def statement_of_headline(headline_text: str, headline_fact: Fact) -> str:
-    """Returns the headline of a live flight, without the list of checked parts that follows if nothing is wrong.
+    """Returns the headline of a live flight, without the list of checked or watched parts if it states no alarm.
 
     The page shows the judgement of each part beside the headline.
 
@@ -251,7 +268,7 @@ def statement_of_headline(headline_text: str, headline_fact: Fact) -> str:
         headline_text: the headline in words.
         headline_fact: the fact (coded finding) that it states.
     """
-    has_list_of_parts = headline_fact.code is Headline.NOTHING_WRONG
+    has_list_of_parts = headline_fact.code in HEADLINES_WITHOUT_ALARM
     return first_clause(headline_text) if has_list_of_parts else headline_text
 
 
@@ -331,6 +348,11 @@ def unrepaired_fault_text(status: SessionStatus) -> str:
     """
     fault = status.unrepaired_fault
     return "" if fault is None else fault.sentence_and_remedy
+
+
+def states_unrepaired_fault(next_step: Fact) -> bool:
+    """Returns whether a next step itself states the fault of an earlier flight, which then needs no line of its own."""
+    return next_step.code is NextStep.FLY_ON_IF_REPAIRED
 
 
 def closing_lines(status: SessionStatus) -> list[str]:

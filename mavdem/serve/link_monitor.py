@@ -19,7 +19,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
-from mavdem.facts.serve import RefusalReason, Stage
+from mavdem.facts.serve import ListingOrder, RefusalReason, Stage
 from mavdem.facts.session import LinkFact, RecordingState, RowsFact, SessionFact, VehicleFact
 from mavdem.fleet.names import GivenNames
 from mavdem.ingest import read_log
@@ -75,6 +75,13 @@ AWAITED_IN_SESSION = Fact(
     duration=MAX_SILENT_PAGES_AFTER_LANDING * PAGE_SECONDS,
 )
 """States that the recording of the running session is not judged yet, in the place of the library's verdict on it."""
+
+READ_AT_NEXT_START = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.READ_AT_NEXT_START)
+"""States that the recording of a session that ends with the server is judged once the server runs again."""
+
+MAX_LAST_PAGE_SECONDS = 5.0
+"""Longest time for which the end of the server waits for the last page, s: a choice; a slow computer renders a page in
+one second."""
 
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
@@ -323,6 +330,9 @@ class LinkMonitor:
         self._stored_flight: _StoredFlight | None = None
         # Flights before it, the oldest first, that forbid to fly, or that the library has still to judge.
         self._faulty_flights: list[_StoredFlight] = []
+        # The latest flight of each vehicle from before the server was started, by its name in the library.
+        # The value is None if the library has none.
+        self._flights_before_start: dict[str, _StoredFlight | None] = {}
         # The part of the running session's recording that was stored once its vehicle was lost in the air.
         self._stored_part: _StoredFlight | None = None
         # The recording of the session before, in the library.
@@ -345,8 +355,9 @@ class LinkMonitor:
         # The flight of the running session, and for how long its vehicle has been silent.
         self._flight = _FlightState()
         self._silence = _Silence()
-        # Set when the server ends.
+        # Set when the server ends, and once the page is there that says so.
         self._is_stopping = ThreadEvent()
+        self._has_last_page = ThreadEvent()
         # Number of datagrams that the link had lost at the end of the latest session.
         self._lost_datagrams = 0
         self._thread = Thread(target=self._run_sessions, daemon=True)
@@ -354,6 +365,11 @@ class LinkMonitor:
     def start(self) -> None:
         """Starts the thread with the first session."""
         self._thread.start()
+
+    def end_session(self) -> None:
+        """Ends the session, and waits until its last page is there for open browsers: a second, mostly."""
+        self._is_stopping.set()
+        self._has_last_page.wait(MAX_LAST_PAGE_SECONDS)
 
     def stop(self) -> None:
         """Ends the session, adds its recording to the library, and closes the link."""
@@ -396,6 +412,9 @@ class LinkMonitor:
             reason = fact_from_error(error)
             self.problem = Fact(RefusalReason.SESSION_FAILED, name=self._link.name, reason=reason)
             self._warn(self.problem)
+        finally:
+            # Whoever waits for a last page waits no longer where there is none.
+            self._has_last_page.set()
 
     def _run_one_session(self, executor: LearningProcess) -> None:
         """Runs one live session on the link, and adds its recording to the library unless no vehicle was received.
@@ -443,6 +462,8 @@ class LinkMonitor:
                 NEWS_SECONDS,
                 self._watch_session,
             )
+            if self._is_stopping.is_set():
+                self._show_last_page(session)
             # A flight whose landing was reported is not reported again.
             session.report_end(session.status, None)
             successor = self._vehicle_of_next_session(session)
@@ -649,7 +670,7 @@ class LinkMonitor:
                 self._library.names,
                 flight.saved_flight,
                 verdict,
-                self._fault_of_earlier_flight(flight.vehicle, flight.entry_id),
+                self._fault_of_earlier_flight(flight.vehicle, flight.session, flight.entry_id),
             )
         return flight._replace(verdict=verdict)
 
@@ -823,6 +844,26 @@ class LinkMonitor:
             html = self._page_of_running_session(session, status)
         self._page = SessionPage.made_now(html, session, status, start_time)
 
+    def _show_last_page(self, session: LiveSession) -> None:
+        """Makes the last page before the server ends: browsers keep it, since no server answers them any more.
+
+        It is of the session that the page has shown until now, which is the one before until a vehicle is received.
+
+        Args:
+            session: the running session, which has just ended.
+        """
+        start_time = clock.monotonic()
+        shown_session = session
+        verdict = READ_AT_NEXT_START
+        flight = self._stored_flight
+        if flight is not None and flight.session is not None and flight.verdict is not None:
+            shown_session = flight.session
+            if not flight.is_verdict_awaited:
+                verdict = flight.verdict
+        html = _finished_page(shown_session, self._library.names, None, verdict)
+        self._page = SessionPage.made_now(html, session, session.status, start_time)
+        self._has_last_page.set()
+
     def _forget_finished_page(self) -> None:
         """Ends showing the page of the session before: a vehicle has come, whose session is shown from now on."""
         self._finished_page = ""
@@ -879,15 +920,43 @@ class LinkMonitor:
         vehicle = session.stream.followed_vehicle
         earlier_recording = None
         if vehicle is not None:
-            earlier_recording = self._fault_of_earlier_flight(_LinkedVehicle.of_component(vehicle))
+            linked_vehicle = _LinkedVehicle.of_component(vehicle)
+            earlier_recording = self._fault_of_earlier_flight(linked_vehicle, session)
         return replace(
             session.status,
             recording_verdict=AWAITED_IN_SESSION,
             earlier_recording=earlier_recording,
         )
 
+    def _flight_before_start(
+        self, vehicle: _LinkedVehicle, session: LiveSession
+    ) -> _StoredFlight | None:
+        """Returns the latest flight of a vehicle that the library had when the vehicle was first followed.
+
+        A fault that forbids to fly is not repaired by a new start of the server. The library is asked once for each
+        name under which it may have the vehicle: until its parameters come, that is one made of its system id.
+
+        Args:
+            vehicle: the vehicle.
+            session: its session, which has the name by which its logs are recognised.
+        """
+        state = session.status.state
+        if state is None or not state.library_name:
+            return None
+        name = state.library_name
+        if name not in self._flights_before_start:
+            condition = "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
+            values = (name, vehicle.autopilot, vehicle.vehicle_type)
+            found = self._library.find(condition, values, limit=1, order=ListingOrder.FLIGHT)
+            flight = None
+            for entry in found.entries:
+                page = PageLink(entry.name, _page_address(entry))
+                flight = _StoredFlight(vehicle, entry.id, page, self._present_verdict(entry))
+            self._flights_before_start[name] = flight
+        return self._flights_before_start[name]
+
     def _fault_of_earlier_flight(
-        self, vehicle: _LinkedVehicle, shown_entry_id: str = ""
+        self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str = ""
     ) -> Fact | None:
         """Returns what the library has against another flight with a vehicle: a fault, or that its end is not known.
 
@@ -897,30 +966,35 @@ class LinkMonitor:
 
         Args:
             vehicle: the vehicle.
+            session: the session that is shown, of this vehicle.
             shown_entry_id: id in the library of the flight that is shown now; empty while its session runs.
 
         Returns:
             The latest verdict of the library that forbids to fly. Without one, the fact that the end of the flight
             before was not received, or the verdict on that flight if it is bad; None without both. All are about
-            flights since the server started.
+            flights since the server started, and the latest one before. The figure "address" leads to its page.
         """
         earlier_flights = []
-        for flight in (*self._faulty_flights, self._stored_flight):
+        flight_before_start = self._flight_before_start(vehicle, session)
+        for flight in (flight_before_start, *self._faulty_flights, self._stored_flight):
             if flight is None or flight.entry_id == shown_entry_id:
                 continue
             if flight.vehicle == vehicle:
                 earlier_flights.append(flight)
         for flight in reversed(earlier_flights):
-            if flight.forbids_flight:
-                return flight.verdict
+            if flight.forbids_flight and flight.verdict is not None:
+                return flight.verdict.replace(address=flight.saved_flight.address)
         # Of flights before the one that was stored last, the rest is no longer asked.
         flight_before = self._stored_flight
         if flight_before is None or flight_before not in earlier_flights:
             return None
         verdict = flight_before.verdict
+        address = flight_before.saved_flight.address
         if flight_before.is_end_unknown:
-            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict)
-        return verdict if verdict is not None and verdict.is_bad else None
+            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict, address=address)
+        if verdict is not None and verdict.is_bad:
+            return verdict.replace(address=address)
+        return None
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
         """Updates the line on the running session that the library shows: its title, and what the vehicle does.
@@ -1043,7 +1117,7 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
 def _finished_page(
     session: LiveSession,
     names: GivenNames,
-    saved_flight: PageLink,
+    saved_flight: PageLink | None,
     verdict: Fact,
     fault_of_earlier_flight: Fact | None = None,
 ) -> str:
@@ -1055,7 +1129,8 @@ def _finished_page(
     Args:
         session: the ended session.
         names: names that were given to vehicles in the library.
-        saved_flight: link to the page of its flight in the library.
+        saved_flight: link to the page of its flight in the library; None where the server ends too, so that browsers
+            keep this page, and nothing would answer behind a link.
         verdict: what the recording of the flight shows, or that it is not judged yet.
         fault_of_earlier_flight: what the library has against an earlier flight with this vehicle; None for nothing.
     """
@@ -1070,6 +1145,11 @@ def _finished_page(
         recording_verdict=verdict,
         earlier_recording=fault_of_earlier_flight,
     )
+    if saved_flight is None:
+        files = []
+        if not _awaits_vehicle(status_at_end):
+            files.append(Fact(LinkFact.FLIGHT_SAVED, address=None, is_part=False).sentence)
+        return session_page(session, final_status, names, files=files, is_last=True)
     return session_page(session, final_status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
 
 

@@ -5,10 +5,12 @@ import errno
 import signal
 import socket
 import threading
+from collections.abc import Callable
 
 import h11
 import uvicorn
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from mavdem.errors import Unreadable, error_message
@@ -36,6 +38,28 @@ ACCEPTED_AT_ONCE = 100
 
 MAX_SHUTDOWN_SECONDS = 3
 """Seconds that answers which are being sent may take after the server was asked to end."""
+
+
+class SessionServer(uvicorn.Server):
+    """The HTTP server of a library with a live session, which it ends before it ends itself.
+
+    While the session ends, browsers are still answered: those with an open page get the last one, which says so.
+    """
+
+    def __init__(self, config: uvicorn.Config, end_session: Callable[[], None]) -> None:
+        """Prepares the server.
+
+        Args:
+            config: its configuration.
+            end_session: function that ends the session, and returns once its last page is there.
+        """
+        super().__init__(config)
+        self._end_session = end_session
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Ends the session, and then the server; called by uvicorn."""
+        await run_in_threadpool(self._end_session)
+        await super().shutdown(sockets)
 
 
 def end_by_all_signals(server: uvicorn.Server) -> None:

@@ -21,6 +21,7 @@ from mavdem.serve.field_store import FieldStore
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.listening import (
+    SessionServer,
     end_by_all_signals,
     listening_socket,
     server_config,
@@ -128,6 +129,8 @@ def serve(
     if opens_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     http_server = uvicorn.Server(config)
+    if monitor is not None:
+        http_server = SessionServer(config, monitor.end_session)
     end_by_all_signals(http_server)
     with closing(viewer), suppress(KeyboardInterrupt):
         http_server.run(sockets=[listener])

@@ -100,7 +100,7 @@ def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):
     assert str(headline) == str(SLOW)
     power = {Light.POWER: Fact(Unjudged.NOT_JUDGED, reason=None)}
     checked = replace(slow, worst_lights=power).overall_judgement.headline
-    assert str(checked) == "No alarm now; watched: oscillation and motor limits."
+    assert str(checked) == "No alarm now in what is watched: oscillation and motor limits."
 
 
 def test_rates_that_suffice_are_a_good_log(slow):
@@ -446,7 +446,9 @@ def test_an_alarm_before_a_lost_link_is_in_its_headline_and_decides_what_to_do(s
     judgement = alarmed.overall_judgement
     assert judgement.headline.is_bad and judgement.headline.figures["cause"] == weak
     assert judgement.next_step == Fact(NextStep.LAND_NOW, reason=judgement.headline)
-    assert live_alarm(alarmed) == "⚠ Motor 1: land now"
+    # The age of the link comes first: what was advised before may be out of date.
+    assert live_alarm(alarmed) == "⚠ Link lost 4 s ago, in flight; before that: Motor 1: land now"
+    assert live_alarm(silent) == "⚠ Link lost 4 s ago, in flight"
     over = replace(alarmed, is_over=True).overall_judgement
     assert over.headline.figures["cause"] == weak
     assert over.next_step.figures["reason"] == over.headline

@@ -185,6 +185,22 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
     assert second_line.startswith("Flight 2 (0:22 min): ")
 
 
+def test_the_verdict_on_a_lost_flight_comes_at_its_end_and_not_again_at_the_next_take_off():
+    """The vehicle is disarmed after the crash; or its messages end."""
+    loss = Fact(Ending.CONTROL_LOST, time=22.1, height=None, cause=None, word=None)
+    lost = SessionStatus(is_flying=True, flight_number=1, loss=loss, message_age=0.1)
+    for end in (replace(lost, is_flying=False), replace(lost, message_age=4.0)):
+        log = Mock()
+        milestones = Milestones("roll", log)
+        next_flight = SessionStatus(is_flying=True, flight_number=2, message_age=0.1)
+        counts = []
+        for now, status in enumerate((lost, end, end, next_flight)):
+            milestones.update(learning_with(), status, float(now))
+            codes = [call.args[0].code for call in log.call_args_list]
+            counts.append(codes.count(SessionFact.FLIGHT_VERDICT))
+        assert counts == [0, 1, 1, 1]
+
+
 def test_a_take_off_does_not_hide_what_forbids_to_fly():
     """The second flight is too short to be judged, and nothing shows that the motor was inspected."""
     milestones = Milestones("roll", Mock())
@@ -198,7 +214,11 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert advice.startswith("Do not fly")
 
     flying = replace(second, verdicts=milestones.verdicts)
-    assert flying.session_judgement == flying.overall_judgement
+    assert flying.session_judgement.headline == flying.overall_judgement.headline
+    # What the present flight advises holds only if the fault of the first one was repaired.
+    next_step = str(flying.session_judgement.next_step)
+    assert next_step.startswith("If the fault of flight 1 was not repaired, land: motor 3")
+    assert next_step.endswith(f"Otherwise {as_clause(flying.overall_judgement.next_step)}.")
     text = unrepaired_fault_text(flying)
     assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
         "If that was not repaired, land."

@@ -234,8 +234,8 @@ def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle)
     # By then the first vehicle's lost link is an alarm, too.
     (succession,) = (fact for fact in reported_facts if fact.code is VehicleFact.VEHICLE_SUCCEEDED)
     assert succession.sentence == (
-        "Nothing came from 1:1 for 10 s: its session ends, and vehicle 4:1 (QUADROTOR, "
-        "ARDUPILOTMEGA) is followed."
+        "Nothing came from 1:1 for 10 s: its session ends, and vehicle 4:1 (quadrotor, "
+        "ArduPilot) is followed."
     )
 
 

@@ -51,7 +51,7 @@ def test_parameters_of_another_autopilot_under_the_same_ids_are_dropped():
     of_px4 = [(14.0 + second, heartbeat(autopilot=12)) for second in range(3)]
     replaced = replay([(13.6, new_parameter), *of_px4], stream)
     assert stream.parameters == {"MC_ROLL_P": 6.5}
-    assert [fact.sentence for fact in replaced.facts] == ["Following vehicle 1:1 (QUADROTOR, PX4)."]
+    assert [fact.sentence for fact in replaced.facts] == ["Following vehicle 1:1 (quadrotor, PX4)."]
 
 
 def test_a_multirotor_stays_one_whatever_a_later_heartbeat_says():
@@ -74,7 +74,7 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
         ]
     replayed = replay(by_time(Flight().frames(end=14.0), others))
     assert replayed.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and replayed.rows
-    assert replayed.facts[0].subject == "1:1 (QUADROTOR, ARDUPILOTMEGA)"
+    assert replayed.facts[0].subject == "1:1 (quadrotor, ArduPilot)"
     flying = [
         (sender.system, sender.component)
         for sender in replayed.stream._vehicles
@@ -93,7 +93,7 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     assert not replayed.rows and replayed.stream.status().vehicle is None
     (fact,) = replayed.facts
     assert fact.code is VehicleFact.VEHICLES_FOUND and fact.figures["name"] == "1:1"
-    names = "1:1 (QUADROTOR, ARDUPILOTMEGA)", "4:1 (QUADROTOR, ARDUPILOTMEGA)"
+    names = "1:1 (quadrotor, ArduPilot)", "4:1 (quadrotor, ArduPilot)"
     assert fact.figures["names"] == names and not fact.figures["others"]
     obstacle = replayed.stream.status().no_model_reason
     assert obstacle.code is VehicleFact.CHOOSE_VEHICLE

@@ -124,6 +124,23 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
 
 
 @mark.slow
+def test_open_pages_get_a_last_one_before_the_server_ends(heard):
+    """Browsers keep it, so that it asks for no newer one, and links to nothing that the server had."""
+    begin, library, _, _ = heard
+    live = begin()
+    until(lambda: "<main data-level" in live.page.html and "vehicle 1" in live.page.html)
+    live.end_session()
+    html = live.page.html
+    assert (
+        "<main data-level" not in html
+        and "is in the library once" in html
+        and 'href="/' not in html
+    )
+    live.stop()
+    assert library.find("1", [], 10).total == 1
+
+
+@mark.slow
 def test_the_part_of_a_recording_is_a_file_of_its_own(idle, monkeypatch):
     """Also where the recording was created in the second of its first message, by which the part is named."""
     live, _ = idle
@@ -426,6 +443,36 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
     assert [flight.entry_id for flight in live._faulty_flights] == ["crash"]
     # The verdict on a flight that is over is no second alarm.
     assert told and not any(event.is_alarm for event in told)
+
+
+def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle):
+    """The library has it of the same vehicle, by its name, autopilot and frame."""
+    live, told = idle
+    library = live._library
+    path = library.new_incoming_path("a.tlog")
+    path.write_bytes(b"a")
+    entry = library.add(path, "a.tlog")
+    fault = {"headline": "Motor 3 lost thrust.", "next_step": "Do not fly before it is inspected."}
+    vehicle = {"vehicle": "quad", "autopilot": "PX4", "frame": "QUADROTOR"}
+    library.change(entry.id, level="bad", **fault, **vehicle)
+    copter = Component(1, 1)
+    copter.vehicle_type = "QUADROTOR"
+
+    def next_step(autopilot, name):
+        copter.autopilot = autopilot
+        session = Mock()
+        session.stream.followed_vehicle = copter
+        state = VehicleState(library_name=name)
+        session.status = SessionStatus("1:1", is_flying=True, flight_number=1, state=state)
+        return live._shown_status(session).session_judgement.next_step
+
+    step = next_step("PX4", "quad")
+    assert str(step).startswith("If the fault of an earlier flight was not repaired, land: motor 3")
+    assert step.figures["reason"].figures["reason"].figures["address"] == f"/f/{entry.id}"
+    for autopilot, name in (("ARDUPILOTMEGA", "copter"), ("PX4", "other"), ("PX4", "")):
+        assert "repaired" not in str(next_step(autopilot, name))
+    # It is no news, and the verdict on it none of this server.
+    assert told == []
 
 
 def test_the_next_flight_names_a_flight_whose_end_was_not_received(idle, monkeypatch):

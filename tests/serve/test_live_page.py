@@ -326,6 +326,34 @@ def test_an_alarm_stays_at_the_edge_of_the_window_while_its_headline_is_out_of_s
     assert tab.run("scrollY") == 0
 
 
+def test_a_lost_link_has_a_strip_of_its_own_before_it_is_an_alarm(session, tab):
+    """A page that gets no answer itself says so in the place of the strip, with what was last in it."""
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    tab.size(390)
+    session.show(SessionStatus("1:1", silence, is_flying=True, message_age=4.0))
+    tab.until("document.title.startsWith('⚠')")
+    tab.run("scrollTo(0, document.body.scrollHeight)")
+    is_shown = "document.querySelector('#alarm').checkVisibility()"
+    tab.until(f"{is_shown} && document.querySelector('#alarm').className === 'watch'")
+    last = "Link lost 4 s ago, in flight"
+    assert tab.run("document.querySelector('#alarm').textContent") == f"⚠ {last}"
+    tab.command("Network.enable")
+    offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+    tab.command("Network.emulateNetworkConditions", offline=True, **offline)
+    tab.until(f"{LOUD_LINE}.endsWith('Last alarm: {last}.') && !({is_shown})")
+
+
+def test_who_read_the_headline_reads_that_of_the_next_flight(session, tab):
+    """Who reads the plots stays there."""
+    tab.size(390)
+    for number, (place, is_at_top) in enumerate(((40, True), (600, False)), start=1):
+        tab.run(f"scrollTo(0, {place})")
+        session.history.note_flight(number, session.end)
+        session.fly(4.0)
+        tab.until(f"document.querySelector('#flight').dataset.flight === '{number}'")
+        assert tab.run("scrollY === 0") is is_at_top
+
+
 def test_the_sound_that_was_chosen_is_remembered(session, tab):
     tab.run("document.getElementById('sound').click()")
     tab.run("window.isSamePage = true, location.reload()")

@@ -97,6 +97,9 @@ class Axis(NamedTuple):
     ticks: tuple[Tick, ...] = ()
     """Ticks with names, such as points of the compass; empty for ticks at round numbers."""
 
+    has_gaps: bool = False
+    """Whether a long step between two values means that samples are missing, as over the time of a flight."""
+
     def as_json(self) -> JsonValues:
         """Returns the axis as JSON for ``charts.js``, the script that draws the charts of a page.
 
@@ -118,7 +121,7 @@ class Axis(NamedTuple):
         return values
 
 
-TIME = Axis("time since boot (s)")
+TIME = Axis("time since boot (s)", has_gaps=True)
 """Time of a flight on the autopilot's boot clock."""
 
 TIME_AFTER_STEP = Axis("time (s)")
@@ -445,10 +448,9 @@ class Chart(NamedTuple):
         longest_line = max(self.lines, key=lambda line: len(line.x))
         if len(longest_line.x) > max_points:
             return False
-        # Only over time does a long step mean missing samples; the steps of log-spaced frequencies grow anyway.
-        is_over_time = self.x.label == TIME.label
+        # The steps of log-spaced frequencies, for example, grow without a missing sample.
         longest_step = longest_line.longest_bridged_gap
-        if is_over_time and (np.diff(longest_line.x) > longest_step).any():
+        if self.x.has_gaps and (np.diff(longest_line.x) > longest_step).any():
             return False
         return all(np.array_equal(line.x, longest_line.x) for line in self.lines)
 

@@ -852,7 +852,7 @@ def _time_axis_of_boot(history: LiveHistory) -> Axis:
     """Returns the axis of time of a live flight; after a restart of the autopilot it names the boot, as events do."""
     if history.boot == 0:
         return TIME
-    return Axis(f"time since boot {history.flight.boot + 1} (s)")
+    return TIME._replace(label=f"time since boot {history.flight.boot + 1} (s)")
 
 
 def _live_position(history: LiveHistory, columns: _LiveColumns) -> TimeSeries | None:

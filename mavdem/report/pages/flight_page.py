@@ -1082,12 +1082,16 @@ def _live_head(
         headline_reason,
         light_rows,
         live_alarm,
+        states_unrepaired_fault,
         unrepaired_fault_text,
         vehicle_state_cells,
     )
 
     judgement = status.session_judgement
     goes_on = not status.is_over
+    unrepaired_fault = ""
+    if not states_unrepaired_fault(judgement.next_step):
+        unrepaired_fault = unrepaired_fault_text(status)
     return Head(
         judgement.headline.level,
         lights_with_reason_once(judgement.lights),
@@ -1102,7 +1106,7 @@ def _live_head(
         flight_number=history.flight.number,
         is_lost_in_air=status.is_flying and status.loss is None,
         reasons=headline_reason(_judgement_with_reason(status)),
-        unrepaired_fault=unrepaired_fault_text(status),
+        unrepaired_fault=unrepaired_fault,
         vehicle_state=vehicle_state_cells(status) if goes_on else (),
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
@@ -1120,7 +1124,7 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import statement_of_headline
+    from mavdem.report.live import statement_of_headline, states_unrepaired_fault
 
     judgement = status.session_judgement
     sentences = judgement_sentences(judgement)
@@ -1131,6 +1135,10 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     if saved_flight is not None and judgement.headline.code is SessionFact.RECORDING_JUDGED:
         # The page in the library has what the step needs, such as the advised gains.
         next_step = next_step._replace(address=saved_flight.address)
+    if states_unrepaired_fault(judgement.next_step):
+        # The page of the earlier flight shows its fault; a fault of this session has none.
+        earlier_fault = judgement.next_step.figures["reason"].figures["reason"]
+        next_step = next_step._replace(address=earlier_fault.figures.get("address", ""))
     summary = [heading, *_sentences_on_next_step(next_step)]
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
