@@ -11,6 +11,7 @@ EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
         MotionEvent.OUTPUT_FROZE,
         MotionEvent.MOTOR_OFF,
         MotionEvent.MOTOR_STOOD_STILL,
+        MotionEvent.MOTORS_RAN_ON,
         ReportedEvent.THRUST_LOST,
         ReportedEvent.MOTOR_FAILED,
         ReportedEvent.MOTORS_STOPPED,
