@@ -238,7 +238,7 @@
         ctx.stroke();
       });
     }
-    ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
+    ctx.font = `${(root.classList.contains("printing") ? 8 : 10) * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
     ctx.textAlign = "left";
     // Marks of things that are counted stand above the plot, beside the values.
@@ -249,10 +249,17 @@
       drawEventNumbers(data, chart);
       return;
     }
-    for (const [i, [x, name, fill]] of data.marks.entries()) {
-      // Names of marks stand one below the other, since marks may be close together; on an axis of names none are.
-      const [right, down] = dotDistance ? [0, 0] : [3, 12 * i];
-      const textAndPosition = [name, chart.valToPos(x, "x", true) + right * ratio, bbox.top + ((dotDistance ? -MARKS_ABOVE : 3) + down) * ratio];
+    // Names of marks that would overlap stand one below the other; on an axis of names none do.
+    const endsOfRows = [], names = data.marks.filter(([, name]) => name).map(([x, name, fill]) => {
+      const width = ctx.measureText(name).width, place = chart.valToPos(x, "x", true);
+      // A name that would leave the plot at its right edge ends there.
+      const left = dotDistance ? place : Math.min(place + 3 * ratio, bbox.left + bbox.width - width);
+      return { name, fill, left, right: left + width };
+    });
+    for (const { name, fill, left, right } of names.sort((one, other) => one.left - other.left)) {
+      const freeRow = endsOfRows.findIndex(end => end < left), row = dotDistance ? 0 : freeRow < 0 ? endsOfRows.length : freeRow;
+      endsOfRows[row] = right;
+      const textAndPosition = [name, left, bbox.top + ((dotDistance ? -MARKS_ABOVE : 3) + 12 * row) * ratio];
       ctx.strokeText(...textAndPosition); ctx.fillStyle = fill; ctx.fillText(...textAndPosition);
     }
     ctx.restore();
