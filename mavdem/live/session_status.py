@@ -518,15 +518,14 @@ class SessionStatus(ImmutableResult):
 
         A take-off does not repair what was found before. On the ground, and at the end, the worst verdict of the
         session heads the judgement. In flight, a next step that lets the vehicle fly gets the condition that the fault
-        of an earlier flight was repaired. The lights remain those of the latest flight.
+        of an earlier flight was repaired; while the link is lost, what to do about that comes first. The lights remain
+        those of the latest flight.
         """
         judgement = self._judgement_with_worst_verdict
+        if not self._is_in_flight or self.link_loss is not None:
+            return judgement
         fault = self.unrepaired_fault
-        if (
-            fault is None
-            or not self._is_in_flight
-            or judgement.next_step.code in STEPS_TO_THE_GROUND
-        ):
+        if fault is None or judgement.next_step.code in STEPS_TO_THE_GROUND:
             return judgement
         next_step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
         return replace(judgement, next_step=next_step)

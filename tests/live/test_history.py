@@ -117,6 +117,18 @@ def test_plots_show_the_latest_flight_from_its_takeoff_on_the_clock_of_its_boot(
     assert chart.x.label == "time since boot 2 (s)"
 
 
+def test_no_line_is_drawn_over_the_time_without_messages_of_a_restart():
+    history = LiveHistory()
+    add_flight(history, 1.0, learnt=False)
+    history.advance(0.5, 1, restart_seconds=20.0)
+    # Before rows begin again, the samples may be of the same segment.
+    add_flight(history, 1.0, start=1.0, boot=1, learnt=False)
+    chart, *_ = live_timeline(history, "roll").overview
+    thinned = chart.thinned(2000)
+    during_restart = (thinned.lines[0].x > 102.0) & (thinned.lines[0].x < 120.0)
+    assert during_restart.any() and np.isnan(thinned.lines[0].y[during_restart]).all()
+
+
 def test_a_restart_that_takes_long_is_as_long_on_the_timeline():
     history = LiveHistory()
     history.advance(100.0, 0)

@@ -219,6 +219,10 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     next_step = str(flying.session_judgement.next_step)
     assert next_step.startswith("If the fault of flight 1 was not repaired, land: motor 3")
     assert next_step.endswith(f"Otherwise {as_clause(flying.overall_judgement.next_step)}.")
+    # While the link is lost, what to do about that comes first.
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    silent = replace(flying, no_model_reason=silence, message_age=4.0)
+    assert silent.session_judgement == silent.overall_judgement
     text = unrepaired_fault_text(flying)
     assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
         "If that was not repaired, land."

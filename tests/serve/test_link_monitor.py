@@ -272,7 +272,7 @@ def test_the_page_of_a_vehicle_lost_in_the_air_is_not_over_and_has_the_log_as_th
     assert 'Saved so far: <a href="/f/abc">a.tlog</a>' in page
     assert '<a href="geo:47.39774,-8.54559">' in page
     assert '<dt>Log</dt><dd class="watch">' in page
-    assert 'The log has gaps. <a href="/f/abc">Page</a>' in page
+    assert "The log has gaps." in page
 
 
 def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):
