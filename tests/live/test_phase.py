@@ -126,7 +126,7 @@ class Tumble(Hover):
 
 @mark.slow
 def test_the_moments_in_which_a_tumbling_vehicle_is_upright_are_not_settled():
-    made = replay(Flight(Tumble(hovering=13.0)).frames(end=23.0))
+    made = replay(Flight(Tumble(hovering=13.0), attitude=50.0, motors=50.0).frames(end=23.0))
     settled_times = np.array([row.time for row in made.rows if row.is_settled])
     assert not any((settled_times > 18.3) & (settled_times < 20.5))
     assert any(settled_times < 18.0) and any(settled_times > 21.1)

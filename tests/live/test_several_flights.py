@@ -22,11 +22,11 @@ pytestmark = [mark.slow, mark.usefixtures("without_wind_fits")]
 
 @dataclass(frozen=True)
 class WeakHover(Hover):
-    """A short hover in which one motor works harder from 22 s on."""
+    """A short hover in which one motor works harder from 19 s on."""
 
     motor: int = 0
     level: float = 8.0
-    hovering: float = 22.0
+    hovering: float = 17.0
 
     @property
     def landed(self):
@@ -34,7 +34,7 @@ class WeakHover(Hover):
 
     def motors(self, t):
         pulse_widths = super().motors(t)
-        pulse_widths[(t > 22.0) & (t < self.landed), self.motor] += 150.0
+        pulse_widths[(t > 19.0) & (t < self.landed), self.motor] += 150.0
         return pulse_widths
 
 

@@ -1,5 +1,7 @@
 """Which vehicle is followed."""
 
+from dataclasses import replace
+
 from hover import Hover
 from live_hover import Flight, by_time, replay
 from mavlink_streams import heartbeat, message
@@ -10,15 +12,22 @@ from mavdem.facts.session import RowsFact, VehicleFact
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import PositionSource
 
+FLIGHT = Flight(attitude=50.0, motors=50.0)
+"""A replay takes as long as it has messages, and rows of a model need 40 Hz."""
+
 
 def frames_of_two_vehicles():
     """The beginning of the same flight of two vehicles, with the system ids 1 and 4."""
-    return by_time(*(Flight(system=system).frames(end=14.0) for system in (1, 4)))
+    return by_time(*(replace(FLIGHT, system=system).frames(end=14.0) for system in (1, 4)))
 
 
 def only_heartbeats(system=1):
     """A vehicle on a link that nobody has asked for anything yet."""
-    return [(time, data) for time, data in Flight(system=system).frames(end=10.0) if data[7] == 0]
+    return [
+        (time, data)
+        for time, data in replace(FLIGHT, system=system).frames(end=10.0)
+        if data[7] == 0
+    ]
 
 
 def with_parameters(frames, values):
@@ -72,7 +81,7 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
             (second + 0.4, heartbeat(1, 154, kind=26)),
             (second + 0.4, heartbeat(3, 1, kind=1)),
         ]
-    replayed = replay(by_time(Flight().frames(end=14.0), others))
+    replayed = replay(by_time(FLIGHT.frames(end=14.0), others))
     assert replayed.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and replayed.rows
     assert replayed.facts[0].subject == "1:1 (quadrotor, ArduPilot)"
     flying = [
@@ -127,7 +136,7 @@ def test_a_vehicle_that_sends_only_heartbeats_is_followed():
 def test_a_plane_that_is_named_is_reported_to_be_none():
     frames = [
         (time, heartbeat(kind=1) if data[7] == 0 else data)
-        for time, data in Flight().frames(end=10.0)
+        for time, data in FLIGHT.frames(end=10.0)
     ]
     replayed = replay(frames, vehicle="1:1")
     refusal = Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type="FIXED_WING", axis="roll")
@@ -137,10 +146,10 @@ def test_a_plane_that_is_named_is_reported_to_be_none():
 @mark.slow
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     values = {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
-    replayed = replay(with_parameters(Flight().frames(end=14.0), values))
+    replayed = replay(with_parameters(FLIGHT.frames(end=14.0), values))
     assert RowsFact.MOTOR_ORDER_KNOWN not in replayed.codes, "their places are assumed"
     values |= {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0}
-    replayed = replay(with_parameters(Flight().frames(end=14.0), values))
+    replayed = replay(with_parameters(FLIGHT.frames(end=14.0), values))
     assert replayed.segments().keys() == {0}
     assert RowsFact.MOTOR_ORDER_ASSUMED in replayed.codes
     assert replayed.facts[-1].code is RowsFact.MOTOR_ORDER_KNOWN
@@ -151,7 +160,7 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
 @mark.slow
 def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
-    replayed = replay(with_parameters(Flight().frames(end=16.0), values))
+    replayed = replay(with_parameters(FLIGHT.frames(end=16.0), values))
     assert replayed.segments().keys() == {0, 1} and replayed.setups[1].geometry.channels == (
         4,
         3,
@@ -171,8 +180,8 @@ def test_two_vehicles_under_one_id_are_refused_until_one_is_silent():
 
     There are no rows meanwhile.
     """
-    first = Flight(hover=Hover(hovering=40.0)).frames(end=30.0)
-    second = Flight(hover=Hover(hovering=40.0), clock=500.0).frames(start=8.0, end=14.0)
+    first = replace(FLIGHT, hover=Hover(hovering=40.0)).frames(end=30.0)
+    second = replace(FLIGHT, hover=Hover(hovering=40.0), clock=500.0).frames(start=8.0, end=14.0)
     replayed = replay(by_time(first, second))
     refusals = [
         event.fact for event in replayed.events if event.fact.code is VehicleFact.TWO_VEHICLES_LIVE
