@@ -1,7 +1,7 @@
 """Linear algebra, generalized coordinates, linear systems and their filters, against SciPy and by brute force."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import hermite
 from numpy.random import default_rng
@@ -105,6 +105,7 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
 
 @mark.slow
 @given(seed=seeds)
+@settings(max_examples=30)
 def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     """The predictor equals a Kalman filter with separate prediction and correction, for random systems."""
     rng = default_rng(seed)
