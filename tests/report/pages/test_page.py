@@ -4,6 +4,7 @@ import re
 from base64 import b64decode
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import count
 from math import nan
 
 import numpy as np
@@ -257,12 +258,17 @@ def test_fingers_on_a_plot_move_all_cursors_zoom_and_scroll(flight, tmp_path, br
             return [plot.left, plot.top + plot.height / 2, plot.width];
         })()""")
 
+        # Events state their times, since on a busy machine two taps would come too late for a double tap.
+        times = count(1.0, 0.02)
+
         def touch(kind, *places, above=0.0):
-            """Fingers do something at these fractions of the plot's width."""
+            """Fingers do something at these fractions of the plot's width, 20 ms after the event before."""
             points = []
             for number, position in enumerate(places):
                 points.append({"id": number, "x": left + width * position, "y": top - above})
-            tab.command("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+            tab.command(
+                "Input.dispatchTouchEvent", type=kind, touchPoints=points, timestamp=next(times)
+            )
 
         first = tab.run(TOUCHED)
         touch("touchStart", 0.3)
