@@ -372,16 +372,16 @@ class _Contact:
         """
         onset = self._onset_time(time)
         contact = self._search.first_knock(onset, time)
-        descent = self.sensors.confirmed_descent((contact - DESCENT_SECONDS, contact))
-        fall_speed = None if descent is None else descent.speed
-        contact_speed = self._contact_speed(contact, fall_speed)
+        fall = self.sensors.confirmed_descent((contact - DESCENT_SECONDS, contact))
+        last_descent = None if fall is None else self._descent_at_contact(contact, fall)
         throttle_closing = self.sensors.throttle_closed_fact(
             (onset - DESCENT_SECONDS, onset + STICK_REACTION_SECONDS)
         )
         has_toppled = self.loss is not None or (rest is not None and rest.is_on_side)
         if has_toppled:
+            fall_speed = None if fall is None else fall.speed
             code = self._code_of_toppled_vehicle(onset, rest, fall_speed, throttle_closing)
-        elif (contact_speed or 0.0) > HARD_IMPACT_SPEED:
+        elif last_descent is not None and last_descent.speed > HARD_IMPACT_SPEED:
             code = MotionEvent.HIT
         elif any(fact.code is SensorFact.KNOCKED for fact in sensor_facts):
             code = MotionEvent.LANDED_HARD
@@ -389,26 +389,46 @@ class _Contact:
             return None
         if code is MotionEvent.TOPPLED and throttle_closing is not None:
             sensor_facts = (*sensor_facts, throttle_closing)
+        event = self._event_with_figures(code, onset, contact, rest, last_descent)
+        return checked_event(event, sensor_facts)
+
+    def _event_with_figures(
+        self,
+        code: MotionEvent,
+        onset: float,
+        contact: float,
+        rest: Rest | None,
+        last_descent: Descent | None,
+    ) -> Fact:
+        """Returns the event of a contact with its figures, which :func:`ground_contact` lists.
+
+        Args:
+            code: what happened.
+            onset: time when the contact began, s since boot, which may be that of a loss of attitude before.
+            contact: time of the first knock, s since boot, not before the onset.
+            rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
+            last_descent: speed with which the vehicle touched the ground, and its source; None if it is not known.
+        """
         is_hit = code is MotionEvent.HIT
-        # An impact is dated by its first knock, another contact by its onset, which may be the loss of attitude.
+        # An impact is dated by its first knock, another contact by its onset.
         event_time = contact if is_hit else onset
         height = self._height_of_contact(event_time)
-        interval = (onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)
-        peak_error = largest_error(self.error, interval)
+        error_interval = (onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)
+        peak_error = largest_error(self.error, error_interval)
         event = Fact(
             code,
             time=event_time,
             angle=0.0 if peak_error is None else peak_error.counted_angle,
             height=height,
-            speed=contact_speed,
-            speed_source=None if descent is None else self._speed_source(contact, descent),
+            speed=None if last_descent is None else last_descent.speed,
+            speed_source=None if last_descent is None else last_descent.source,
             boot=self.sensors.boot,
         )
         if is_hit and onset < contact:
             event = event.replace(onset=onset)
         if is_hit and self._is_contact_with_ground(height, rest):
             event = event.replace(is_ground=True)
-        return checked_event(event, sensor_facts)
+        return event
 
     def _onset_time(self, time: float) -> float:
         """Determines when a contact began: with the loss of attitude, if the ground caused it, otherwise at ``time``.
@@ -458,36 +478,25 @@ class _Contact:
             return MotionEvent.TOPPLED
         return MotionEvent.HIT
 
-    def _contact_speed(self, contact: float, fall_speed: float | None) -> float | None:
-        """Returns the speed downward with which the vehicle touched the ground.
+    def _descent_at_contact(self, contact: float, fall: Descent) -> Descent:
+        """Returns the speed downward with which the vehicle touched the ground, and the sensor that measured it.
 
         A pilot or height controller often brakes a fall before its end. Only the autopilot's estimate shows that: the
         barometer's climb rate, a slope over seconds, is a mean of the whole fall.
 
         Args:
             contact: time when the vehicle touched the ground, s since boot.
-            fall_speed: largest speed downward of the fall, m/s, which the contact cannot exceed.
+            fall: the fastest descent shortly before, whose speed the contact cannot exceed.
 
         Returns:
-            The speed, m/s; None if it is not known.
-        """
-        if fall_speed is None:
-            return None
-        last_rates = self.sensors.sink_rates((contact - CONTACT_SPEED_SECONDS, contact))
-        if "estimate" not in last_rates:
-            return fall_speed
-        return min(fall_speed, max(0.0, last_rates["estimate"]))
-
-    def _speed_source(self, contact: float, descent: Descent) -> HeightSource:
-        """Returns what measured the speed of a contact (:meth:`_contact_speed`).
-
-        Args:
-            contact: time when the vehicle touched the ground, s since boot.
-            descent: the confirmed descent just before.
+            The speed by the estimate at the contact, at least 0 m/s; ``fall`` if the estimate shows no braking or was
+            not recorded.
         """
         last_rates = self.sensors.sink_rates((contact - CONTACT_SPEED_SECONDS, contact))
-        is_braked = last_rates.get(HeightSource.ESTIMATE, inf) < descent.speed
-        return HeightSource.ESTIMATE if is_braked else descent.source
+        estimated_speed = last_rates.get(HeightSource.ESTIMATE, inf)
+        if estimated_speed >= fall.speed:
+            return fall
+        return Descent(max(0.0, estimated_speed), contact, HeightSource.ESTIMATE)
 
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact.

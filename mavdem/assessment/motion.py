@@ -236,6 +236,23 @@ def _events_of_flight(
     yield from dive_events(sensors, flight_interval)
     yield from flip_events(sensors, flight_interval)
     controlled_interval = _interval_before(flight_interval, loss, contact)
+    yield from _events_under_control(sensors, controlled_interval, reports)
+    yield from invalid_attitudes(sensors.signals, sensors.boot, flight_interval)
+    yield from _height_sensor_drifts(sensors, flight_interval, controlled_interval)
+
+
+def _events_under_control(
+    sensors: BootSensors, controlled_interval: TimeInterval, reports: Sequence[Fact]
+) -> Iterator[Fact]:
+    """Yields the events of a flight that are faults only as long as the vehicle is not lost, in no particular order.
+
+    They are swings and spins, errors of the estimated height and position, and a drift in wind.
+
+    Args:
+        sensors: sensors of the boot, with the take-off of this flight.
+        controlled_interval: start of the flight, and its end or the loss of the vehicle, s since boot.
+        reports: events that the autopilot reports.
+    """
     yield from attitude_swings(sensors.signals, sensors.boot, controlled_interval)
     yield from yaw_spins(sensors.signals, sensors.boot, controlled_interval)
     divergences = list(height_divergences(sensors, controlled_interval))
@@ -245,8 +262,6 @@ def _events_of_flight(
         yield from height_offsets(sensors, controlled_interval)
     yield from position_losses(sensors, controlled_interval, reports)
     yield from wind_drifts(sensors, controlled_interval)
-    yield from invalid_attitudes(sensors.signals, sensors.boot, flight_interval)
-    yield from _height_sensor_drifts(sensors, flight_interval, controlled_interval)
 
 
 def _height_sensor_drifts(

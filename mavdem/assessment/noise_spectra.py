@@ -163,9 +163,6 @@ def _line_fact(line: SpectralLine) -> Fact:
 def measure_noise(evidence: Evidence) -> MeasuredNoise:
     """Measures the noise of a flight: spectra of the sensors, their lines, and the notch filter to set.
 
-    A notch filter costs phase at the crossover of the control loops, so that the advice depends on the identified
-    loops.
-
     Args:
         evidence: signals, events and measurements of the vehicle.
 
@@ -180,31 +177,43 @@ def measure_noise(evidence: Evidence) -> MeasuredNoise:
     spectra = vibration_spectra(signals, evidence.flight_segments(signals.attitude.boot))
     lines = {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
     noise = MeasuredNoise(spectra, lines, no_spectrum=no_spectrum)
+    return noise._replace(notch=_advised_notch(evidence, noise))
+
+
+def _advised_notch(evidence: Evidence, noise: MeasuredNoise) -> Fact | None:
+    """Returns the notch filter to set in the gyro's signal, or why there is none; None without a known controller.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle, with the identified loops of roll and pitch. A notch
+            filter costs phase at their crossover.
+        noise: spectra of the sensors, and their lines.
+    """
+    signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))
     if controller is None:
-        return noise
+        return None
     loops = [evidence.loops.get(axis) for axis in TILT_AXES]
     crossovers = [loop.crossover for loop in loops if isinstance(loop, Loop)]
     notch = notch_advice(
         controller,
         noise.lines,
-        spectra.get(UNFILTERED_GYRO),
-        spectra.get(GYRO),
+        noise.spectra.get(UNFILTERED_GYRO),
+        noise.spectra.get(GYRO),
         max(crossovers, default=None),
     )
-    return noise._replace(notch=notch_for_firmware(notch, signals.telemetry))
+    return notch_for_firmware(notch, signals.telemetry)
 
 
 def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
     """Returns the advice on a notch filter as the firmware of a vehicle allows it.
 
     Args:
-        notch: the notch filter to set, or why there is none.
+        notch: a fact (coded finding): the notch filter to set, or why there is none.
         telemetry: autopilot and firmware of the vehicle.
 
     Returns:
-        That the firmware has no such filter, where one would be set or is not known to be needed; otherwise ``notch``,
-        whose advice on logging is for this autopilot.
+        The fact that the firmware has no such filter, if one is to be set, or if the spectrum ends below the motors'
+        frequencies, so that one may be needed. Otherwise ``notch``, whose advice on logging is for this autopilot.
     """
     may_be_needed = notch.code in (NotchAdvice.SET_NOTCH, NotchAdvice.SPECTRUM_BELOW_MOTORS)
     if may_be_needed and not _is_from_version(telemetry, FIRST_VERSION_WITH_NOTCH):
@@ -215,10 +224,10 @@ def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
 
 
 def _with_logger(fact: Fact, telemetry: Telemetry) -> Fact:
-    """Adds to a fact that advises to log the gyro which autopilot is to do so, and whether its version can.
+    """Adds to a fact the ``autopilot``, and whether its version ``can_log`` the gyro fast enough for a spectrum.
 
     Args:
-        fact: that the gyro has no spectrum, or one that ends too low.
+        fact: a coded finding, whose advice is to log the gyro: that it has no spectrum, or one that ends too low.
         telemetry: autopilot and firmware of the vehicle.
     """
     can_log = _is_from_version(telemetry, FIRST_VERSION_WITH_BATCHES)
@@ -226,12 +235,13 @@ def _with_logger(fact: Fact, telemetry: Telemetry) -> Fact:
 
 
 def _is_from_version(telemetry: Telemetry, first_version: tuple[int, int]) -> bool:
-    """Returns whether a vehicle may have what ArduCopter has from some version on; PX4 is not checked.
+    """Returns whether the firmware is of a version of ArduCopter or newer; true for PX4 and for an unknown version.
 
     Args:
-        telemetry: autopilot and firmware of the vehicle. An unknown version is taken for a new one.
-        first_version: major and minor version of ArduCopter.
+        telemetry: autopilot and firmware of the vehicle.
+        first_version: major and minor version of ArduCopter, the first one with some feature.
     """
     version = firmware_version(telemetry)
-    is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
-    return not is_ardupilot or version is None or version >= first_version
+    if telemetry.autopilot != "ARDUPILOTMEGA" or version is None:
+        return True
+    return version >= first_version

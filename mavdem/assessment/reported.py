@@ -615,33 +615,51 @@ def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
 def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields each change of the state estimator's primary lane, and each of its resets, in one boot.
 
-    Each change of the value of one of the ``COUNTING_FIELDS``, which have the number of the lane or count resets, is an
-    event. Its subject may contain the new value, such as "lane 1". Of changes that follow each other within
-    ``SAME_CHANGE_SECONDS``, only the last one is an event: it has the value that stays.
+    A lane is one of several estimators that run side by side on different sensors. The autopilot flies by the primary
+    one.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
+
+    Yields:
+        An event for each change of the value of one of the ``COUNTING_FIELDS``, which have the number of the lane or
+        count resets. Its subject may contain the new value, such as "lane 1".
     """
     for counting_field in COUNTING_FIELDS:
         columns = signals.telemetry.messages.get(counting_field.message, {})
         if counting_field.field not in columns:
             continue
-        is_selected = columns["boot"] == recorded_span.boot
-        counter_values = columns[counting_field.field][is_selected]
-        times = columns["time"][is_selected]
-        changed_samples = 1 + np.flatnonzero(np.diff(counter_values))
-        seconds_to_next_change = np.diff(times[changed_samples], append=inf)
-        for sample in changed_samples[seconds_to_next_change > SAME_CHANGE_SECONDS]:
-            subject = counting_field.subject.format(int(counter_values[sample]))
+        is_in_boot = columns["boot"] == recorded_span.boot
+        counter_values = columns[counting_field.field][is_in_boot]
+        times = columns["time"][is_in_boot]
+        for sample in _samples_with_lasting_changes(times, counter_values):
             yield _reported_event(
                 signals,
                 recorded_span,
                 counting_field.message,
                 counting_field.code,
                 times[sample],
-                subject=subject,
+                subject=counting_field.subject.format(int(counter_values[sample])),
             )
+
+
+def _samples_with_lasting_changes(times: Array, values: Array) -> list[int]:
+    """Returns the samples with which a value changes, and then stays for more than ``SAME_CHANGE_SECONDS``.
+
+    Args:
+        times: (N,) times of the samples, s, ascending.
+        values: (N,) the values.
+
+    Returns:
+        Indices of the first samples with the new values.
+    """
+    # np.diff belongs to pairs of samples, of which the second one has the new value.
+    changed_samples = 1 + np.flatnonzero(np.diff(values))
+    # The last value stays to the end.
+    is_lasting = np.diff(times[changed_samples], append=inf) > SAME_CHANGE_SECONDS
+    samples: list[int] = changed_samples[is_lasting].tolist()
+    return samples
 
 
 def _lasting_faults(

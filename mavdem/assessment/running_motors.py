@@ -4,6 +4,8 @@ Propellers under power injure whoever lifts the vehicle, and blocked motors burn
 the vehicle has hit the ground or toppled over.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mavdem.arrays import Array
@@ -23,6 +25,15 @@ CRASH_CHECK_PARAMETER = "FS_CRASH_CHECK"
 """Parameter of ArduPilot: 0 if the autopilot does not stop the motors after a crash, otherwise 1 or 2."""
 
 
+class _MotorRun(NamedTuple):
+    """How long the motors ran after a crash."""
+
+    end_time: float
+    """The last time, s since boot, at which a motor still ran without a pause since the crash."""
+    is_cut: bool
+    """Whether the record ends there, so that the motors may have run on."""
+
+
 def motors_left_running(signals: Signals, crash: Fact) -> Fact | None:
     """Returns the fact that motors ran on after a crash, although the vehicle lay still.
 
@@ -31,32 +42,31 @@ def motors_left_running(signals: Signals, crash: Fact) -> Fact | None:
         crash: the event that the vehicle hit the ground or something else, or toppled over, with its time and boot.
 
     Returns:
-        An event at the time when the motors had run ``MIN_RUN_SECONDS`` too long. Its figures are the ``duration``, s,
-        from the crash until the motors stopped, ``is_permanent`` if they ran to the end of the record, the code of the
-        ``crash``, and the value of ``FS_CRASH_CHECK`` as ``crash_check``; None if the vehicle has no such parameter.
-        None if the motors stopped sooner, the vehicle moved, or the log does not show it.
+        An event ``MIN_RUN_SECONDS`` after the crash; None if the motors stopped sooner, the vehicle moved, or the log
+        does not show it. Its figures, besides the ``boot``, are:
+
+        - ``duration``: seconds from the crash until the motors stopped;
+        - ``is_permanent``: true if they ran to the end of the record, missing otherwise;
+        - ``crash``: code of the crash;
+        - ``crash_check``: value of ``FS_CRASH_CHECK``; None if the vehicle has no such parameter.
     """
     boot = crash.figures["boot"]
-    running_time = _running_time_after(signals, boot, crash.start_time)
-    if running_time is None:
-        return None
-    stop_time, is_permanent = running_time
-    if _still_seconds(signals, boot, crash.start_time, stop_time) < MIN_RUN_SECONDS:
+    crash_time = crash.start_time
+    run = _motor_run_after(signals, boot, crash_time)
+    if run is None or _still_seconds(signals, boot, crash_time, run.end_time) < MIN_RUN_SECONDS:
         return None
     event = Fact(
         MotionEvent.MOTORS_RAN_ON,
-        time=crash.start_time + MIN_RUN_SECONDS,
-        duration=stop_time - crash.start_time,
+        time=crash_time + MIN_RUN_SECONDS,
+        duration=run.end_time - crash_time,
         crash=str(crash.code),
         crash_check=signals.telemetry.parameters.get(CRASH_CHECK_PARAMETER),
         boot=boot,
     )
-    return event.replace(is_permanent=True) if is_permanent else event
+    return event.replace(is_permanent=True) if run.is_cut else event
 
 
-def _running_time_after(
-    signals: Signals, boot: int, crash_time: float
-) -> tuple[float, bool] | None:
+def _motor_run_after(signals: Signals, boot: int, crash_time: float) -> _MotorRun | None:
     """Returns until when at least one motor ran without a pause after a crash.
 
     Args:
@@ -65,8 +75,7 @@ def _running_time_after(
         crash_time: time of the crash, s since boot.
 
     Returns:
-        The time of the last sample before all motors idled or stood still, s since boot, and whether it is the last
-        sample of the record. None if the outputs of the motors were not recorded after the crash.
+        The end of that run; None if the outputs of the motors were not recorded after the crash.
     """
     motors = signals.motors
     if motors is None:
@@ -76,17 +85,28 @@ def _running_time_after(
     times: Array = commands.time[is_after_crash]
     if not len(times):
         return None
+    # One motor that runs is enough.
     highest_commands = commands.values[is_after_crash].max(axis=1)
     idle_samples = np.flatnonzero(highest_commands < min_running_command(motors))
-    is_permanent = not len(idle_samples)
-    last_running_sample = len(times) - 1 if is_permanent else max(int(idle_samples[0]) - 1, 0)
-    return float(times[last_running_sample]), is_permanent
+    if not len(idle_samples):
+        return _MotorRun(float(times[-1]), is_cut=True)
+    # Motors that idle from the first sample on have no sample in which they run.
+    last_running_sample = max(int(idle_samples[0]) - 1, 0)
+    return _MotorRun(float(times[last_running_sample]), is_cut=False)
 
 
 def _still_seconds(signals: Signals, boot: int, start: float, end: float) -> float:
-    """Returns for how long the vehicle was still between two times of a boot, s since boot; 0 without body rates."""
+    """Returns for how many seconds between two times the vehicle was still; 0 without body rates.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        start: first of the two times, s since boot.
+        end: second of the two times, s since boot.
+    """
+    # Each window lasts REST_SECONDS, and none overlaps another.
     windows = still_windows(signals, boot)
     if windows is None:
         return 0.0
-    is_inside = (windows.start >= start) & (windows.start + REST_SECONDS <= end)
-    return REST_SECONDS * int(np.count_nonzero(windows.is_still & is_inside))
+    is_between = (windows.start >= start) & (windows.start + REST_SECONDS <= end)
+    return REST_SECONDS * int(np.count_nonzero(windows.is_still & is_between))

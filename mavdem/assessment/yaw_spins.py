@@ -6,6 +6,7 @@ setpoint along with the vehicle, so that only the setpoint of the yaw rate shows
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -47,12 +48,9 @@ def yaw_spins(signals: Signals, boot: int, flight_interval: TimeInterval) -> Ite
     if yaw_rate is None:
         return
     excess_rate = _rate_beyond_command(signals, boot, yaw_rate)
-    # A spin has one direction: 1 to the right, -1 to the left.
-    direction = np.sign(excess_rate) * (abs(excess_rate) > MIN_EXCESS_RATE)
-    first_samples_of_runs = np.flatnonzero(np.diff(direction, prepend=0.0, append=0.0))
-    for first, end in zip(first_samples_of_runs[:-1], first_samples_of_runs[1:], strict=True):
-        times = yaw_rate.time[first:end]
-        excess_angle = float(np.trapezoid(excess_rate[first:end], times))
+    for samples in _samples_of_rotations(excess_rate):
+        times = yaw_rate.time[samples]
+        excess_angle = float(np.trapezoid(excess_rate[samples], times))
         turns = excess_angle / (2 * np.pi)
         if abs(turns) >= MIN_TURNS:
             yield Fact(
@@ -60,15 +58,37 @@ def yaw_spins(signals: Signals, boot: int, flight_interval: TimeInterval) -> Ite
                 time=float(times[0]),
                 end_time=float(times[-1]),
                 turns=turns,
-                body_rate=float(abs(yaw_rate.values[first:end]).max()),
+                body_rate=float(abs(yaw_rate.values[samples]).max()),
                 boot=boot,
             )
+
+
+def _samples_of_rotations(excess_rate: Array) -> list[slice]:
+    """Returns the samples of each rotation to one side that is faster than ``MIN_EXCESS_RATE`` throughout.
+
+    Args:
+        excess_rate: (N,) yaw rate beyond the commanded one, rad/s, positive to the right.
+    """
+    # 1 to the right, -1 to the left, 0 where the vehicle turns about as it was commanded to.
+    direction = np.where(abs(excess_rate) > MIN_EXCESS_RATE, np.sign(excess_rate), 0.0)
+    # A rotation may begin with the first sample and end with the last one: zeros are put around them.
+    changes = np.flatnonzero(np.diff(direction, prepend=0.0, append=0.0))
+    # Between two changes the direction is the same.
+    stretches = [slice(first, end) for first, end in pairwise(changes)]
+    return [samples for samples in stretches if direction[samples.start] != 0]
 
 
 def _rate_in_flight(
     signals: Signals, boot: int, flight_interval: TimeInterval
 ) -> TimeSeries | None:
-    """Returns the yaw rate, rad/s, in a flight; None if fewer than two samples were recorded."""
+    """Returns the yaw rate, rad/s, in a flight; None if fewer than two samples were recorded.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        flight_interval: start and end of the flight, or of its part before the vehicle was lost, s since boot.
+    """
+    # A log may have the attitude without yaw, or none.
     if len(signals.attitudes) < len(AXES):
         return None
     rate = series_of_boot(signals.attitudes[YAW].rate_series, boot)
@@ -89,9 +109,9 @@ def _rate_beyond_command(signals: Signals, boot: int, yaw_rate: TimeSeries) -> A
     Returns:
         (N,) rad/s, positive to the right; 0 where no yaw rate was commanded.
     """
-    rate_setpoints = [
-        setpoint for setpoint in signals.for_axis(AXES[YAW]).setpoints if setpoint.unit != "rad"
-    ]
+    # Those of the yaw angle are in rad.
+    yaw_setpoints = signals.for_axis(AXES[YAW]).setpoints
+    rate_setpoints = [setpoint for setpoint in yaw_setpoints if setpoint.unit == "rad/s"]
     if not rate_setpoints:
         return np.zeros(len(yaw_rate.time))
     setpoint = held_setpoint(rate_setpoints[0], boot, yaw_rate.time)
@@ -100,4 +120,5 @@ def _rate_beyond_command(signals: Signals, boot: int, yaw_rate: TimeSeries) -> A
     lowest_rate = np.minimum(commanded.lowest, 0.0)
     highest_rate = np.maximum(commanded.highest, 0.0)
     excess_rate = yaw_rate.values - np.clip(yaw_rate.values, lowest_rate, highest_rate)
-    return np.where(np.isfinite(setpoint), excess_rate, 0.0)
+    has_setpoint = np.isfinite(setpoint)
+    return np.where(has_setpoint, excess_rate, 0.0)

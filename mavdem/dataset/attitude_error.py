@@ -147,7 +147,7 @@ def _angle_error(angle: Array, setpoint: Array, is_rate_controlled: Flags, windo
 
 
 def samples_to_follow(time: Array) -> int:
-    """Returns the number of samples in ``MAX_SETPOINT_DELAY``, in which a vehicle must follow a setpoint; at least 1.
+    """Returns the number of samples, at least 1, in the ``MAX_SETPOINT_DELAY`` in which a vehicle follows a setpoint.
 
     Args:
         time: (N,) times of the samples, s, at least two, ascending.
@@ -171,7 +171,7 @@ def recent_range(setpoint: Array, window: int) -> RecentRange:
         setpoint: (N,) values, without NaN.
         window: number of samples in the window.
     """
-    # SciPy centres its windows, so that they are shifted by half of their length.
+    # SciPy centres its windows on the samples. Shifted by half of their length, they end with the samples.
     shift = (window - 1) // 2
     return RecentRange(
         scipy.ndimage.minimum_filter1d(setpoint, window, origin=shift),

@@ -137,11 +137,8 @@ class Advice(ImmutableResult):
     def conclusion(self) -> Fact:
         """What to do with the gains: set them, keep them, take a step towards the margins, or why there is no advice.
 
-        It is a :class:`Fact`, a code with figures, from which reports and documents make one sentence. New gains are
-        final (``SET_GAINS``) only if both loops have their margins with them in at least ``SURE_SHARE`` of the models,
-        which are draws of the plant. Otherwise they are a step towards the margins.
-
-        The figures are:
+        It is a :class:`Fact`, a code with figures, from which reports and documents make one sentence. The models are
+        draws of the plant from its posterior. The figures are:
 
         - ``share``: fraction of the models with the margins at all ``EFFECTIVENESS_FACTORS``, with the new gains.
         - ``share_as_flown``: the same at the thrust of the flight alone.
@@ -157,17 +154,9 @@ class Advice(ImmutableResult):
         """
         if self.refusals:
             return Fact(GainFact.NO_GAINS_ADVISED, reasons=self.refusals)
-        fraction_with_margins = self.sure
-        changes_gains = bool(self.parameters)
-        if not changes_gains:
-            code = GainFact.KEEP_GAINS
-        elif fraction_with_margins >= SURE_SHARE:
-            code = GainFact.SET_GAINS
-        else:
-            code = GainFact.STEP_TOWARDS_MARGINS
         return Fact(
-            code,
-            share=fraction_with_margins,
+            self._code_of_conclusion,
+            share=self.sure,
             share_as_flown=self.after.share_meeting(self.target),
             share_lacking=self.fraction_without_margins_before,
             is_sound=self.is_sound,
@@ -184,6 +173,20 @@ class Advice(ImmutableResult):
             expected=margin_rating(self.after, self.target),
             **self.target._asdict(),
         )
+
+    @property
+    def _code_of_conclusion(self) -> GainFact:
+        """The code of :attr:`conclusion` for gains that are known: keep them, set new ones, or go a step towards them.
+
+        New gains are final (``SET_GAINS``) only if both loops have their margins with them in at least ``SURE_SHARE``
+        of the models. Otherwise they are a step towards the margins.
+        """
+        changes_gains = bool(self.parameters)
+        if not changes_gains:
+            return GainFact.KEEP_GAINS
+        if self.sure >= SURE_SHARE:
+            return GainFact.SET_GAINS
+        return GainFact.STEP_TOWARDS_MARGINS
 
 
 AdviceByAxis = dict[str, Advice | Fact]

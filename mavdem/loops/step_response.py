@@ -49,6 +49,7 @@ from mavdem.loops.step_characteristics import rise_times, step_characteristics
 from mavdem.loops.welch import (
     MIN_COHERENCE,
     MIN_WINDOWS,
+    ResampledSignals,
     WelchSpectra,
     resampled_signals,
     welch_spectra_of_pieces,
@@ -294,7 +295,7 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
 
 
 def _no_setpoint(signals: Signals, loop: str) -> Fact:
-    """Returns the fact that the log has no setpoint of a loop, with the recorder, by which the advice names messages.
+    """Returns the fact that the log has no setpoint of a loop, with the recorder, so that advice can name messages.
 
     Args:
         signals: logged time series of the vehicle for the axis of the loop.
@@ -339,27 +340,18 @@ def _measured_step_response(
         The step response; or the reason why there is none: messages are too slow or too few, or the setpoint hardly
         varies.
     """
-    subject = f"{signals.axis} {loop}"
-    seconds = STEP_SECONDS[loop]
-    min_duration = MIN_PIECE_RESPONSES * seconds
-    if min(map(rate_between_outages, series)) < min_rate:
-        recorder = signals.telemetry.translated_from
-        return Fact(
-            StepResponseFact.TOO_SLOW, subject=subject, least_rate=min_rate, recorder=recorder
-        )
-    signals_on_grid = resampled_signals(
-        series, segments, min_duration, min_rate, MAX_SAMPLING_RATES[loop]
-    )
-    if signals_on_grid is None:
-        return Fact(
-            StepResponseFact.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration
-        )
-    setpoint_moves_too_little = Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=subject)
+    signals_on_grid = _signals_on_grid(signals, loop, series, segments, min_rate)
+    if isinstance(signals_on_grid, Fact):
+        return signals_on_grid
     sampling_rate = signals_on_grid.rate
+    seconds = STEP_SECONDS[loop]
     # Pieces whose setpoint, the first row, is constant show no response to it. The others must have samples for
     # MIN_WINDOWS windows, each of two durations of the response.
     pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[_SETPOINT]) != 0]
     sample_count = sum(piece.shape[1] for piece in pieces)
+    setpoint_moves_too_little = Fact(
+        StepResponseFact.TOO_LITTLE_ASKED, subject=f"{signals.axis} {loop}"
+    )
     if sample_count < 2 * MIN_WINDOWS * seconds * sampling_rate:
         return setpoint_moves_too_little
     angle_gain = 0.0
@@ -384,6 +376,44 @@ def _measured_step_response(
     return _described_response(
         signals.axis, loop, impulse_response, timing_error, spectra, rate_loop
     )
+
+
+def _signals_on_grid(
+    signals: Signals,
+    loop: str,
+    series: Sequence[TimeSeries],
+    segments: Segments,
+    min_rate: float,
+) -> ResampledSignals | Fact:
+    """Resamples the signals of a loop to one even rate, in pieces of the flight without gaps.
+
+    Args:
+        signals: logged time series of the vehicle, for the name of the axis and the recorder.
+        loop: "rate" or "attitude".
+        series: the signals of the loop, such as setpoint and response.
+        segments: segments of the flight to use.
+        min_rate: lowest accepted rate of messages, Hz.
+
+    Returns:
+        The samples; or the reason why there are none: messages are too slow, or all pieces too short.
+    """
+    subject = f"{signals.axis} {loop}"
+    if min(map(rate_between_outages, series)) < min_rate:
+        return Fact(
+            StepResponseFact.TOO_SLOW,
+            subject=subject,
+            least_rate=min_rate,
+            recorder=signals.telemetry.translated_from,
+        )
+    min_duration = MIN_PIECE_RESPONSES * STEP_SECONDS[loop]
+    signals_on_grid = resampled_signals(
+        series, segments, min_duration, min_rate, MAX_SAMPLING_RATES[loop]
+    )
+    if signals_on_grid is None:
+        return Fact(
+            StepResponseFact.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration
+        )
+    return signals_on_grid
 
 
 def _corrected_attitude_pieces(

@@ -333,10 +333,10 @@ class BootSensors:
         return climb_rate.select(heights > -MAX_GROUND_HEIGHT)
 
     def _sinks_at_rest(self, climb_rate: TimeSeries) -> bool:
-        """Returns whether an estimate sank in the seconds before the take-off, in which the vehicle rested.
+        """Returns whether the estimate sank in the seconds before the take-off, in which the vehicle rested.
 
         Args:
-            climb_rate: the estimate (N,), m/s upward.
+            climb_rate: climb by the autopilot's estimate (N,), m/s upward.
         """
         before_take_off = (self.take_off - SECONDS_BEFORE_TAKE_OFF, self.take_off)
         rates_at_rest = climb_rate.within(before_take_off).values
@@ -435,13 +435,21 @@ class BootSensors:
         if not descents:
             return None
         descent = min(descents.values(), key=lambda each: each.speed)
-        if HeightSource.ESTIMATE in descents:
-            start, end = interval
-            search = [(start, end + CONTRADICTION_MARGIN)]
-            is_contradicted = bool(intersection(self.height.contradictions, search))
-            if not is_contradicted or self._barometer_sank_as_far(end):
-                descent = descents[HeightSource.ESTIMATE]
+        if HeightSource.ESTIMATE in descents and self._confirms_estimate(interval):
+            descent = descents[HeightSource.ESTIMATE]
         return descent._replace(speed=max(0.0, descent.speed))
+
+    def _confirms_estimate(self, interval: TimeInterval) -> bool:
+        """Returns whether the barometer agrees with the estimated descent in an interval, or differs by its lag alone.
+
+        Args:
+            interval: start and end, s since boot.
+        """
+        start, end = interval
+        # Both climb rates are averages, so that a contradiction may show a little later.
+        search_interval = (start, end + CONTRADICTION_MARGIN)
+        is_contradicted = bool(intersection(self.height.contradictions, [search_interval]))
+        return not is_contradicted or self._barometer_sank_as_far(end)
 
     def _barometer_sank_as_far(self, end: float) -> bool:
         """Returns whether the barometer lost as much height as the estimate in the ``SLOPE_SECONDS`` before a time.

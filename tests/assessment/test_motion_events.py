@@ -654,6 +654,17 @@ def test_a_turn_beyond_the_yaw_command_is_a_spin(turns, commanded_turns, spins):
         assert "to the right" in spun.sentence
 
 
+def test_a_slow_drift_between_two_fast_turns_is_no_spin():
+    """It drifts by 1.3 turns at 9 °/s, and yaws at 30 °/s for a second before and after."""
+    telemetry = instrumented()
+    elapsed = stamps(telemetry, "ATTITUDE") - 10.0
+    is_fast = (elapsed % 52.0 > 0.0) & (elapsed % 52.0 < 1.0)
+    rate = np.radians(np.where(is_fast, 30.0, 9.0)) * ((elapsed > 0.0) & (elapsed < 53.0))
+    telemetry = changed(telemetry, "ATTITUDE", yawspeed=rate)
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", type_mask=0, body_yaw_rate=0.0)
+    assert MotionEvent.SPUN not in events_and_ending(telemetry)[0]
+
+
 def test_a_hard_landing_upright_is_to_be_watched():
     events, ending = events_and_ending(impact(2.5))
     assert ending is None

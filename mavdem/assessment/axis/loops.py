@@ -149,29 +149,40 @@ REASONS_WITH_RATES = (
 
 
 def _with_recording(reason: Fact, signals: Signals) -> Fact:
-    """Adds to the reason why a loop is not known how the flight was recorded, by which the advice names what to log.
+    """Adds to the reason why a loop is unknown how the flight was recorded, so that advice can name what to log.
 
     Args:
-        reason: the reason, which may consist of several ``reasons``.
+        reason: a fact (coded finding with figures). The reason ``NO_LOOP`` consists of others, its ``reasons``.
         signals: logged time series of the vehicle for the axis.
 
     Returns:
         The reason, with the ``recorder`` (such as "DataFlash"; empty for telemetry) if the rate setpoint is missing,
-        or with ``names`` and ``rates``, Hz, of the messages of attitude and motors if another flight is advised.
+        or with the rates of messages (:func:`_with_rates`) if another flight is advised.
     """
-    telemetry = signals.telemetry
     if reason.code is LoopFact.NO_LOOP:
         reasons = [_with_recording(each, signals) for each in reason.figures["reasons"]]
         return reason.replace(reasons=tuple(reasons))
     if reason.code is LoopFact.NO_RATE_SETPOINT:
-        return reason.replace(recorder=telemetry.translated_from)
-    streams = [each for each in (signals.attitude, signals.model_inputs) if each is not None]
-    if reason.code in REASONS_WITH_RATES and streams:
-        return reason.replace(
-            names=tuple(telemetry.name_in_source(stream.message) for stream in streams),
-            rates=tuple(rate_between_outages(stream) for stream in streams),
-        )
+        return reason.replace(recorder=signals.telemetry.translated_from)
+    if reason.code in REASONS_WITH_RATES:
+        return _with_rates(reason, signals)
     return reason
+
+
+def _with_rates(reason: Fact, signals: Signals) -> Fact:
+    """Adds the messages with the attitude and the motor outputs to a reason: their ``names`` and ``rates``, Hz.
+
+    Args:
+        reason: a fact (coded finding with figures); unchanged if neither message was recorded.
+        signals: logged time series of the vehicle for the axis.
+    """
+    streams = [each for each in (signals.attitude, signals.model_inputs) if each is not None]
+    if not streams:
+        return reason
+    return reason.replace(
+        names=tuple(signals.telemetry.name_in_source(stream.message) for stream in streams),
+        rates=tuple(rate_between_outages(stream) for stream in streams),
+    )
 
 
 def loop_of_axis(

@@ -439,11 +439,27 @@ def _next_step_with_new_gains(
         return _step_to_load_gains(
             judgement, changed_loops, other_axes, arguments, is_written=is_written
         )
-    # The most certain advice determines which flight is needed, and the fact names all axes.
-    most_certain = max(
-        changed_loops,
-        key=lambda advice: max(advice.sure, advice.fraction_without_margins_before),
-    )
+    return _step_to_fly_before_gains(judgement, changed_loops)
+
+
+def _step_to_fly_before_gains(judgement: Judgement, changed_loops: Sequence[Advice]) -> Fact:
+    """Returns the next step to make a flight that is to confirm new gains before they are loaded.
+
+    Args:
+        judgement: headline and status lights of the flight.
+        changed_loops: advice on the loops that change. The flight is a basis for the new gains of none.
+
+    Returns:
+        The fact ``FLY_BEFORE_GAINS``. Its ``reason`` names all axes and says which flight is needed, as the advice does
+        that is the most certain of a change: because most models of the vehicle have their margins with the new gains,
+        or because most lack them with the present ones.
+    """
+
+    def certainty(advice: Advice) -> float:
+        """Returns the fraction of the models of the vehicle that speak for new gains."""
+        return max(advice.sure, advice.fraction_without_margins_before)
+
+    most_certain = max(changed_loops, key=certainty)
     axes = tuple(advice.before.axis for advice in changed_loops)
     flight = most_certain.flight_before_gains.replace(names=axes)
     return Fact(
@@ -457,16 +473,16 @@ def _next_step_with_new_gains(
 def faults_besides_loops(judgement: Judgement) -> list[Fact]:
     """Returns what a flight shows to be watch or bad about anything but its control loops, each finding once.
 
-    Lights of the log and of the weather count only if they are bad, as in a headline.
-
     Args:
-        judgement: headline and status lights of the flight.
+        judgement: headline of the flight, and its status lights: a fact (coded finding with a level) for each of eight
+            subjects such as the motors.
 
     Returns:
         The headline, if it is such a finding, and the facts of the lights in their order.
     """
     candidates = [judgement.headline]
     for name, light in judgement.lights.items():
+        # As in a headline, lights of the log and of the weather count only if they are bad.
         if light.is_bad or name not in OTHER_LIGHTS:
             candidates.append(light)
     faults: list[Fact] = []
@@ -480,8 +496,8 @@ def faults_besides_loops(judgement: Judgement) -> list[Fact]:
 def _faults_before_gains(judgement: Judgement) -> Facts:
     """Returns what is to be mended before new gains are loaded, although it does not forbid to fly.
 
-    These are the headline of the flight, and what the ``LIGHTS_BEFORE_GAINS`` show, as far as they are watch or bad.
-    What only another flight can clear up is left out.
+    These are the headline of the flight, and the status lights (judgements with a level) of motors, vibration and
+    battery, as far as they are watch or bad.
 
     Args:
         judgement: headline and status lights of the flight.
@@ -492,7 +508,9 @@ def _faults_before_gains(judgement: Judgement) -> Facts:
             urgent_facts.append(judgement.lights[name])
     faults = []
     for fault in faults_besides_loops(judgement):
-        if fault in urgent_facts and fault.without_flight_advice.remedy:
+        # What only another flight can clear up is nothing to mend.
+        is_mendable = bool(fault.without_flight_advice.remedy)
+        if fault in urgent_facts and is_mendable:
             faults.append(fault)
     return tuple(faults)
 
@@ -529,7 +547,7 @@ def _step_to_load_gains(
         - ``waiting``: the axes whose gains are of a later stage.
     """
     first_stage = stage_to_load(changed_loops)
-    # Gains that another flight is to confirm, and those of a later stage, are not loaded now.
+    # Gains of a later stage, and those that another flight is to confirm, are not loaded now.
     loops_to_load = []
     waiting_axes = []
     for advice in changed_loops:
@@ -540,11 +558,6 @@ def _step_to_load_gains(
     axes_to_load: Names = ()
     if len(loops_to_load) < len(changed_loops):
         axes_to_load = tuple(advice.before.axis for advice in loops_to_load)
-    is_biased = any(
-        caution.code is LoopFact.EFFECT_BIASED
-        for advice in loops_to_load
-        for caution in advice.before.cautions
-    )
     return Fact(
         NextStep.LOAD_GAINS,
         judgement.headline.level,
@@ -554,13 +567,18 @@ def _step_to_load_gains(
         flights=max(advice.flights for advice in loops_to_load),
         also=_faults_before_gains(judgement),
         needed=SURE_SHARE,
-        is_biased=is_biased,
+        is_biased=any(_has_biased_effectiveness(advice.before) for advice in loops_to_load),
         missing=_unknown_lights_for_higher_gains(judgement, loops_to_load),
         names=axes_to_load,
         waiting=tuple(waiting_axes),
         others=tuple(other_axes),
         arguments=tuple(arguments),
     )
+
+
+def _has_biased_effectiveness(loop: Loop) -> bool:
+    """Returns whether wind biased the control effectiveness of an identified loop, as one of its cautions says."""
+    return any(caution.code is LoopFact.EFFECT_BIASED for caution in loop.cautions)
 
 
 def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
