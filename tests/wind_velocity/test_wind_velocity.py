@@ -449,7 +449,7 @@ def test_velocity_of_another_core_stands_in_for_the_primary_s():
     (vehicle,) = log.vehicles
     (repair,) = [fact for fact in vehicle.repairs if fact.code is Repair.OTHER_CORE_READ]
     assert "XKF1[1]" in repair.figures["names"]
-    assert mavdem.wind(log.source).speed_identifiable
+    assert wind_of_signals(Signals(vehicle)).speed_identifiable
 
 
 @mark.slow
