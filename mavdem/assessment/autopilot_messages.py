@@ -22,7 +22,7 @@ class TextPattern(NamedTuple):
 
     expression: re.Pattern[str]
     """Named groups: numbers (``motor``, ``lane``, ``battery``), the ``watchdog``, what the text is about (``subject``),
-    its gist (``text``)."""
+    the autopilot's reason (``cause``), its gist (``text``)."""
     code: str
     """Value of the code of :class:`ReportedEvent`; empty for a text that reports the end of a problem."""
     level: Level | None = None
@@ -373,13 +373,16 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
     match = pattern.expression.search(message.text)
     assert match is not None
     captured_texts = match.groupdict()
-    return Fact(
+    problem = Fact(
         ReportedEvent(pattern.code),
         pattern.level,
         time=message.time,
         subject=_subject_of_text(captured_texts),
         text=captured_texts.get("text", message.text),
     )
+    if captured_texts.get("cause"):
+        return problem.replace(cause=captured_texts["cause"])
+    return problem
 
 
 def _subject_of_text(groups: Mapping[str, str | None]) -> str:
@@ -490,7 +493,7 @@ def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
 
 
 class ModeChangeReason(NamedTuple):
-    """Why ArduPilot changed the flight mode."""
+    """Why the autopilot changed the flight mode."""
 
     text: str
     """The reason in words; empty if it is not known."""

@@ -11,11 +11,11 @@ from mavdem.arrays import Array
 from mavdem.assessment.autopilot_messages import (
     in_time_order,
     merge_repeats,
-    mode_change_reason,
     reported_problems,
 )
 from mavdem.assessment.fault_signals import FaultSignal, fault_signals
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, flights_off_ground
+from mavdem.assessment.mode_causes import mode_change_cause
 from mavdem.assessment.restarts import restarts
 from mavdem.dataset.flight_states import (
     SURFACE_VEHICLES,
@@ -108,10 +108,10 @@ COUNTING_FIELDS = (
 )
 """The estimator's primary lane, and the counter of its resets of the position."""
 
-SAME_CHANGE_SECONDS = 1.0
-"""Time, s, within which changes of such a field are one: PX4 tries one lane after the other within milliseconds.
+SAME_SWITCH_SECONDS = 1.0
+"""Time, s, within which switches of the lane are one: PX4 tries one lane after the other within milliseconds.
 
-A choice, the longest time between two messages of these fields.
+A choice, the longest time between two messages that have the number of the lane.
 """
 
 
@@ -166,7 +166,7 @@ def _events_of_boot(
     state_changes = [
         *_arming_events(signals, recorded_span),
         *_take_offs_and_landings(signals, recorded_span),
-        *_mode_changes(signals, recorded_span),
+        *_mode_changes(signals, recorded_span, faults),
     ]
     for fact in in_time_order([*state_changes, *faults]):
         time = fact.start_time
@@ -203,12 +203,14 @@ def _faults_of_boot(
     problems_of_boot = [
         problem for problem in problems if problem.figures["boot"] == recorded_span.boot
     ]
-    faults = [
-        *restarts_of_boot,
-        *_estimator_changes(signals, recorded_span),
-        *_lasting_faults(signals, recorded_span, fault_states),
-        *problems_of_boot,
-    ]
+    faults = _without_passing_lanes(
+        [
+            *restarts_of_boot,
+            *_estimator_changes(signals, recorded_span),
+            *_lasting_faults(signals, recorded_span, fault_states),
+            *problems_of_boot,
+        ]
+    )
     if any(restart.figures.get("watchdog") for restart in restarts_of_boot):
         # The fact about the restart names the watchdog as its cause already.
         return [fault for fault in faults if not _is_watchdog_report(fault)]
@@ -579,15 +581,19 @@ def has_sunk_after(height: TimeSeries, end: float) -> bool:
     return bool(largest_drop > MAX_TOUCH_DOWN_DROP)
 
 
-def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
-    """Yields changes of the flight mode in one boot, with ArduPilot's reason if the log contains it.
+def _mode_changes(
+    signals: Signals, recorded_span: Segment, faults: Sequence[Fact]
+) -> Iterator[Fact]:
+    """Yields changes of the flight mode in one boot, with their cause if the log contains it.
 
-    The level of an event is the level of its reason: a mode that the pilot chose is good, one of a failsafe is to be
-    watched. Reasons are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to CURRENT_MODE.
+    The level of an event is the level of its cause: a mode that the pilot chose is good, one of a failsafe is to be
+    watched. ArduPilot's reasons are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to
+    CURRENT_MODE.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
+        faults: reports of the autopilot in this boot, in any order.
     """
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
@@ -599,7 +605,9 @@ def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
         reason_numbers = columns["Rsn"][is_in_boot]
         reason_by_time = dict(zip(times, reason_numbers, strict=True))
     for time, mode in signals.mode_changes(recorded_span.boot):
-        reason, level = mode_change_reason(reason_by_time.get(time))
+        cause, level = mode_change_cause(
+            signals, recorded_span.boot, time, reason_by_time.get(time), faults
+        )
         yield _reported_event(
             signals,
             recorded_span,
@@ -608,7 +616,7 @@ def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
             time,
             level,
             subject=mode,
-            cause=reason,
+            cause=cause,
         )
 
 
@@ -633,7 +641,8 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
         is_in_boot = columns["boot"] == recorded_span.boot
         counter_values = columns[counting_field.field][is_in_boot]
         times = columns["time"][is_in_boot]
-        for sample in _samples_with_lasting_changes(times, counter_values):
+        # np.diff belongs to pairs of samples, of which the second one has the new value.
+        for sample in 1 + np.flatnonzero(np.diff(counter_values)):
             yield _reported_event(
                 signals,
                 recorded_span,
@@ -644,22 +653,24 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
             )
 
 
-def _samples_with_lasting_changes(times: Array, values: Array) -> list[int]:
-    """Returns the samples with which a value changes, and then stays for more than ``SAME_CHANGE_SECONDS``.
+def _without_passing_lanes(faults: Sequence[Fact]) -> list[Fact]:
+    """Leaves out the lanes of the estimator that the autopilot tried and left within ``SAME_SWITCH_SECONDS``.
+
+    Both the number of the lane and a text may report a switch. What remains of both is the lane that stays.
 
     Args:
-        times: (N,) times of the samples, s, ascending.
-        values: (N,) the values.
-
-    Returns:
-        Indices of the first samples with the new values.
+        faults: reports of the autopilot in one boot, in any order.
     """
-    # np.diff belongs to pairs of samples, of which the second one has the new value.
-    changed_samples = 1 + np.flatnonzero(np.diff(values))
-    # The last value stays to the end.
-    is_lasting = np.diff(times[changed_samples], append=inf) > SAME_CHANGE_SECONDS
-    samples: list[int] = changed_samples[is_lasting].tolist()
-    return samples
+    switches = [fault for fault in faults if fault.code is ReportedEvent.ESTIMATOR_SWITCHED]
+    passing_switches = []
+    for switch in switches:
+        for other_switch in switches:
+            delay = other_switch.start_time - switch.start_time
+            names_other_lane = other_switch.subject not in ("", switch.subject)
+            if names_other_lane and 0 < delay <= SAME_SWITCH_SECONDS:
+                passing_switches.append(switch)
+                break
+    return [fault for fault in faults if fault not in passing_switches]
 
 
 def _lasting_faults(

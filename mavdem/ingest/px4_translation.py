@@ -50,6 +50,8 @@ from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE, INSTANCES_MESSAGE, 
 UNTRANSLATED_TOPICS = (
     "failure_detector_status",
     "estimator_selector_status",
+    "action_request",
+    "vehicle_command",
     "input_rc",
     "cpuload",
 )

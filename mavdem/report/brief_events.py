@@ -17,6 +17,12 @@ MAX_WORST_EVENTS = 3
 MAX_MODE_CHANGES = 3
 """Changes of the flight mode that a short list has before the event of its headline, and as many after it: a choice."""
 
+MAX_INNER_BOUNDS = 4
+"""Take-offs and landings that a short list has between its first take-off and its last landing: those of three flights.
+
+A choice. Of more flights only the first take-off and the last landing are listed.
+"""
+
 SAME_EVENT_SECONDS = 1.0
 """Time between the headline's event and another, s, below which that is taken for a part of it: a choice."""
 
@@ -110,7 +116,8 @@ def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEven
     """Selects the events that tell the course of a flight: the same ones for the terminal and for the page.
 
     - The take-off (or else when the motors were armed) and the end: the landing, or that the log ends in the air. They
-      are those of the flight in which the headline's event was; without such an event, of the whole log.
+      are those of the flight in which the headline's event was; without such an event, of the whole log, and then the
+      landings and take-offs between them too if they are few (``MAX_INNER_BOUNDS``).
     - The changes of the flight mode before the landing, up to ``MAX_MODE_CHANGES`` before the headline's event and as
       many after it, and always the mode in which that event began.
     - The headline's event and the causes that it names.
@@ -128,6 +135,7 @@ def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEven
     headline_indices = [] if stated.headline_index is None else [stated.headline_index]
     indices_of_course = {
         *(index for index in (take_off, touchdown) if index is not None),
+        *_bounds_between(events, take_off, touchdown),
         *_mode_changes(events, take_off, touchdown, stated.headline_index),
         *headline_indices,
         *stated.cause_indices,
@@ -170,6 +178,26 @@ def _flight_bounds(
     landings = [index for index in ends if events[index].code is not ReportedEvent.MOTORS_DISARMED]
     ends = landings or ends
     return take_off, ends[-1] if ends else None
+
+
+def _bounds_between(
+    events: Sequence[Fact], take_off: int | None, touchdown: int | None
+) -> list[int]:
+    """Returns the indices of landings and take-offs between a take-off and a later landing, if they are few.
+
+    Args:
+        events: events of the log, in the order of time.
+        take_off: index of the first take-off; None without one.
+        touchdown: index of the last landing; None without one.
+
+    Returns:
+        Indices; none if there are more than ``MAX_INNER_BOUNDS``.
+    """
+    if take_off is None or touchdown is None:
+        return []
+    bounds = _indices_of(events, (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND))
+    inner_bounds = [index for index in bounds if take_off < index < touchdown]
+    return inner_bounds if len(inner_bounds) <= MAX_INNER_BOUNDS else []
 
 
 def _mode_changes(

@@ -293,9 +293,10 @@ def test_a_motor_message_that_ends_at_the_take_off_with_motors_off_is_no_limit()
 
 @mark.slow
 def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
-    # Motors 1 and 2 (one direction of rotation) work harder; gusts drive only motor 1 to its limit.
+    # Motors 1 and 2 (one direction of rotation) work harder; gusts drive motor 1 to its limit, and motor 2 seldom.
     def twisted(time):
         gusts = np.outer([1, 0, 0, 0], 520.0 * (time % 10 < 0.8))
+        gusts += np.outer([0, 1, 0, 0], 520.0 * (time % 10 > 9.7))
         return gusts + np.array([[80], [80], [-80], [-80]])
 
     flight = evidence(twisted)
@@ -304,6 +305,7 @@ def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
     assert (limited.code, limited.subject) == (MotorsLight.MOTOR_LIMITED, "")
     assert limited.figures["names"] == (names[0],)
     assert limited.figures["equally_loaded"] == (names[1],)
+    assert " % of settled flight, motor 2 for 3 %; yaw trim" in limited.sentence
     assert "all counterclockwise motors work harder" in limited.sentence
     assert "before motors and arms are aligned" in limited.remedy
     assert "motor 1" not in limited.remedy

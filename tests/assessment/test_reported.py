@@ -183,6 +183,38 @@ def test_a_change_of_mode_has_ardupilots_reason_and_its_level():
     ]
 
 
+def test_a_change_of_mode_in_px4_has_the_failsafe_or_the_sender_as_its_cause():
+    """By the companion at 10 s, a ground station at 20 s, PX4 itself at 30 s, the pilot at 40 s, a failsafe at 50 s."""
+    modes = 65536.0 * np.arange(1.0, 8.0)
+    telemetry = changed(
+        FLOWN, "CURRENT_MODE", **columns([0.0, 10, 20, 30, 40, 50, 60], custom_mode=modes)
+    )
+    # The command at 59 s does not change the mode, and the one at 55 s is too early for the mode at 60 s.
+    commands = columns(
+        [9.9, 19.9, 29.9, 55.0, 59.9],
+        command=[176, 20, 20, 20, 400],
+        source_system=[1, 255, 1, 1, 255],
+        source_component=[191, 190, 1, 1, 190],
+        from_external=[1, 1, 0, 0, 1],
+    )
+    telemetry = changed(telemetry, "vehicle_command", **commands)
+    # Arming and a mode are asked for by switches.
+    requests = columns([15.0, 39.9], action=[1, 5], source=[1, 3])
+    telemetry = changed(telemetry, "action_request", **requests)
+    beats = FLOWN.messages["HEARTBEAT"]["time"]
+    telemetry = changed(telemetry, "HEARTBEAT", system_status=4 + (abs(beats - 52) <= 2))
+    mode_changes = events(telemetry, ReportedEvent.MODE_CHANGED)
+    assert [(fact.figures["cause"], fact.level) for fact in mode_changes] == [
+        ("", "good"),
+        ("command of a companion computer, component 191", "good"),
+        ("command of a ground station", "good"),
+        ("command of the autopilot itself", "good"),
+        ("pilot", "good"),
+        ("failsafe", "watch"),
+        ("", "good"),
+    ]
+
+
 TIMES = np.arange(0.0, 76.0)
 LOST = (TIMES >= 20.0) & (TIMES <= 24.0)
 STATES = {
@@ -281,10 +313,12 @@ def test_a_failsafe_and_a_lane_are_states_too():
     assert [(fact.time, fact.subject) for fact in switches] == [(20.0, "lane 1"), (25.0, "lane 0")]
     # The selector tries lanes 0 and 2 before it stays with lane 1.
     tried = columns(np.array([20.0, 20.01, 20.02, 20.03, 40.0]), primary_instance=[1, 0, 2, 1, 1])
-    (fact,) = events(
-        changed(FLOWN, "estimator_selector_status", **tried), ReportedEvent.ESTIMATOR_SWITCHED
-    )
-    assert (fact.time, fact.subject) == (20.03, "lane 1")
+    switched = changed(FLOWN, "estimator_selector_status", **tried)
+    text = "primary EKF changed {} (filter fault) -> {}"
+    texts = [text.format(1, 0), text.format(0, 2), text.format(2, 1)]
+    messages = columns([20.01, 20.02, 20.03], text=texts, severity=[4, 4, 4])
+    (fact,) = events(changed(switched, "STATUSTEXT", **messages), ReportedEvent.ESTIMATOR_SWITCHED)
+    assert (fact.time, fact.subject, fact.figures["cause"]) == (20.03, "lane 1", "filter fault")
     resets = 255 * (np.arange(len(CLIMB)) < 300)
     telemetry = changed(FLOWN, "LOCAL_POSITION_NED", resets=resets)
     (fact,) = events(telemetry, ReportedEvent.ESTIMATOR_RESET)

@@ -15,7 +15,13 @@ from mavdem.facts.online import SurpriseCause
 from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
-from mavdem.report.brief_events import count_text, short_list, stated_events, worst_events
+from mavdem.report.brief_events import (
+    NOTHING_STATED,
+    count_text,
+    short_list,
+    stated_events,
+    worst_events,
+)
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
 from mavdem.report.pages.page import Head, PageEvent
@@ -138,6 +144,16 @@ def test_the_short_list_of_a_sound_flight_has_its_take_off_modes_and_landing():
     del events[3]
     brief_events = Head(Level.GOOD, {}, _numbered_events(events, None)).brief_events
     assert [event.number for event in brief_events] == [1, 3, 4]
+
+
+def test_the_short_list_has_the_landings_and_take_offs_between_three_flights_but_not_of_more():
+    def events_of(flight_count):
+        starts = [100.0 * number for number in range(flight_count)]
+        pairs = [(TAKE_OFF.replace(time=t), LANDING.replace(time=t + 50)) for t in starts]
+        return [event for pair in pairs for event in pair]
+
+    assert len(short_list(events_of(3), NOTHING_STATED)) == 6
+    assert [index for index, _ in short_list(events_of(4), NOTHING_STATED)] == [0, 7]
 
 
 def test_the_short_list_of_a_lost_flight_leaves_out_other_flights_and_what_followed_the_loss():

@@ -13,6 +13,9 @@ from mavdem.motors.hover import HoverFigures
 from mavdem.motors.motor_changes import MotorChange, thrust_losses
 from mavdem.motors.saturation import equally_loaded_motors, most_limited_motors
 
+MIN_STATED_SHARE = 0.01
+"""Fraction of the time at the limit from which on a further motor is stated: less reads as 0 %."""
+
 
 class LimitedMotors(NamedTuple):
     """Motors that are at their upper limit in the hover: one that stands out, or several that are similar."""
@@ -23,6 +26,10 @@ class LimitedMotors(NamedTuple):
     """Fraction of the time at the limit, of the motor with the most."""
     equally_loaded: Names
     """Other motors, seldom at their limit, whose mean command in the hover is about as high."""
+    other_names: Names = ()
+    """Names of the other motors that were at their limit too, for at least ``MIN_STATED_SHARE`` of the time."""
+    others_share: float = 0.0
+    """Fraction of the time at the limit, of the motor with the most among these."""
 
     @property
     def subject(self) -> str:
@@ -41,6 +48,8 @@ class LimitedMotors(NamedTuple):
             names=self.names,
             share=self.share,
             equally_loaded=self.equally_loaded,
+            other_names=self.other_names,
+            others_share=self.others_share,
         )
 
 
@@ -148,4 +157,15 @@ def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
     names = most_limited_motors(hover.motors, hover.at_upper_limit)
     # The imbalance of a motor is the deviation of its mean command from the mean of all motors.
     deviations = dict(zip(hover.motors, hover.imbalance, strict=True))
-    return LimitedMotors(names, largest_fraction, equally_loaded_motors(deviations, names))
+    # The fraction of the time at the limit of every other motor that is worth a statement.
+    other_fractions = {}
+    for name, fraction in zip(hover.motors, hover.at_upper_limit, strict=True):
+        if name not in names and fraction >= MIN_STATED_SHARE:
+            other_fractions[name] = fraction
+    return LimitedMotors(
+        names,
+        largest_fraction,
+        equally_loaded_motors(deviations, names),
+        other_names=tuple(other_fractions),
+        others_share=max(other_fractions.values(), default=0.0),
+    )

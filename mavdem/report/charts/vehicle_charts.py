@@ -1,6 +1,8 @@
 """Charts of one vehicle over its flights: motors, vibration, margins and parameters, flight by flight."""
 
 from collections.abc import Iterator, Sequence
+from datetime import timedelta
+from itertools import pairwise
 from math import degrees
 from typing import NamedTuple
 
@@ -14,7 +16,7 @@ from mavdem.motors.deviation import deviations_of_motors, level_balances
 from mavdem.report.blocks import truncated
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.flight_lines import file_name
-from mavdem.report.numbers import TORQUE_UNIT, without_remark
+from mavdem.report.numbers import TORQUE_UNIT, listed, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct
 
 HEALTH_MARKS = {"fault": ("●", BAD), "drift": ("▲", LIMITED)}
@@ -28,9 +30,17 @@ ERROR_RATIO_TITLE = "Error ratio of the model (1: as the mean)"
 """Title of the chart of how well the model of each flight predicts it."""
 
 FLIGHTS_CAPTION = """\
-Flights stand in order of time, evenly spaced whatever time is between them. Points of one flight are drawn side by \
-side, so that all are seen."""
+Flights stand in order of time, evenly spaced. Points of one flight are drawn side by side, so that all are seen."""
 """What stands below the charts."""
+
+GAPS_CAPTION = " Grey dashed lines: {} without a flight."
+"""What is added where months without a flight are marked; their number is filled in, such as "4 months"."""
+
+MIN_MARKED_PAUSE = timedelta(days=61)
+"""Time between two flights that is marked: two months, in which batteries age and vehicles are rebuilt. A choice."""
+
+DAYS_OF_MONTH = 30.4
+"""Days of a month, on average."""
 
 CLICK_CAPTION = " A click opens the flight."
 """What is added where flights have pages."""
@@ -114,6 +124,10 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
     if not charts:
         return []
     caption = FLIGHTS_CAPTION
+    pauses = _long_pauses(flights)
+    if pauses:
+        months = [str(round(pause.duration.days / DAYS_OF_MONTH)) for pause in pauses]
+        caption += GAPS_CAPTION.format(f"{listed(months)} months")
     if any(addresses):
         caption += CLICK_CAPTION
     if any(chart.title == ERROR_RATIO_TITLE for chart in charts):
@@ -128,7 +142,7 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
 def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) -> list[Chart]:
     """Returns a chart for each quantity of the motors and the model, with 90 % intervals, over the flights.
 
-    Flights with a fault or a drift of the motors are marked in all charts.
+    Flights with a fault or a drift of the motors are marked in all charts, and months without a flight.
 
     Args:
         flights: rows of each flight in the fleet's table, one for each axis, in order of time.
@@ -138,7 +152,8 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
         The charts; a quantity that is known of fewer than two flights has none, since it shows no change.
     """
     flight_axis = _flight_axis(flights)._replace(addresses=tuple(addresses))
-    marks = []
+    # The line of a pause is half-way between the flights before and after it.
+    marks = [Mark(pause.next_flight - 0.5) for pause in _long_pauses(flights)]
     for number, flight in enumerate(flights):
         health = worst_health(flight)
         if health in HEALTH_MARKS:
@@ -160,6 +175,34 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
             Chart(title, flight_axis, unnamed_axis, tuple(lines), levels, marks=tuple(marks))
         )
     return charts
+
+
+class Pause(NamedTuple):
+    """Months in which a vehicle did not fly."""
+
+    next_flight: int
+    """Index of the flight that ended it."""
+
+    duration: timedelta
+    """Time from the flight before to that flight."""
+
+
+def _long_pauses(flights: Sequence[AxisRows]) -> list[Pause]:
+    """Returns the times of at least ``MIN_MARKED_PAUSE`` between two flights in a row whose dates are known.
+
+    Args:
+        flights: rows of each flight in the fleet's table, one for each axis, in order of time.
+    """
+    # None for a log without a date, and for a date in the future, which is a wrong clock.
+    dates = [log_row(flight).past_date for flight in flights]
+    pauses = []
+    for index, (date, next_date) in enumerate(pairwise(dates)):
+        if date is None or next_date is None:
+            continue
+        duration = next_date - date
+        if duration >= MIN_MARKED_PAUSE:
+            pauses.append(Pause(index + 1, duration))
+    return pauses
 
 
 def _vibration_limit(title: str, flight_count: int) -> Line:

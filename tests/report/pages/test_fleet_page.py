@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from browsing import FITS, HOSTILE
-from fleet_rows import fleet_rows, flight_row
+from fleet_rows import START, fleet_rows, flight_row
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
@@ -154,6 +154,15 @@ def test_battery_and_load_of_the_motors_are_followed_over_the_flights():
     assert_allclose((at_start.y, at_end.y), [[12.5, 12.5], [11.5, 10.5]])
     assert_allclose(drawn["Mean motor output (%)"].lines[0].y, 40)
     assert_allclose(drawn["Least headroom of a motor (%)"].lines[0].y, 20)
+
+
+def test_months_without_a_flight_are_marked_between_the_flights():
+    """The third flight is 122 days after the second; a log without a date stands in no pause."""
+    dates = [START, START + timedelta(days=40), START + timedelta(days=162), None]
+    rows = [flight_row("quad", number, date=date) for number, date in enumerate(dates)]
+    assert [mark.x for mark in panels(rows)["Trim deviation (%)"].marks] == [1.5]
+    (*_, last_group) = vehicle_groups(group_into_flights(rows))
+    assert "Grey dashed lines: 4 months without a flight." in last_group.caption
 
 
 def test_vehicles_are_sorted_by_what_needs_work_first():
