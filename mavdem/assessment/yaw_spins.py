@@ -74,8 +74,8 @@ def _samples_of_rotations(excess_rate: Array) -> list[slice]:
     # A rotation may begin with the first sample and end with the last one: zeros are put around them.
     changes = np.flatnonzero(np.diff(direction, prepend=0.0, append=0.0))
     # Between two changes the direction is the same.
-    stretches = [slice(first, end) for first, end in pairwise(changes)]
-    return [samples for samples in stretches if direction[samples.start] != 0]
+    rotations_and_pauses = [slice(first, end) for first, end in pairwise(changes)]
+    return [samples for samples in rotations_and_pauses if direction[samples.start] != 0]
 
 
 def _rate_in_flight(
