@@ -17,7 +17,7 @@ from mavdem.cli.live_dashboard import PAGE_PORT, Dashboard, PageAddress
 from mavdem.cli.live_files import (
     OutputPaths,
     gain_file_line,
-    lines_without_gains,
+    line_without_gains,
     numbered_paths,
     output_paths,
     unused_number,
@@ -48,8 +48,8 @@ from mavdem.documents.session import Live as LiveDocument
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.session import LinkFact, TimeUse
-from mavdem.fleet.priors import earlier_drag, earlier_flight
+from mavdem.facts.session import LinkFact, SessionFact, TimeUse
+from mavdem.fleet.priors import EarlierDrag, earlier_drag, earlier_flight
 from mavdem.live import LiveStream
 from mavdem.live.gain_advice import GainAdviser
 from mavdem.live.link import Link, ReceivedPiece
@@ -58,7 +58,9 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.vehicle_selection import Component
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.machine import LOOPBACK
+from mavdem.report.fleet import unnamed_vehicle
 from mavdem.report.live import closing_lines
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
@@ -518,14 +520,20 @@ def _new_session(
         if former_flight is not None:
             first_pieces = _moved_first_frames(former_flight, recording, record)
 
+    prior_drag = None if options.prior is None else _drag_of_prior(options.prior)
+
     def report_status(status: SessionStatus) -> None:
         """Shows the status, about once a second; the session below exists by then."""
+        # The vehicle is known only once it has sent.
+        uses_drag_of_prior = session.stream.wind.earlier_drag is not None
+        if prior_drag is not None and uses_drag_of_prior and status.state is not None:
+            _refuse_prior_of_another_vehicle(session, prior_drag, status.state)
         dashboard.report(session, status)
         status_lines.show_if_new(status)
 
     session = LiveSession(
         link=link,
-        stream=_stream_with_prior(options, vehicle),
+        stream=_stream_with_drag(options, vehicle, prior_drag),
         settings=options.settings,
         open_display=dashboard.open,
         report_status=report_status,
@@ -608,19 +616,53 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
     return last_document.model_copy(update={"earlier": documents})
 
 
-def _stream_with_prior(options: LiveOptions, vehicle: str | None) -> LiveStream:
+def _drag_of_prior(prior: Path) -> EarlierDrag | None:
+    """Returns the drag of an earlier flight, and of which vehicle it is; None if its folder has no report with that.
+
+    Args:
+        prior: File or folder of the model of that flight.
+    """
+    with suppress(Unreadable):
+        return earlier_drag(prior)
+    return None
+
+
+def _stream_with_drag(
+    options: LiveOptions, vehicle: str | None, prior_drag: EarlierDrag | None
+) -> LiveStream:
     """Returns the stream of a vehicle's messages, with the drag of an earlier flight if that is known.
 
     Args:
         options: Options of ``mavdem live``.
         vehicle: Name of the vehicle; None for the first that is found.
+        prior_drag: Drag of the earlier flight; None where it is not known.
     """
     stream = LiveStream(options.axis, vehicle, rates_requested=options.request_rate is not None)
-    if options.prior is not None:
-        # The drag is in the report, in the folder of the model; there may be none.
-        with suppress(Unreadable):
-            stream.wind.earlier_drag = earlier_drag(options.prior).drag
+    if prior_drag is not None:
+        stream.wind.earlier_drag = prior_drag.drag
     return stream
+
+
+def _refuse_prior_of_another_vehicle(
+    session: LiveSession, prior_drag: EarlierDrag, state: VehicleState
+) -> None:
+    """Refuses the earlier flight of --prior if its vehicle has another autopilot or frame than the followed one.
+
+    Names do not decide: while parameters are still coming, a vehicle has another name than in its logs.
+
+    Args:
+        session: The session, whose user gave the flight.
+        prior_drag: Drag of the earlier flight, with its vehicle.
+        state: State of the followed vehicle, with its autopilot and frame.
+    """
+    if prior_drag.is_of_another_vehicle("", state.autopilot, state.frame):
+        descriptions = []
+        for autopilot, frame in (
+            (prior_drag.autopilot, prior_drag.frame),
+            (state.autopilot, state.frame),
+        ):
+            descriptions.append(unnamed_vehicle(autopilot, frame).removeprefix("unnamed "))
+        session.refuse_prior(Fact(SessionFact.PRIOR_OF_OTHER_VEHICLE, names=tuple(descriptions)))
 
 
 def _refuse_silent_link(link: Link, name: str) -> None:
@@ -747,7 +789,7 @@ def _print_conclusions(
     recording: RawRecording | None,
     status_lines: StatusLines,
 ) -> None:
-    """Prints the last lines of a session: the files that it has written, and whether gains were advised.
+    """Prints the last lines of a session: the files that it has written, and why there are no gains.
 
     Args:
         session: The session, which has ended.
@@ -767,8 +809,9 @@ def _print_conclusions(
     file_line = gain_file_line(advice or (), is_flight_forbidden=is_flight_forbidden)
     if file_line:
         status_lines.print_conclusion(escape_unprintable(file_line), FILE_MARKER)
-    for line in lines_without_gains(advice, seconds_by_use):
-        status_lines.print_conclusion(escape_unprintable(line))
+    gain_line = line_without_gains(advice, seconds_by_use)
+    if gain_line:
+        status_lines.print_conclusion(escape_unprintable(gain_line))
 
 
 def _with_final_judgement(status: SessionStatus, session: LiveSession) -> SessionStatus:

@@ -10,14 +10,12 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.containers import JsonValues
 from mavdem.errors import Unreadable
 from mavdem.export.stream_writers import STREAM_WRITERS
-from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact, TwinFact
+from mavdem.facts import Facts
+from mavdem.facts.loops import GainFact
 from mavdem.facts.session import TimeUse
 from mavdem.files import reporting_write_errors, write_text_atomically
-from mavdem.live.gain_advice import decisive_reason
 from mavdem.live.raw_recording import RawRecording
 from mavdem.report.numbers import listed
-from mavdem.report.templates import as_clause, first_sentence
 
 FACTS_ON_NEW_GAINS = (
     GainFact.GAINS_ADVISED,
@@ -172,66 +170,32 @@ def gain_file_line(advice: Facts, *, is_flight_forbidden: bool = False) -> str:
     return ""
 
 
-def lines_without_gains(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) -> list[str]:
-    """Returns a line for each reason why axes get no gains, so that the end of a session names every axis.
+def line_without_gains(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) -> str:
+    """Returns the line with the reason why a session advises no gains, or none to load yet; empty for neither.
+
+    Advice is reported when it comes, with the reasons why axes get no gains: the end of the session does not repeat
+    them.
 
     Args:
         advice: the facts (coded findings) of the latest advice; None where nothing was recorded to compute gains from.
         seconds_by_use: seconds of the session by what they were spent on, such as learning.
     """
     if advice is None:
-        return ["No gains: they are computed from a recording, --record FILE.tlog."]
+        return "No gains: they are computed from a recording, --record FILE.tlog."
     if not advice:
         has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
         reason = "too little settled flight to compute them from" if has_flown else "nothing flew"
-        return [f"No gains: {reason}."]
-    lines = []
+        return f"No gains: {reason}."
     unconfirmed_axes = _axes_with_new_gains(advice)
     has_files = any(fact.code is GainFact.GAINS_WRITTEN for fact in advice)
     if unconfirmed_axes and not has_files:
-        lines.append(
-            f"No gains for {unconfirmed_axes} yet: another flight is to confirm those that were tried."
-        )
-    axes_by_reason: dict[str, list[str]] = {}
-    for fact in advice:
-        is_about_gains_to_set = fact.code in FACTS_ON_NEW_GAINS or isinstance(fact.code, TwinFact)
-        if fact.code is GainFact.ADVICE_FAILED:
-            # This sentence itself says that there are no gains.
-            lines.append(fact.sentence)
-        elif not is_about_gains_to_set:
-            fact_axes, reason = _axes_and_reason_without_gains(fact)
-            axes_by_reason.setdefault(reason, []).extend(fact_axes)
-    for reason, axes_with_reason in axes_by_reason.items():
-        axes = listed(axes_with_reason)
-        lines.append(f"No gains{f' for {axes}' if axes else ''}: {reason}.")
-    return lines
+        return f"No gains for {unconfirmed_axes} yet: another flight is to confirm those that were tried."
+    return ""
 
 
 def _axes_with_new_gains(advice: Facts) -> str:
     """Returns the axes for which an advice has new gains, in words; empty if there are none."""
     return listed(fact.subject for fact in advice if fact.code is GainFact.GAINS_ADVISED)
-
-
-def _axes_and_reason_without_gains(finding: Fact) -> tuple[Sequence[str], str]:
-    """Returns the axes that get no gains, and the reason as a clause, such as "too little settled flight".
-
-    Args:
-        finding: a fact of the advice that says why, about some axes or all.
-
-    Returns:
-        The axes, empty where the reason holds for all; and the reason.
-    """
-    reason = decisive_reason(finding)
-    axes: Sequence[str] = ()
-    # A reason with a subject of its own, such as a motor, holds for all axes, which then are not named.
-    if not reason.subject:
-        if "axes" in finding.figures:
-            axes = finding.figures["axes"]
-        elif "axis" in finding.figures:
-            axes = (finding.figures["axis"],)
-    # The first sentence is the reason; those that follow explain it, and the page has them.
-    sentence = first_sentence(reason.sentence)
-    return axes, as_clause(sentence.removeprefix("No margins: "))
 
 
 def written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:

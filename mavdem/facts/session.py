@@ -159,6 +159,7 @@ class SessionFact(Code):
     MOTION_UNEXPECTED = "motion_unexpected"
     GUST_FELT = "gust_felt"
     PRIOR_NOT_USED = "prior_not_used"
+    PRIOR_OF_OTHER_VEHICLE = "prior_of_other_vehicle"
     FORMER_MODEL_KEPT = "former_model_kept"
     NO_LIVE_FLIGHT = "no_live_flight"
     NOT_LEARNED_IN_TIME = "not_learned_in_time"

@@ -76,6 +76,20 @@ class EarlierDrag(NamedTuple):
         """Whether it is only that of typical multirotors, since neither the flight nor a parameter shows the drag."""
         return self.drag.source is DragSource.POPULATION
 
+    def is_of_another_vehicle(self, vehicle: str, autopilot: str, frame: str) -> bool:
+        """Returns whether it is known that another vehicle flew: by its name, autopilot or type of frame.
+
+        Args:
+            vehicle: name of the vehicle of the next flight; empty if only its MAVLink system id is known.
+            autopilot: its MAV_AUTOPILOT without the prefix; empty if it is not known.
+            frame: its MAV_TYPE without the prefix; empty if it is not known.
+        """
+        return (
+            _are_known_and_differ(self.vehicle, vehicle)
+            or _are_known_and_differ(self.autopilot, autopilot)
+            or _are_known_and_differ(self.frame, frame)
+        )
+
 
 def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
     """Reads the drag of an earlier flight as a prior for the next one.
@@ -156,10 +170,8 @@ def doubt_on_prior(
     drag_alone = wind_alone.drag.at_speed(air_speed)
     shows_drag = wind_alone.drag.source is DragSource.FLIGHT
     return DoubtOnPrior(
-        is_of_another_vehicle=(
-            _are_known_and_differ(earlier.vehicle, identity.name_of_one_vehicle)
-            or _are_known_and_differ(earlier.autopilot, identity.autopilot)
-            or _are_known_and_differ(earlier.frame, identity.frame)
+        is_of_another_vehicle=earlier.is_of_another_vehicle(
+            identity.name_of_one_vehicle, identity.autopilot, identity.frame
         ),
         earlier=earlier_drag_at_speed,
         alone=drag_alone,

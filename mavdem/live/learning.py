@@ -121,6 +121,20 @@ class FlightLearning:
             has_same_step = former_format.dt == row_format.dt
             if has_same_motors and has_same_step:
                 return
+        self._begin_learner(row_format)
+
+    def forget_prior(self) -> None:
+        """Begins a learner without the model of an earlier flight: that was of another vehicle."""
+        self._prior = None
+        if self._row_format is not None:
+            self._begin_learner(self._row_format)
+
+    def _begin_learner(self, row_format: RowFormat) -> None:
+        """Begins a new learner, with what depends on the time step of its rows.
+
+        Args:
+            row_format: names of motors and outputs, units and time step of the next rows.
+        """
         self.learner = self._new_learner(row_format)
         self._gusts = GustDetector(row_format.dt)
         self._torque = ResolvedTorque(row_format.dt)

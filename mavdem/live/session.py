@@ -155,7 +155,13 @@ class LiveSession:
         self.backlog = Backlog(begins_late=bool(first_pieces))
         self._silence_monitor = SilenceMonitor()
         self._new_flight = partial(
-            FlightAnalysis, stream.axis, settings, executor, prior, log, recording_name
+            FlightAnalysis,
+            stream.axis,
+            settings,
+            executor,
+            prior=prior,
+            log=log,
+            recording_name=recording_name,
         )
         self.flight = self._new_flight()
         self._milestone_reporter = Milestones(stream.axis, log)
@@ -196,6 +202,19 @@ class LiveSession:
         # Number of the latest flight whose end was reported, and of that whose recording is judged; 0 before any.
         self._ended_flight = 0
         self._recorded_flight = 0
+
+    def refuse_prior(self, reason: Fact) -> None:
+        """Uses the earlier flight that the user gave no longer, neither its model nor its drag, and reports why.
+
+        Args:
+            reason: the fact that it is of another vehicle.
+        """
+        self._new_flight = partial(self._new_flight, prior=None)
+        self.flight.learning.forget_prior()
+        self.stream.wind.earlier_drag = None
+        # Estimates so far were by that drag.
+        self.stream.wind.restart()
+        self._presentation.log(reason)
 
     def step(self, timeout: float = 0.1) -> None:
         """Performs one iteration of the session: receives and records messages, analyses them for a while, and reports.

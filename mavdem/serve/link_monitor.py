@@ -144,6 +144,9 @@ class _StoredFlight(NamedTuple):
     is_end_unknown: bool = False
     """Whether its end was not received, since link or autopilot failed in the air."""
 
+    name_in_logs: str = ""
+    """Name by which logs of its vehicle are recognised; empty where only its ids on the link are known."""
+
     @classmethod
     def of_entry(
         cls, entry: LibraryEntry, vehicle: Component, session: LiveSession | None = None
@@ -581,8 +584,12 @@ class LinkMonitor:
         vehicle = session.stream.followed_vehicle
         if vehicle is not None and not self._is_stopping.is_set():
             flight = _StoredFlight.of_entry(entry, vehicle, session)
-            is_end_unknown = _is_end_unknown(session.status)
-            self._show_stored_flight(flight._replace(is_end_unknown=is_end_unknown))
+            self._show_stored_flight(
+                flight._replace(
+                    is_end_unknown=_is_end_unknown(session.status),
+                    name_in_logs=_name_in_logs(session),
+                )
+            )
 
     def _show_stored_flight(self, flight: _StoredFlight) -> None:
         """Makes a stored flight the one whose finished session is shown until another vehicle comes.
@@ -951,7 +958,13 @@ class LinkMonitor:
             flight = None
             for entry in found.entries:
                 page = PageLink(entry.name, _page_address(entry))
-                flight = _StoredFlight(vehicle, entry.id, page, self._present_verdict(entry))
+                flight = _StoredFlight(
+                    vehicle,
+                    entry.id,
+                    page,
+                    self._present_verdict(entry),
+                    name_in_logs=state.name_in_logs,
+                )
             self._flights_before_start[name] = flight
         return self._flights_before_start[name]
 
@@ -963,6 +976,10 @@ class LinkMonitor:
         A take-off repairs nothing, so that a verdict that forbids to fly stands however many flights follow. Another
         bad verdict, such as too little margin, stands in the next flight only, and so does that the end of a flight was
         not received: a vehicle that lands after that is sound, or has a verdict of its own.
+
+        Two vehicles may have the same ids on the link. Unless the names by which their logs are recognised are equal,
+        the figure "may_be_other_vehicle" makes the warning conditional. Names that differ do not rule the vehicle out:
+        they change with a calibration.
 
         Args:
             vehicle: the vehicle.
@@ -983,17 +1000,17 @@ class LinkMonitor:
                 earlier_flights.append(flight)
         for flight in reversed(earlier_flights):
             if flight.forbids_flight and flight.verdict is not None:
-                return flight.verdict.replace(address=flight.saved_flight.address)
+                return _fault_for_session(flight.verdict, flight, session)
         # Of flights before the one that was stored last, the rest is no longer asked.
         flight_before = self._stored_flight
         if flight_before is None or flight_before not in earlier_flights:
             return None
         verdict = flight_before.verdict
-        address = flight_before.saved_flight.address
         if flight_before.is_end_unknown:
-            return Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict, address=address)
+            end_unknown = Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict)
+            return _fault_for_session(end_unknown, flight_before, session)
         if verdict is not None and verdict.is_bad:
-            return verdict.replace(address=address)
+            return _fault_for_session(verdict, flight_before, session)
         return None
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
@@ -1112,6 +1129,29 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
     has_failed = entry.stage == Stage.FAILED
     state = RecordingState.FAILED if has_failed else RecordingState.BEING_READ
     return Fact(SessionFact.RECORDING_NOT_JUDGED, kind=state)
+
+
+def _name_in_logs(session: LiveSession) -> str:
+    """Returns the name by which logs of a session's vehicle are recognised; empty where only its ids are known."""
+    state = session.status.state
+    return "" if state is None else state.name_in_logs
+
+
+def _fault_for_session(fault: Fact, flight: _StoredFlight, session: LiveSession) -> Fact:
+    """Returns what the library has against an earlier flight, as it is stated in the session of a vehicle.
+
+    Args:
+        fault: the verdict on the flight, or that its end was not received.
+        flight: the earlier flight.
+        session: the session, of a vehicle that has the same ids on the link.
+
+    Returns:
+        The fact with the address of the flight's page, and whether another vehicle may have flown it.
+    """
+    is_same_vehicle = flight.name_in_logs != "" and flight.name_in_logs == _name_in_logs(session)
+    return fault.replace(
+        address=flight.saved_flight.address, may_be_other_vehicle=not is_same_vehicle
+    )
 
 
 def _finished_page(

@@ -22,9 +22,12 @@ from mavdem.cli import live
 from mavdem.cli.commands import main
 from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.dem.parallel import LearningProcess
+from mavdem.fleet.priors import EarlierDrag
 from mavdem.ingest import read_log
 from mavdem.live.session import LiveSession
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.processes import TERMINATION_SIGNALS
+from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import load
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.simulation import Simulation
@@ -284,3 +287,17 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
     assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * MIN_SAMPLES
     assert {*drawn(here / "f.rrd")} >= {"motors/0_outputs", "axes/pitch/1_measured"}
     assert read_log(here / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300
+
+
+def test_a_prior_of_another_autopilot_or_frame_is_refused():
+    """A name decides nothing: it depends on which parameters have come."""
+    session = Mock()
+    prior_drag = EarlierDrag(Drag.from_parameters(), "board 5", "PX4", "QUADROTOR")
+    for autopilot, frame in (("PX4", "QUADROTOR"), ("", ""), ("PX4", "GENERIC")):
+        state = VehicleState(autopilot=autopilot, frame=frame, name_in_logs="board 6")
+        live._refuse_prior_of_another_vehicle(session, prior_drag, state)
+    assert not session.refuse_prior.called
+    state = VehicleState(autopilot="ARDUPILOTMEGA", frame="HEXAROTOR")
+    live._refuse_prior_of_another_vehicle(session, prior_drag, state)
+    (reason,) = session.refuse_prior.call_args.args
+    assert "another vehicle (PX4 quadrotor) than this one (ArduPilot hexarotor)" in str(reason)

@@ -52,6 +52,7 @@ from mavdem.live.wind import WindEstimate
 from mavdem.report.charts.timeline import live_timeline
 from mavdem.report.numbers import plus_minus
 from mavdem.report.pages.flight_page import live_page
+from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import load, scenario_from_table
 
 pytestmark = mark.usefixtures("without_wind_fits")
@@ -343,6 +344,19 @@ def test_an_obstacle_with_another_reason_is_news_and_why_there_is_no_model_at_th
         counts.append(len(told))
     assert counts == [1, 1, 2]
     assert refused(session.final_model) == slow[1]
+
+
+def test_a_prior_of_another_vehicle_is_used_no_longer():
+    """Neither its model nor its drag is."""
+    session, _, reported_facts = session_of([], prior=Mock())
+    session.stream.wind.earlier_drag = Drag.from_parameters()
+    vehicles = ("PX4 quadrotor", "ArduPilot hexarotor")
+    reason = Fact(SessionFact.PRIOR_OF_OTHER_VEHICLE, names=vehicles)
+    session.refuse_prior(reason)
+    assert reported_facts == [reason]
+    assert session.stream.wind.earlier_drag is None
+    for flight in (session.flight, session._new_flight()):
+        assert flight.learning._prior is None
 
 
 @mark.slow

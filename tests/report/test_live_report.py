@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.judgement import unjudged
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline
@@ -31,6 +32,7 @@ from mavdem.report.live import (
     vehicle_state_cells,
 )
 from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import headline
 
 
@@ -238,3 +240,23 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
     assert '<section id="reasons">' in page
     assert "<strong>Next:</strong> Do not fly.</p>" in page and "Check the load." in page
     assert '<section id="reasons">' not in page_with_verdict("Another fault.")
+
+
+def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are():
+    """The session keeps the signals of its latest flight only."""
+    account = dict.fromkeys(TimeUse, 0.0)
+    weak_motor = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 3", share=0.9)
+    first = FlightVerdict(1, unjudged(weak_motor))
+    status = SessionStatus(flight_number=2, is_over=True, is_recorded=True, verdicts=(first,))
+    history = LiveHistory()
+    for time in (100.0, 101.0):
+        history.add_row(0, time, np.zeros(2), None)
+        history.advance(time, 0)
+    note = "plots flight 1 from the recording"
+    assert status.session_judgement.headline == first.fact
+    assert note in live_page("udp", "roll", history, status, account, None)
+    for other in (replace(status, verdicts=()), replace(status, is_over=False)):
+        assert note not in live_page("udp", "roll", history, other, account, None)
+    saved = PageLink("a.tlog", "/f/a")
+    page = live_page("udp", "roll", history, status, account, None, saved_flight=saved)
+    assert '<a href="/f/a">Plots of flight 1 are on the page of the recording.</a>' in page

@@ -429,11 +429,18 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
 
     session.stream.followed_vehicle = copter
     live._store_recording(session, Mock(path="gain"))
-    allowed = "In an earlier flight, too little margin. If that was not repaired, land soon."
+    # Only the ids tell that it is the same vehicle.
+    allowed = (
+        "In an earlier flight of a vehicle with this system id, too little margin. "
+        "If it is this vehicle and that was not repaired, land soon."
+    )
     assert fault_in_flight_of(copter) == allowed
     live._store_recording(session, Mock(path="sound"))
     assert not fault_in_flight_of(copter)
-    fault = "In an earlier flight, motor 3 lost thrust. If that was not repaired, land."
+    fault = (
+        "In an earlier flight of a vehicle with this system id, motor 3 lost thrust. "
+        "If it is this vehicle and that was not repaired, land."
+    )
     for name in ("crash", "sound", "gain"):
         session.stream.followed_vehicle = copter
         live._store_recording(session, Mock(path=name))
@@ -441,6 +448,15 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
         # Another vehicle with the same ids has not had that fault.
         assert not fault_in_flight_of(px4)
     assert [flight.entry_id for flight in live._faulty_flights] == ["crash"]
+    # A name by which logs are recognised makes it certain.
+    live._faulty_flights.clear()
+    session.status = replace(session.status, state=VehicleState(name_in_logs="quad"))
+    session.stream.followed_vehicle = copter
+    live._store_recording(session, Mock(path="crash"))
+    certain = "In an earlier flight, motor 3 lost thrust. If that was not repaired, land."
+    assert fault_in_flight_of(copter) == certain
+    session.status = replace(session.status, state=VehicleState(name_in_logs="other"))
+    assert fault_in_flight_of(copter) == fault
     # The verdict on a flight that is over is no second alarm.
     assert told and not any(event.is_alarm for event in told)
 
@@ -458,17 +474,20 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     copter = Component(1, 1)
     copter.vehicle_type = "QUADROTOR"
 
-    def next_step(autopilot, name):
+    def next_step(autopilot, name, is_named=True):
         copter.autopilot = autopilot
         session = Mock()
         session.stream.followed_vehicle = copter
-        state = VehicleState(library_name=name)
+        state = VehicleState(library_name=name, name_in_logs=name if is_named else "")
         session.status = SessionStatus("1:1", is_flying=True, flight_number=1, state=state)
         return live._shown_status(session).session_judgement.next_step
 
     step = next_step("PX4", "quad")
     assert str(step).startswith("If the fault of an earlier flight was not repaired, land: motor 3")
     assert step.figures["reason"].figures["reason"].figures["address"] == f"/f/{entry.id}"
+    # Where only its system id is known, the flight may be of another vehicle.
+    doubtful_step = next_step("PX4", "quad", is_named=False)
+    assert str(doubtful_step).startswith("If this vehicle is the one of an earlier flight")
     for autopilot, name in (("ARDUPILOTMEGA", "copter"), ("PX4", "other"), ("PX4", "")):
         assert "repaired" not in str(next_step(autopilot, name))
     # It is no news, and the verdict on it none of this server.

@@ -1010,6 +1010,7 @@ def live_page(
         light_anchors=_live_anchors(timeline, chapters),
         links=links,
         saved_flight=saved_flight,
+        plots_of_worse_flight=_plots_of_worse_flight(status, saved_flight),
         files_of_session=files,
         refresh_seconds=refresh_seconds,
     )
@@ -1190,6 +1191,31 @@ def _live_timeline_title(status: SessionStatus) -> str:
     if status.flight_number > 1:
         return f"What happened; plots of flight {status.flight_number}"
     return "What happened"
+
+
+def _plots_of_worse_flight(status: SessionStatus, saved_flight: PageLink | None) -> Sentence | None:
+    """Returns the sentence above the plots of a session that is over, if its headline is on an earlier flight.
+
+    A session keeps the signals of its latest flight only; its recording has those of all flights.
+
+    Args:
+        status: state of the session at its end.
+        saved_flight: the page of the recording in the library of a server; None for none.
+
+    Returns:
+        Where plots of the flight of the headline are; None if the plots are of that flight, or the session goes on.
+    """
+    verdict = status.worst_earlier_verdict
+    if not status.is_over or verdict is None or status.session_judgement.headline != verdict.fact:
+        return None
+    flight = f"flight {verdict.number}"
+    if saved_flight is not None:
+        return Sentence(
+            f"Plots of {flight} are on the page of the recording.", address=saved_flight.address
+        )
+    if status.is_recorded:
+        return Sentence(f"`mavdem` plots {flight} from the recording.")
+    return Sentence(f"Nothing was recorded, so that there are no plots of {flight}.")
 
 
 def _sentences_on_next_step(next_step: Sentence) -> list[Sentence]:

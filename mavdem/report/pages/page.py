@@ -334,6 +334,9 @@ class Head(NamedTuple):
     saved_flight: PageLink | None = None
     """The page of a live flight in the library, once it is over; None without one."""
 
+    plots_of_worse_flight: Sentence | None = None
+    """Where plots of the flight of the headline are, once a session is over whose plots are of a later one; or None."""
+
     is_lost_in_air: bool = False
     """Whether the link of that vehicle was lost in the air, so that its flight may go on."""
 
