@@ -391,7 +391,7 @@ def _time_by_log_name(telemetry: Telemetry, flight: Segment | None) -> float | N
 
 def _dated(unix_time: float, basis: DateBasis) -> _DateWithBasis:
     """Returns a UNIX time, s, as a date with its basis; None for both if it is out of range."""
-    date = _utc(unix_time)
+    date = utc_date(unix_time)
     return _DateWithBasis(date, None if date is None else basis)
 
 
@@ -410,7 +410,7 @@ def day_in_file_name(name: str) -> date | None:
     return None
 
 
-def _utc(unix_time: float) -> datetime | None:
+def utc_date(unix_time: float) -> datetime | None:
     """Returns a UNIX time, s, as a date in UTC; None if it is out of range, as in a damaged message."""
     with suppress(OverflowError, ValueError, OSError):
         return datetime.fromtimestamp(unix_time, UTC)

@@ -47,7 +47,7 @@ from mavdem.report.numbers import (
     without_remark,
 )
 from mavdem.report.template_cache import CompiledTemplates
-from mavdem.wind_velocity.compass import compass_text, compass_words
+from mavdem.wind_velocity.compass import compass_point, compass_text, compass_words
 
 PARAMETERS = {
     "effect": "control effectiveness",
@@ -419,6 +419,7 @@ def _environment() -> Environment:
         "step_in_flight": _step_in_flight,
         "time_of_day": time_of_day,
         "land_now": _land_now,
+        "compass_point": compass_point,
         "compass_text": compass_text,
         "compass_words": compass_words,
         "margins_in_short": margins_in_short,

@@ -46,6 +46,7 @@ from mavdem.report.pages.library_page import (
     vehicle_page,
     with_server_script,
     with_toolbar,
+    without_last_position,
 )
 from mavdem.report.pages.motor_anomaly import motor_anomaly
 from mavdem.report.pages.page_link import PageLink
@@ -313,6 +314,8 @@ class Pages:
             return self._page_without_results(entry, values)
         with refuse_missing_file():
             html = path.read_text("utf-8")
+        if not (values["may_read"] or entry.log_shared):
+            html = without_last_position(html)
         if is_stored and self._request_page_if_outdated(entry, html):
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})

@@ -67,6 +67,11 @@ def meteorological_direction(north: float, east: float) -> float:
     return np.degrees(np.arctan2(-east, -north)) % 360
 
 
+def compass_point(direction: float) -> str:
+    """Returns the nearest of 16 points of the compass to a direction, degrees clockwise from north, such as "WSW"."""
+    return _nearest_point(direction, COMPASS_POINTS)
+
+
 def compass_text(direction: float) -> str:
     """Returns a direction that wind comes from as text, with an arrow along its flow, such as "WSW (248°) ↗".
 
@@ -75,7 +80,7 @@ def compass_text(direction: float) -> str:
     Args:
         direction: where the wind comes from, degrees clockwise from north.
     """
-    point = _nearest_point(direction, COMPASS_POINTS)
+    point = compass_point(direction)
     arrow = _nearest_point(direction, FLOW_ARROWS)
     return f"{point} ({direction % 360:.0f}°) {arrow}"
 
@@ -89,7 +94,7 @@ def compass_words(direction: float, half_width: float | None = None) -> str:
         direction: where the wind comes from, degrees clockwise from north.
         half_width: half width of its interval, degrees; None if it is not to be shown. No line is broken within it.
     """
-    point = _nearest_point(direction, COMPASS_POINTS)
+    point = compass_point(direction)
     words = "-".join(COMPASS_WORDS[letter] for letter in point)
     interval = (
         "" if half_width is None else f"\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}{half_width:.0f}°"
@@ -137,7 +142,7 @@ def _nearest_point(direction: float, points: Sequence[str]) -> str:
     """Returns the point that is nearest to a direction.
 
     Args:
-        direction: where the wind comes from, degrees clockwise from north.
+        direction: degrees clockwise from north.
         points: names of points at equal angles over the whole circle, clockwise from north.
 
     Returns:

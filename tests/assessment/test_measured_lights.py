@@ -168,6 +168,9 @@ def test_supply_voltages_of_the_board_have_the_levels_of_their_limits(usual, lea
     falls = code in (PowerLight.SUPPLY_FELL, PowerLight.SUPPLY_LOW)
     is_low_at_first = usual < BOARD_VOLTAGE_LIMITS.watch
     assert (fact.time is not None and 28 < fact.time < 32) is (falls and not is_low_at_first)
+    # What was low from the take-off on did not fall at its first sample.
+    assert ("already when the flight began" in fact.sentence) is is_low_at_first
+    assert ("first at" in fact.sentence) is (falls and not is_low_at_first)
 
 
 @mark.slow

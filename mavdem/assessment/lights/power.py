@@ -261,13 +261,13 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     # None is the usual level of a code.
     level = None
     voltage_limit = levels.watch
-    time = None
+    start = _StartBelow()
     if lasting_voltage < levels.watch:
         code = PowerLight.BATTERY_LOW
         if lasting_voltage < levels.bad:
             level = Level.BAD
             voltage_limit = levels.bad
-        time = _first_time_below(evidence, battery.voltage, voltage_limit)
+        start = _start_below(evidence, battery.voltage, voltage_limit)
     elif levels.watch > 0:
         code = PowerLight.BATTERY_HELD
     else:
@@ -281,7 +281,8 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     return Fact(
         code,
         level,
-        time=time,
+        time=start.time,
+        **start.optional_figures,
         end_time=None if ending is None else loss_onset(ending),
         **battery_figures,
         voltage=averages[0],
@@ -314,23 +315,35 @@ def _lasting_voltage(voltage: TimeSeries, sorted_averages: Array) -> float:
     return float(sorted_averages[index])
 
 
-def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> float | None:
-    """Returns the first time in flight at which the average of a voltage over 2 s was below a limit.
+class _StartBelow(NamedTuple):
+    """When the average of a voltage over 2 s was first below a limit in flight."""
+
+    time: float | None = None
+    """The time, s since boot; None if it was never below."""
+
+    is_start_of_flight: bool = False
+    """Whether it was below already when the flight began, so that nothing in the flight made it so low."""
+
+    @property
+    def optional_figures(self) -> dict[str, Any]:
+        """The figure of a fact that says so; empty if the voltage fell in flight."""
+        return {"is_low_from_start": True} if self.is_start_of_flight else {}
+
+
+def _start_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> _StartBelow:
+    """Returns when the average of a voltage over 2 s was first below a limit in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         voltage: (N,) V.
         limit: V.
-
-    Returns:
-        The time, s since boot; None if it was never below.
     """
     for flight in evidence.in_flight(voltage):
         is_below = time_series.moving_average(flight) < limit
         if is_below.any():
             times_below = flight.time[is_below]
-            return float(times_below[0])
-    return None
+            return _StartBelow(float(times_below[0]), is_start_of_flight=bool(is_below[0]))
+    return _StartBelow()
 
 
 def _charge_facts(evidence: Evidence, batteries: Sequence[Battery]) -> list[Fact]:
@@ -510,7 +523,8 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
 
     Yields:
         At most one fact, with the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the
-        limit, all in V. In the first two cases it has the time at which the average first was so low.
+        limit, all in V. In the first two cases it has the time at which the average first was so low, and
+        ``is_low_from_start`` if that was when the flight began.
     """
     # The first voltage that varies is used: a constant one was not measured.
     measured_voltage = None
@@ -526,7 +540,7 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
     code = PowerLight.SUPPLY_HELD
     # A fact with None as its level has the usual level of its code.
     level = None
-    time = None
+    start = _StartBelow()
     voltage_limit = BOARD_VOLTAGE_LIMITS.watch
     least_usual_voltage = usual_voltage - MAX_BOARD_VOLTAGE_DROP
     if lowest_voltage < BOARD_VOLTAGE_LIMITS.watch:
@@ -534,14 +548,15 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
         if lowest_voltage < BOARD_VOLTAGE_LIMITS.bad:
             level = Level.BAD
             voltage_limit = BOARD_VOLTAGE_LIMITS.bad
-        time = _first_time_below(evidence, measured_voltage, voltage_limit)
+        start = _start_below(evidence, measured_voltage, voltage_limit)
     elif lowest_voltage < least_usual_voltage:
         code = PowerLight.SUPPLY_FELL
-        time = _first_time_below(evidence, measured_voltage, least_usual_voltage)
+        start = _start_below(evidence, measured_voltage, least_usual_voltage)
     yield Fact(
         code,
         level,
-        time=time,
+        time=start.time,
+        **start.optional_figures,
         voltage=lowest_voltage,
         voltage_usual=usual_voltage,
         voltage_limit=voltage_limit,

@@ -211,6 +211,11 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     x = projection.x(east)
     y = projection.y(north)
     start = _Place("start", x[0], y[0])
+    loss_time = timeline.time_of_loss
+    loss = None
+    if loss_time is not None and time[0] <= loss_time <= time[-1]:
+        name = f"lost at {loss_time:.1f} s"
+        loss = _Place(name, np.interp(loss_time, time, x), np.interp(loss_time, time, y))
     if timeline.takeoff is not None:
         takeoff_north, takeoff_east, _ = timeline.takeoff
         start = projection.place("take-off", takeoff_north, takeoff_east)
@@ -230,6 +235,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
         pieces=[*_path_pieces(x, y, height_classes, mode_numbers)],
         start=start,
         end=_Place("end" if timeline.heading is None else "vehicle", x[-1], y[-1]),
+        loss=loss,
         heading=timeline.heading,
         scale=(bar_length, f"{bar_metres:g} m"),
         ring_radii=_ring_radii(bar_length) if is_received else [],

@@ -12,6 +12,7 @@ from mavdem.assessment.commanded_swings import POSITION_TARGET_MESSAGE
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware.commands import POSITION_MESSAGE
 from mavdem.assessment.hardware.recording import is_attitude_resampled
+from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
 from mavdem.assessment.lights.vibration import CLIP_LIMITS, vibration_limits
 from mavdem.containers import Names
 from mavdem.dataset.hardware_quantities import (
@@ -120,10 +121,12 @@ def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> lis
     if light.code is VibrationLight.VIBRATION_MEASURED:
         limits = vibration_limits(evidence.signals.telemetry)
         limit_lines = (
-            _limit_line("watch", limits.watch, LIMITED, timeline),
-            _limit_line("bad", limits.bad, BAD, timeline),
+            _limit_line(f"watch above {limits.watch:.3g}", limits.watch, LIMITED, timeline),
+            _limit_line(f"bad above {limits.bad:.3g}", limits.bad, BAD, timeline),
         )
-        clip_limit_lines = (_limit_line("bad", CLIP_LIMITS.bad, BAD, timeline),)
+        clip_limit_lines = (
+            _limit_line(f"bad above {CLIP_LIMITS.bad:.3g}", CLIP_LIMITS.bad, BAD, timeline),
+        )
     charts = []
     for title, series_by_name in _vibration_by_imu(vibration).items():
         lines = _lines_of_series(series_by_name, timeline)
@@ -239,23 +242,30 @@ def _vibration_by_imu(vibration: ReportedVibration) -> dict[str, dict[str, TimeS
     return charts
 
 
-def _limit_line(level: str, limit: float, colour: str, timeline: Timeline) -> Line:
-    """Returns the dashed line of a limit over the whole time of the charts, whose name says what is beyond it.
+def _limit_line(name: str, limit: float, colour: str, timeline: Timeline) -> Line:
+    """Returns the dashed line of a limit over the whole time of the charts.
 
     Args:
-        level: level beyond the limit, such as "watch".
+        name: what is beyond the limit, such as "watch above 30".
         limit: the limit, in the unit of the chart.
         colour: colour from ``mavdem.report.palette``.
         timeline: charts of the flight over time, whose time range is used.
     """
-    name = f"{level} above {limit:.3g}"
     return Line(name, colour, np.array(timeline.span), np.full(2, limit), style=LineStyle.DASHES)
 
 
 def _power_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields the battery's current, and the voltages of the autopilot's supply and of its servo rail."""
+    """Yields the battery's current, and the voltages of the autopilot's supply and of its servo rail.
+
+    The voltages have the limit of the supply below which the light of power warns.
+    """
     yield _quantity_chart("Battery current", (BATTERY_CURRENT,), evidence, timeline)
-    yield _quantity_chart("Board voltages", (SUPPLY, SERVO_RAIL), evidence, timeline)
+    voltages = _quantity_chart("Board voltages", (SUPPLY, SERVO_RAIL), evidence, timeline)
+    if any(line.name == SUPPLY.name for line in voltages.lines):
+        limit = BOARD_VOLTAGE_LIMITS.watch
+        limit_line = _limit_line(f"watch: supply below {limit:g}", limit, LIMITED, timeline)
+        voltages = voltages._replace(lines=(*voltages.lines, limit_line))
+    yield voltages
 
 
 def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:

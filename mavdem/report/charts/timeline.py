@@ -144,6 +144,14 @@ class Timeline(NamedTuple):
         return self._overview_of(self.flight_charts + self.wind_charts)
 
     @property
+    def time_of_loss(self) -> float | None:
+        """When the flight was lost, s on the boot clock; None if it was not, or at an unknown time."""
+        for event in self.events:
+            if event.has_time and event.fact.code in Ending:
+                return event.seconds
+        return None
+
+    @property
     def overview_groups(self) -> tuple[Group, ...]:
         """The charts over time in the arrangement of a page: roll and pitch, then height, motors, battery and wind.
 

@@ -17,8 +17,9 @@ from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
-from mavdem.assessment.identity import day_in_file_name
+from mavdem.assessment.identity import day_in_file_name, utc_date
 from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.last_position import last_position_of_loss
 from mavdem.assessment.motor_failure import failure_commands
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
@@ -35,6 +36,8 @@ from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.facts.wind import WindLight
 from mavdem.fleet.names import NO_NAMES, GivenNames
+from mavdem.ingest.telemetry import Tables
+from mavdem.ingest.utc import utc_at_boot
 from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence, warning
@@ -228,6 +231,8 @@ def log_page(
             str(assessment.next_step),
             joined_sentences(evidence),
         )
+        if assessment.evidence is not None:
+            events = with_utc_of_bad_events(events, assessment.evidence.signals.telemetry.messages)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = _log_chapters(name, assessment, contents, timeline, advice)
@@ -316,8 +321,23 @@ def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> 
         *evidence,
         *_margin_sentences(assessment),
         sentences.next_step,
+        *_sentences_on_last_position(assessment),
         *flight_sentences(assessment, has_headline_above=True),
     ]
+
+
+def _sentences_on_last_position(assessment: Assessment) -> list[Sentence]:
+    """Returns the sentence that says where a lost flight was seen last, by satellites; none of another flight.
+
+    Args:
+        assessment: all results on a vehicle of the log, with its events and signals.
+    """
+    if assessment.evidence is None:
+        return []
+    position = last_position_of_loss(assessment.evidence.signals, assessment.events)
+    if position is None:
+        return []
+    return render_section("last_position", position)
 
 
 def _margin_sentences(assessment: Assessment) -> list[Sentence]:
@@ -565,6 +585,24 @@ def _with_times_and_numbers(
             )
         numbered_events.append(page_event)
     return numbered_events
+
+
+def with_utc_of_bad_events(page_events: Sequence[PageEvent], messages: Tables) -> list[PageEvent]:
+    """Returns the events of a log, the bad ones of them with their times in UTC.
+
+    Args:
+        page_events: the events. One that names no boot of the autopilot counts as one of the first.
+        messages: the vehicle's messages by name, among which SYSTEM_TIME has UTC and time since boot.
+    """
+    events_with_utc = []
+    for page_event in page_events:
+        if page_event.event.fact.is_bad and page_event.has_time:
+            utc_at_start_of_boot = utc_at_boot(messages, page_event.boot or 0)
+            if utc_at_start_of_boot is not None:
+                utc = utc_date(utc_at_start_of_boot + page_event.seconds)
+                page_event = page_event._replace(utc=utc)
+        events_with_utc.append(page_event)
+    return events_with_utc
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:

@@ -44,6 +44,9 @@ from mavdem.report.pages.page import PageEvent
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
 
+LAST_POSITION = re.compile(r"<p><strong>Last position:</strong>.*?</p>\n")
+"""The sentence of a flight's page that says to a decimetre where a lost flight was seen last."""
+
 SCRIPT_ELEMENT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 """A script within a flight's page."""
 
@@ -286,6 +289,11 @@ def with_toolbar(
     )
     # The bar stands at the beginning of the page's main element.
     return page.replace("<main>\n", f"<main>\n{bar}", 1)
+
+
+def without_last_position(page: str) -> str:
+    """Returns the page of a flight without the sentence on where it was seen last, for visitors without its log."""
+    return LAST_POSITION.sub("", page)
 
 
 def with_server_script(page: str, **values: Any) -> str:

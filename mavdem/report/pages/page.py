@@ -6,7 +6,7 @@ of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains wit
 
 import re
 from collections.abc import Mapping, Sequence
-from datetime import date
+from datetime import date, datetime
 from itertools import chain
 from types import MappingProxyType
 from typing import NamedTuple
@@ -180,6 +180,9 @@ class PageEvent(NamedTuple):
 
     moment: str = ""
     """When it was reported in a live session; empty in a log, where its time is that of the charts."""
+
+    utc: datetime | None = None
+    """When a bad event of a log was in UTC, by which it is found in other records; None of others, and if not known."""
 
     @property
     def fault_or_fact(self) -> Fact:

@@ -7,6 +7,8 @@ from numpy.testing import assert_allclose
 
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending
+from mavdem.facts.event import Event
 from mavdem.facts.motors import MotorsLight
 from mavdem.report.charts.chart import Span
 from mavdem.report.charts.flown_path import MapWind, flown_path
@@ -70,6 +72,11 @@ def test_a_vehicle_in_flight_is_drawn_with_heading_take_off_and_wind():
     )
     logged = str(flown_path(timeline._replace(takeoff=None, heading=None)).svg)
     assert "start</span>" in logged and "end</span>" in logged
+    loss = Event(900.0, Fact(Ending.CONTROL_LOST, Level.BAD, time=900.0))
+    lost = str(flown_path(timeline._replace(events=(loss,))).svg)
+    # Three quarters of the way north are a quarter of the drawing above its middle.
+    assert 'class="loss"' not in logged and 'transform="translate(0.0 -50.0)"/>' in lost
+    assert "lost at 900.0 s</span>" in lost
 
 
 def test_without_a_position_there_is_no_path():

@@ -3,6 +3,7 @@
 import re
 from base64 import b64decode
 from dataclasses import replace
+from datetime import UTC, datetime
 from html.parser import HTMLParser
 from itertools import count
 from math import nan
@@ -33,7 +34,7 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
-from mavdem.report.blocks import Table, headline_sentence
+from mavdem.report.blocks import Sentence, Table, headline_sentence
 from mavdem.report.charts.chart import Group, Line, over_time
 from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
 from mavdem.report.pages.flight_page import (
@@ -44,7 +45,9 @@ from mavdem.report.pages.flight_page import (
     log_page,
     scope_of_instances_level,
     unfold_chapters_of_warnings,
+    with_utc_of_bad_events,
 )
+from mavdem.report.pages.library_page import without_last_position
 from mavdem.report.pages.loop_chapters import TUNING_TITLE
 from mavdem.report.pages.page import (
     Chapter,
@@ -136,6 +139,26 @@ def test_a_line_divides_the_events_of_two_boots():
     assert "#t=18.90" not in linked and 'data-at="18.9"' not in linked
     one_boot = render_document("a.tlog", "", [], head=Head(Level.BAD, {}, events[:2]))
     assert "its clock begins anew" not in one_boot
+
+
+def test_visitors_without_the_log_do_not_see_where_a_lost_flight_was_last():
+    blocks = [Sentence("52.1° N.", "Last position:"), Sentence("land.", "Next:")]
+    page = render_document("a.bin", "", blocks)
+    assert "52.1°" in page
+    shown = without_last_position(page)
+    assert "52.1°" not in shown and "land." in shown
+
+
+def test_bad_events_have_their_time_in_utc():
+    """The autopilot's clock read 0 at noon."""
+    noon = datetime(2026, 3, 9, 12, tzinfo=UTC).timestamp()
+    stamps = {"time": np.array([10.0]), "boot": np.array([0])}
+    utc = {"time_unix_usec": np.array([1e6 * (noon + 10.0)])}
+    mode = PageEvent(Event(30.0, Fact(ReportedEvent.MODE_CHANGED, time=30.0)))
+    loss = PageEvent(Event(61.9, Fact(Ending.CONTROL_LOST, Level.BAD, time=61.9)))
+    with_utc = with_utc_of_bad_events([mode, loss], {"SYSTEM_TIME": stamps | utc})
+    assert [event.utc and f"{event.utc:%H:%M:%S}" for event in with_utc] == [None, "12:01:01"]
+    assert with_utc_of_bad_events([loss], {}) == [loss]
 
 
 @mark.slow
@@ -445,7 +468,7 @@ const result = {
   unexplainedNumbers: [...drawnNumbers].filter(number => !printedNumbers.has(number)),
   hasNumbers: drawnNumbers.size > 0,
   isWarningPrinted: warned.open,
-  hasDate: /\\d{4}-\\d\\d-\\d\\d \\d\\d:\\d\\d UTC/.test(document.getElementById("identity").innerText),
+  hasDate: /\\d{4}-\\d\\d-\\d\\d \\d\\d:\\d\\d:\\d\\d UTC/.test(document.getElementById("identity").innerText),
   charts: figures.length, misfits: misfits.length, beyondPaper,
   paper: getComputedStyle(document.documentElement).getPropertyValue("--card").trim(),
   hasClosedParts: shownParts.length > 0,
