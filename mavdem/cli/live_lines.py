@@ -83,27 +83,56 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
         ends_alarm: whether it is the end of an alarm, although its fact does not say so.
     """
     fact = without_basis_of_phase(event.fact)
-    sentence = fact.sentence
-    marker = ALARM_OVER_MARKER if ends_alarm else ""
-    # A fault that is only to be watched was no alarm, so that its end ends none; its sentence begins with "Over".
-    if fact.code is WatchFact.ALARM_OVER and fact.figures["reason"].is_bad:
+    marker = _marker(event)
+    if ends_alarm and not marker:
         marker = ALARM_OVER_MARKER
-        if not fact.figures.get("is_at_landing"):
-            # That it is over, the marker says.
-            sentence = fact.figures["reason"].sentence
-    elif fact.code is SessionFact.ALARM:
-        # The sentence of this fact begins with "Alarm:" or "Warning:", which the marker says.
-        marker = ALARM_MARKER if event.is_alarm else WARNING_MARKER
-        sentence = fact.figures["reason"].sentence
-    elif event.is_alarm:
-        marker = ALARM_MARKER
-    elif fact.code in (SessionFact.FLIGHT_VERDICT, SessionFact.RECORDING_JUDGED):
-        marker = VERDICT_MARKER
-    parts = [marker, sentence]
+    parts = [marker, _sentence_after_marker(fact)]
     if has_remedy:
         parts.append(fact.remedy)
     text = " ".join(part for part in parts if part)
     return stamped_line(escape_unprintable(text), event.reception, event.clock, event.boot)
+
+
+def _marker(event: Event) -> str:
+    """Returns the word by which programs find the line of an event, such as "ALARM"; empty for an ordinary event.
+
+    Args:
+        event: what was found, and when.
+    """
+    code = event.fact.code
+    if _ends_an_alarm(event.fact):
+        return ALARM_OVER_MARKER
+    if code is SessionFact.ALARM:
+        return ALARM_MARKER if event.is_alarm else WARNING_MARKER
+    if event.is_alarm:
+        return ALARM_MARKER
+    if code in (SessionFact.FLIGHT_VERDICT, SessionFact.RECORDING_JUDGED):
+        return VERDICT_MARKER
+    return ""
+
+
+def _ends_an_alarm(fact: Fact) -> bool:
+    """Returns whether a fact (coded finding) says that a fault is over which was an alarm, and not only to be watched.
+
+    Args:
+        fact: the fact of an event, whose figure "reason" is the fault if it says so.
+    """
+    return fact.code is WatchFact.ALARM_OVER and fact.figures["reason"].is_bad
+
+
+def _sentence_after_marker(fact: Fact) -> str:
+    """Returns the sentence of an event without what the marker before it says already.
+
+    Args:
+        fact: what the event reports, a coded finding.
+    """
+    # The sentence of an alarm begins with "Alarm:" or "Warning:".
+    is_alarm = fact.code is SessionFact.ALARM
+    # That of an alarm that is over says so, and at a landing also why.
+    is_only_over = _ends_an_alarm(fact) and not fact.figures.get("is_at_landing")
+    if is_alarm or is_only_over:
+        return fact.figures["reason"].sentence
+    return fact.sentence
 
 
 def print_line(

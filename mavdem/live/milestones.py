@@ -273,10 +273,12 @@ class Milestones:
             learning: learning that has the unit of the inputs.
             status: status of the session, with the judgement of the model and the wind.
             now: present time on the boot clock, s.
-            physical: the latest physical parameters; None without any.
+            physical: the latest physical parameters, such as the rate damping; None without any.
 
         Returns:
-            The fact, with a figure for each result. What is not known is None, with the reason if there is one.
+            The fact, with a figure for each result. What is not known is None, with the reason if there is one: the
+            ``shortfall`` is why no parameters were fitted. If ``margins_follow``, the recording of the flight will give
+            its margins. The ``delay``, s, is the longest one of an estimate behind its measurements.
         """
         margins = status.overall_judgement.lights.get(Light.MARGINS)
         longest_delay = status.latency.longest

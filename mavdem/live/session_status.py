@@ -549,15 +549,17 @@ class SessionStatus(ImmutableResult):
         The fault was found in an earlier flight of this session or, if in none, by a library in a flight of another
         session. One that the headline states already needs no warning.
         """
-        verdict = self.worst_earlier_verdict
-        if verdict is not None and verdict.judgement.headline.forbids_flight:
-            is_stated_by_headline = self._judgement_with_worst_verdict.headline == verdict.fact
-            if is_stated_by_headline:
+        earlier_flight = self.worst_earlier_verdict
+        if earlier_flight is not None and earlier_flight.judgement.headline.forbids_flight:
+            shown_headline = self._judgement_with_worst_verdict.headline
+            if shown_headline == earlier_flight.fact:
                 return None
-            return self._warning_of_fault(verdict.fact, verdict.judgement.next_step)
-        if self.earlier_recording is not None and not self._may_be_repaired:
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.earlier_recording)
-            return self._warning_of_fault(self.earlier_recording, next_step)
+            return self._warning_of_fault(earlier_flight.fact, earlier_flight.judgement.next_step)
+        # What the library has against a flight of another session; None for nothing.
+        fault_in_library = self.earlier_recording
+        if fault_in_library is not None and not self._may_be_repaired:
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=fault_in_library)
+            return self._warning_of_fault(fault_in_library, next_step)
         return None
 
     @property

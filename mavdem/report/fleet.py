@@ -403,9 +403,10 @@ def motor_next_step(row: FlightRow) -> list[Sentence]:
     Args:
         row: row of a flight whose motors have a fault or a drift, with the number of the suspected motor if any is.
     """
-    # Empty if no single motor is suspected: the step is then about all motors and the load.
     motor = suspected_motor(row)
-    return [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
+    # A suspected motor gives less thrust than in other flights. Without one, the step is about all motors and the load.
+    is_weaker = bool(motor)
+    return [*render_section("difference_next", motor=motor, is_weaker=is_weaker)]
 
 
 def suspected_motor(row: FlightRow) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import PurePath
 from types import MappingProxyType
@@ -83,9 +83,11 @@ class GainChanges(NamedTuple):
     @property
     def blocks(self) -> Blocks:
         """The tables in the order of the flights, with a sentence that says when the gains of stage 2 are loaded."""
-        blocks: Blocks = [*self.tables[:1]]
-        for later_table in self.tables[1:]:
-            blocks += [*self.stage_sentences, later_table]
+        blocks = Blocks()
+        for table in self.tables:
+            if blocks:
+                blocks += self.stage_sentences
+            blocks.append(table)
         if self.tried_gains is not None:
             blocks.append(self.tried_gains)
         return blocks
@@ -125,60 +127,128 @@ def gain_changes(
         The tables with their files; None if no gain changes.
     """
     advice_on_loops = [each for each in advice.values() if isinstance(each, Advice)]
-    gains = dict(_gains_to_lower(next_step))
-    lowers_gains = bool(gains)
-    tried_gains: dict[str, Gain] = {}
-    if lowers_gains:
+    gains_to_lower = dict(_gains_to_lower(next_step))
+    if gains_to_lower:
+        gains = gains_to_lower
         values = {name: gain.set for name, gain in gains.items()}
         sets = [ParameterSet({**values, **notch_parameters}, LOWERED_GAINS_HEADING)]
+        tried_gains: dict[str, Gain] = {}
+        cautions: Sequence[Block] = ()
     else:
+        gains = _changed_gains(advice_on_loops)
         sets = parameter_sets(advice_on_loops, notch_parameters)
-        for axis_advice in advice_on_loops:
-            changed_gains = {name: axis_advice.gains[name] for name in axis_advice.parameters}
-            gains |= changed_gains
-            if not axis_advice.is_sound:
-                tried_gains |= changed_gains
+        tried_gains = _changed_gains(each for each in advice_on_loops if not each.is_sound)
+        cautions = tuple(_cautions_on_gains(advice))
     if not sets and not tried_gains:
         return None
-    log_stem = PurePath(log_name).stem
-    tables = []
-    downloads: list[ParameterDownload] = []
+    return GainChanges(
+        tables=tuple(
+            _table_of_set(each, _stage_of_set(each, sets), gains, vehicle) for each in sets
+        ),
+        downloads=tuple(_downloads_of_sets(sets, PurePath(log_name).stem, vehicle)),
+        tried_gains=_table_of_tried_gains(tried_gains) if tried_gains else None,
+        cautions=cautions,
+        new_values=_new_values(sets, tried_gains),
+    )
+
+
+def _changed_gains(advice_on_loops: Iterable[Advice]) -> dict[str, Gain]:
+    """Returns the gains that the advice on some axes changes, by the names of their parameters.
+
+    Args:
+        advice_on_loops: advice on each axis.
+    """
+    gains = {}
+    for advice in advice_on_loops:
+        for name in advice.parameters:
+            gains[name] = advice.gains[name]
+    return gains
+
+
+def _stage_of_set(parameter_set: ParameterSet, sets: Sequence[ParameterSet]) -> int | None:
+    """Returns the number of the tuning stage of a set of parameters; None if there is no other set to tell it from.
+
+    Args:
+        parameter_set: parameters that are loaded together.
+        sets: all sets, which are loaded one after the other, with a flight between them.
+    """
+    return parameter_set.stage if len(sets) > 1 else None
+
+
+def _table_of_set(
+    parameter_set: ParameterSet, stage: int | None, gains: Mapping[str, Gain], vehicle: Telemetry
+) -> Table:
+    """Returns the table of parameters that are loaded together: value now, value to set, and the factor between them.
+
+    Args:
+        parameter_set: the parameters to set: gains, and perhaps those of a notch filter.
+        stage: number of their stage of tuning; None if there is only one.
+        gains: the gains that change, by the names of their parameters.
+        vehicle: the vehicle, with its present parameters.
+    """
+    rows = []
+    for name, value in parameter_set.parameters.items():
+        if name in gains:
+            rows.append(gain_row(name, gains[name]))
+        else:
+            rows.append(_notch_row(name, vehicle.parameters.get(name), value))
+    header = "gain" if stage is None else f"gain, stage {stage:d}"
+    return Table([header, "now", "set", "times"], rows)
+
+
+def _table_of_tried_gains(gains: Mapping[str, Gain]) -> Table:
+    """Returns the table of gains that another flight is to confirm before they are loaded.
+
+    Args:
+        gains: the gains, by the names of their parameters.
+    """
+    rows = [gain_row(name, gain) for name, gain in gains.items()]
+    return Table(["gain", "now", TRIED_HEADER, "times"], rows)
+
+
+def _downloads_of_sets(
+    sets: Sequence[ParameterSet], log_stem: str, vehicle: Telemetry
+) -> Iterator[ParameterDownload]:
+    """Yields the files that load each set of parameters, and those that restore the present values.
+
+    Args:
+        sets: the sets in the order in which they are loaded.
+        log_stem: name of the log without its ending, with which the names of the files begin.
+        vehicle: the vehicle, with its present parameters.
+    """
     changed_names: list[str] = []
-    new_values = {
-        name: NewValue(f"{gain.set:.4g}", is_tried=True) for name, gain in tried_gains.items()
-    }
     for parameter_set in sets:
         changed_names += parameter_set.parameters
-        stage = parameter_set.stage if len(sets) > 1 else None
-        later_stage = None if parameter_set is sets[0] else stage
-        rows = []
-        for name, value in parameter_set.parameters.items():
-            new_values[name] = NewValue(f"{value:.4g}", later_stage)
-            if name in gains:
-                rows.append(gain_row(name, gains[name]))
-            else:
-                rows.append(_notch_row(name, vehicle.parameters.get(name), value))
-        header, suffix, label = "gain", "", ""
+        stage = _stage_of_set(parameter_set, sets)
+        suffix, label = "", ""
         if stage is not None:
-            # The sets are loaded one after the other, so that tables and files say which is which.
-            header = f"gain, stage {stage:d}"
             suffix = parameter_set.suffix
             label = f"Stage {stage:d}:"
-        tables.append(Table([header, "now", "set", "times"], rows))
         files = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
-        downloads += parameter_downloads(files, log_stem + suffix, label)
+        yield from parameter_downloads(files, log_stem + suffix, label)
     if changed_names:
-        downloads += parameter_downloads(
-            present_parameter_files(changed_names, vehicle), log_stem, "To go back:"
-        )
-    tried_table = None
-    if tried_gains:
-        rows = [gain_row(name, gain) for name, gain in tried_gains.items()]
-        tried_table = Table(["gain", "now", TRIED_HEADER, "times"], rows)
-    cautions = () if lowers_gains else tuple(_cautions_on_gains(advice))
-    return GainChanges(
-        tuple(tables), tuple(downloads), tried_table, cautions, new_values=new_values
-    )
+        present_files = present_parameter_files(changed_names, vehicle)
+        yield from parameter_downloads(present_files, log_stem, "To go back:")
+
+
+def _new_values(
+    sets: Sequence[ParameterSet], tried_gains: Mapping[str, Gain]
+) -> dict[str, NewValue]:
+    """Returns the new value of each parameter, and when it is to be set, by the name of the parameter.
+
+    Args:
+        sets: parameters that are loaded together, in the order of their flights.
+        tried_gains: gains that another flight is to confirm, by the names of their parameters.
+    """
+    new_values = {}
+    for name, gain in tried_gains.items():
+        new_values[name] = NewValue(f"{gain.set:.4g}", is_tried=True)
+    for index, parameter_set in enumerate(sets):
+        # The first set is loaded before the next flight.
+        later_stage = None if index == 0 else _stage_of_set(parameter_set, sets)
+        for name, value in parameter_set.parameters.items():
+            new_values[name] = NewValue(f"{value:.4g}", later_stage)
+    return new_values
 
 
 def _notch_row(name: str, present_value: float | None, value: float) -> list[str]:

@@ -53,7 +53,9 @@ class GainCell(NamedTuple):
             return ""
         if self.new.is_tried:
             return "tried"
-        return "" if self.new.later_stage is None else f"stage {self.new.later_stage:d}"
+        if self.new.later_stage is not None:
+            return f"stage {self.new.later_stage:d}"
+        return ""
 
 
 class GainOverview(NamedTuple):
@@ -105,12 +107,28 @@ def gain_overview(
             rows[axis] = tuple(_gains_of_axis(controller, signals, new_values))
     if not rows:
         return None
-    logged_headers = {cell.header for row in rows.values() for cell in row if cell.present}
-    headers = tuple(header for header in GAIN_HEADERS.values() if header in logged_headers)
+    return _without_empty_columns(rows, changes)
+
+
+def _without_empty_columns(
+    rows: Mapping[str, tuple[GainCell, ...]], changes: GainChanges | None
+) -> GainOverview:
+    """Returns the overview of some gains without the columns of those that the log has of no axis.
+
+    Args:
+        rows: the gains of each axis in the order of ``GAIN_HEADERS``.
+        changes: parameters to set, some of which may be no gains; None if none are.
+    """
+    logged_headers = set()
+    names = set()
+    for row in rows.values():
+        logged_headers |= {cell.header for cell in row if cell.present}
+    shown_rows = {}
     for axis, row in rows.items():
-        rows[axis] = tuple(cell for cell in row if cell.header in logged_headers)
-    names_in_table = {cell.name for row in rows.values() for cell in row}
-    return GainOverview(headers, rows, _table_of_other_changes(changes, names_in_table))
+        shown_rows[axis] = tuple(cell for cell in row if cell.header in logged_headers)
+        names |= {cell.name for cell in shown_rows[axis]}
+    headers = tuple(header for header in GAIN_HEADERS.values() if header in logged_headers)
+    return GainOverview(headers, shown_rows, _table_of_other_changes(changes, names))
 
 
 def _gains_of_axis(
@@ -123,7 +141,8 @@ def _gains_of_axis(
         signals: logged time series of the vehicle, with its parameters.
         new_values: value to set by the name of the parameter.
     """
-    # The feed-forward gain is no part of the advice, so that the controller names only the others.
+    # The controller names only gains that may be advised. The name of the feed-forward gain is like that of P, such as
+    # ATC_RAT_RLL_FF and ATC_RAT_RLL_P.
     feedforward_name = controller.parameter_names["p"].removesuffix("P") + "FF"
     names = {**controller.parameter_names, "ff": feedforward_name}
     for field, header in GAIN_HEADERS.items():

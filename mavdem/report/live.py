@@ -178,36 +178,63 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     # The section of templates "live_lights" has a paragraph for each light that the table shows. It is returned as a
     # sentence, whose lead is the name of the light, and whose text is the figure.
     for sentence in render_section("live_lights", status=status, lights=lights):
-        light_name = sentence.lead
-        light = lights[light_name]
-        figure = sentence.text
-        if light.code is Unjudged.KNOWN_BEFORE:
-            # The link was lost. This section has a single paragraph, such as "good 12 s ago" or "11.4 V 12 s ago".
-            voltage = None
-            if light_name == Light.POWER and status.state is not None:
-                voltage = status.state.voltage
-            [age] = render_section(
-                "live_light_before",
-                duration=light.figures["duration"],
-                is_wind=light_name == Light.WIND,
-                voltage=voltage,
-            )
-            figure = age.text
-        if light.code is SessionFact.LIGHT_OF_RECORDING:
-            # The figures of the session may be others than those of the recording.
-            figure = shortened(as_clause(first_clause(light.sentence)), MAX_FIGURE_LENGTH)
-        if not figure and light.is_watch_or_bad:
-            figure = as_clause(first_clause(light.sentence))
-        if not figure and light.level is Level.UNKNOWN:
-            figure = " ".join(
-                sentence.text for sentence in render_section("live_light_unknown", light=light)
-            )
-        if not figure and light.level is Level.UNKNOWN:
-            # The reason has no short form.
-            reason = light.figures.get("reason") or light
-            figure = as_clause(first_clause(reason.sentence))
-        rows.append(LightRow(light_name, light.level, figure))
+        name = sentence.lead
+        light = lights[name]
+        figure = _light_figure(name, light, status, figure_in_flight=sentence.text)
+        rows.append(LightRow(name, light.level, figure or _text_without_figure(light)))
     return rows
+
+
+def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_flight: str) -> str:
+    """Returns the figure of a light (judgement of one part of the vehicle), such as the battery's voltage.
+
+    Args:
+        name: name of the light.
+        light: the fact with the judgement.
+        status: state of the session.
+        figure_in_flight: its figure by the latest messages of the flight; empty for none.
+
+    Returns:
+        How long ago the part was good, if the link was lost since; the beginning of the sentence of the recording, if
+        that was judged after the flight; otherwise the figure in flight.
+    """
+    if light.code is Unjudged.KNOWN_BEFORE:
+        voltage = None
+        if name == Light.POWER and status.state is not None:
+            voltage = status.state.voltage
+        # This section has a single paragraph, such as "good 12 s ago" or "11.4 V 12 s ago".
+        [age] = render_section(
+            "live_light_before",
+            duration=light.figures["duration"],
+            is_wind=name == Light.WIND,
+            voltage=voltage,
+        )
+        return age.text
+    if light.code is SessionFact.LIGHT_OF_RECORDING:
+        # The figures of the session may be others than those of the recording.
+        return shortened(as_clause(first_clause(light.sentence)), MAX_FIGURE_LENGTH)
+    return figure_in_flight
+
+
+def _text_without_figure(light: Fact) -> str:
+    """Returns what stands in the place of a figure that a light (judgement of one part) does not have.
+
+    Args:
+        light: the fact with the judgement.
+
+    Returns:
+        The beginning of the sentence of a light that warns; what a light that is not judged waits for or lacks; empty
+        for a good light.
+    """
+    if light.is_watch_or_bad:
+        return as_clause(first_clause(light.sentence))
+    if light.level is not Level.UNKNOWN:
+        return ""
+    short_reasons = render_section("live_light_unknown", light=light)
+    if short_reasons:
+        return " ".join(sentence.text for sentence in short_reasons)
+    reason = light.figures.get("reason") or light
+    return as_clause(first_clause(reason.sentence))
 
 
 def live_title(status: SessionStatus, link: str, names: GivenNames) -> str:
@@ -237,26 +264,33 @@ def live_alarm(status: SessionStatus) -> str:
     Returns:
         The text; empty if nothing is bad now, on the ground, and after the session.
     """
-    judgement = status.overall_judgement
-    headline = judgement.headline
+    headline = status.overall_judgement.headline
     is_bad_now = headline.is_bad and headline.code is not WatchFact.ALARM_OVER
-    is_link_lost = status.link_loss is not None
-    if status.is_over or not status.is_flying or not (is_bad_now or is_link_lost):
-        return ""
     link_loss = status.link_loss
+    if status.is_over or not status.is_flying or not (is_bad_now or link_loss is not None):
+        return ""
     if link_loss is not None:
         # What was wrong with the vehicle before follows as the alarm.
         link_loss = link_loss.replace(cause=None)
-    reason_to_land = None
-    if judgement.next_step.code is NextStep.LAND_NOW:
-        # The alarm names what is wrong with the vehicle, even if its link was lost since.
-        reason_to_land = cause_of_alarm(judgement.next_step.figures["reason"])
-        if reason_to_land.code is LinkFact.LOST_IN_FLIGHT:
-            reason_to_land = None
     sentences = render_section(
-        "live_alarm", link_loss=link_loss, alarm=reason_to_land, headline=headline
+        "live_alarm",
+        link_loss=link_loss,
+        alarm=_reason_to_land(status.overall_judgement.next_step),
+        headline=headline,
     )
     return " ".join(sentence.text for sentence in sentences)
+
+
+def _reason_to_land(next_step: Fact) -> Fact | None:
+    """Returns what is wrong with a vehicle that must land now, even if its link was lost since; None otherwise.
+
+    Args:
+        next_step: what the pilot is to do next.
+    """
+    if next_step.code is not NextStep.LAND_NOW:
+        return None
+    reason = cause_of_alarm(next_step.figures["reason"])
+    return None if reason.code is LinkFact.LOST_IN_FLIGHT else reason
 
 
 def statement_of_headline(headline_text: str, headline_fact: Fact) -> str:

@@ -167,10 +167,12 @@ def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -
     texts: list[str] = []
     for fact in facts:
         for text in (headline(fact), fact.remedy):
-            text = _unless_in((*texts_beside, *texts), text)
-            if text:
-                texts.append(text)
-    return [Sentence(" ".join(texts), "The flight:")] if texts else []
+            new_text = _unless_in((*texts_beside, *texts), text)
+            if new_text:
+                texts.append(new_text)
+    if not texts:
+        return []
+    return [Sentence(" ".join(texts), "The flight:")]
 
 
 def level_of_summary(tuning: Tuning, result: Fact) -> Level:
@@ -180,10 +182,13 @@ def level_of_summary(tuning: Tuning, result: Fact) -> Level:
         tuning: the judgement of the flight.
         result: the most important result (:func:`tuning_result`), whose level may be unknown.
     """
-    levels = [fault.level for fault in faults_besides_loops(tuning.judgement)]
-    for level in (Level.BAD, Level.WATCH):
-        if level in levels:
-            return level if not result.is_bad else Level.BAD
+    levels = {result.level}
+    for fault in faults_besides_loops(tuning.judgement):
+        levels.add(fault.level)
+    if Level.BAD in levels:
+        return Level.BAD
+    if Level.WATCH in levels:
+        return Level.WATCH
     return result.level
 
 
@@ -236,26 +241,33 @@ def _overview_rows(advice: Advice) -> list[list[str]]:
         advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
 
     Returns:
-        For each loop its name, which the attitude loop shares with the rate loop above it as far as the axis, and a
-        cell for each of ``TUNED_FIGURES``: the value now and, if it changes, with the new gains, such as
-        "29 (23 to 35) → 44".
+        For each loop its name and a cell for each of ``TUNED_FIGURES`` (:func:`_overview_cell`). Only the rate loop,
+        whose row comes first, names the axis.
     """
-    loop_now, *new_loops = compared_loops(advice).values()
     rows = []
     for loop_name in LOOP_NAMES:
-        row = [f"{loop_now.axis} rate" if loop_name == "rate" else f"  {loop_name}"]
-        for figure_name in TUNED_FIGURES:
-            value_now = _value_text(loop_now.open_loop(loop_name), figure_name)
-            cell = value_now
-            if figure_name in FIGURES_WITH_INTERVAL:
-                cell = _figure_text(loop_now.open_loop(loop_name), figure_name)
-            for new_loop in new_loops:
-                new_value = _value_text(new_loop.open_loop(loop_name), figure_name)
-                if new_value != value_now:
-                    cell = f"{cell} → {new_value}"
-            row.append(cell)
-        rows.append(row)
+        first_cell = f"{advice.before.axis} rate" if loop_name == "rate" else f"  {loop_name}"
+        cells = [_overview_cell(advice, loop_name, figure_name) for figure_name in TUNED_FIGURES]
+        rows.append([first_cell, *cells])
     return rows
+
+
+def _overview_cell(advice: Advice, loop_name: str, figure_name: str) -> str:
+    """Returns a figure of a loop now and, if it changes, with the new gains, such as "29 (23 to 35) → 44".
+
+    Args:
+        advice: advice on an axis: its identified loops with the gains that flew and with new ones, if there are any.
+        loop_name: "rate" or "attitude".
+        figure_name: one of ``TUNED_FIGURES``, such as "phase_margin".
+    """
+    loop_now = advice.before.open_loop(loop_name)
+    value_now = _value_text(loop_now, figure_name)
+    has_interval = figure_name in FIGURES_WITH_INTERVAL
+    cell_now = _figure_text(loop_now, figure_name) if has_interval else value_now
+    if not advice.parameters:
+        return cell_now
+    new_value = _value_text(advice.after.open_loop(loop_name), figure_name)
+    return cell_now if new_value == value_now else f"{cell_now} → {new_value}"
 
 
 def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
@@ -299,18 +311,11 @@ def tune_blocks(
     """
     blocks = Blocks()
     stated_remedies = _texts_in_next_step(tuning)
-    cautions = _shared_cautions(tuning.axes)
     axes_with_stated_gains: list[str] = []
     for axes in _axes_with_same_conclusion(tuning):
-        conclusion, *reasons = _facts_on_new_gains(tuning, axes[0])
-        report = " ".join(map(str, [conclusion, *reasons]))
-        remedies = []
-        if conclusion.remedy not in stated_remedies:
-            remedies.append(conclusion.remedy)
-            stated_remedies.add(conclusion.remedy)
-        is_refused = conclusion.code is GainFact.NO_GAINS_ADVISED
-        blocks += _report_sentences(axes, report, remedies, has_no_gains=is_refused)
+        blocks += _sentences_on_gains(tuning, axes, stated_remedies)
         axes_with_stated_gains += axes
+    cautions = _shared_cautions(tuning.axes)
     for axes in _axes_reported_together(tuning):
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
@@ -318,13 +323,9 @@ def tune_blocks(
         if isinstance(advice, Fact):
             blocks += _sentences_without_loop(tuning, axes, stated_remedies, headline_above)
             continue
-        facts = _facts_on_axis(
-            tuning, axis, has_gains=axis not in axes_with_stated_gains, is_page=is_page
-        )
-        report = " ".join(str(fact) for fact in facts)
-        if headline_above and report.startswith(headline_above):
-            # What the report says besides remains.
-            report = report.removeprefix(headline_above).strip()
+        has_gains = axis not in axes_with_stated_gains
+        facts = _facts_on_axis(tuning, axis, has_gains=has_gains, is_page=is_page)
+        report = _report_below(headline_above, facts)
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
         stated_remedies.update(remedies)
         blocks += _report_sentences(axes, report, remedies, has_no_gains=bool(advice.refusals))
@@ -332,13 +333,48 @@ def tune_blocks(
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
-    return [*blocks, *_unchecked_effects(tuning)] if is_full else blocks
+    if is_full:
+        blocks += _unchecked_effects(tuning)
+    return blocks
+
+
+def _report_below(headline_above: str, facts: Iterable[Fact]) -> str:
+    """Returns the sentences of some facts (coded findings) as one text, without the headline that stands above it.
+
+    Args:
+        headline_above: the headline; empty without one.
+        facts: the facts, of which the first one may be that of the headline.
+    """
+    report = " ".join(str(fact) for fact in facts)
+    return report.removeprefix(headline_above).strip()
+
+
+def _sentences_on_gains(
+    tuning: Tuning, axes: list[str], stated_remedies: set[str]
+) -> list[Sentence]:
+    """Returns the sentence on what to do with the gains of several axes, of which the same is to be said, and why.
+
+    Args:
+        tuning: advice on the gains of each axis; the loops of these axes are identified.
+        axes: the axes.
+        stated_remedies: remedies that stand elsewhere in the report; that of these sentences is added.
+    """
+    # The facts are the same for all axes.
+    facts = _facts_on_new_gains(tuning, axes[0])
+    conclusion = facts[0]
+    remedies = []
+    if conclusion.remedy not in stated_remedies:
+        remedies.append(conclusion.remedy)
+        stated_remedies.add(conclusion.remedy)
+    report = " ".join(str(fact) for fact in facts)
+    is_refused = conclusion.code is GainFact.NO_GAINS_ADVISED
+    return _report_sentences(axes, report, remedies, has_no_gains=is_refused)
 
 
 def _sentences_without_loop(
     tuning: Tuning, axes: list[str], stated_remedies: set[str], headline_above: str
 ) -> list[Sentence]:
-    """Returns why some axes get no gains: their loops are not known for the same reason; and what leads to gains.
+    """Returns why some axes get no gains, and what leads to gains: their loops are not known for the same reason.
 
     Args:
         tuning: for these axes the fact (coded finding) that says why their loops are not known.
@@ -352,10 +388,9 @@ def _sentences_without_loop(
     assert isinstance(reason, Fact)
     if len(axes) > 1:
         reason = _fact_on_axes(reason, listed(axes))
-    report = str(reason)
-    if headline_above and report.startswith(headline_above):
-        report = report.removeprefix(headline_above).strip()
+    report = _report_below(headline_above, [reason])
     if not report:
+        # The headline above says why: a repair is needed.
         return render_section("tune_repair", axes=axes)
     remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
     stated_remedies.update(remedies)
@@ -523,18 +558,36 @@ def goal_sentences(tuning: Tuning) -> list[Sentence]:
     """
     if tuning.refusal is not None:
         return []
-    axes_by_shares = dict[tuple[str, str], list[str]]()
+    shares_of_axes = {}
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and not _has_doubtful_margins(tuning, axis):
-            share_as_flown = advice.after.share_meeting(advice.target)
-            shares = (model_share(share_as_flown), model_share(advice.sure))
-            axes_by_shares.setdefault(shares, []).append(axis)
+            shares_of_axes[axis] = _shares_with_goal(advice)
+    axes_by_shares = group_by(shares_of_axes, shares_of_axes.__getitem__)
     return render_section(
         "tune_goal",
         target=tuning.advice[0].target,
         deviation=_checked_thrust_deviation(),
-        shares=[(axes, *shares) for shares, axes in axes_by_shares.items()],
+        axes_by_shares=axes_by_shares,
     )
+
+
+class _SharesWithGoal(NamedTuple):
+    """How many of the models of the vehicle reach the goal of the margins on an axis, as texts such as "84 %"."""
+
+    as_flown: str
+    """With the thrust of the flight."""
+    at_all_thrusts: str
+    """With more and with less thrust, too."""
+
+
+def _shares_with_goal(advice: Advice) -> _SharesWithGoal:
+    """Returns how many models reach the goal of the margins with the gains to set or, if none change, to keep.
+
+    Args:
+        advice: advice on the axis.
+    """
+    share_as_flown = advice.after.share_meeting(advice.target)
+    return _SharesWithGoal(model_share(share_as_flown), model_share(advice.sure))
 
 
 def field_sentences(tuning: Tuning) -> list[Sentence]:
@@ -574,10 +627,12 @@ def tune_details(tuning: Tuning) -> Blocks:
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
     """
-    loops, doubtful_headers = _loops_by_header(tuning)
+    compared = _loops_to_compare(tuning)
     blocks = Blocks()
-    if loops:
-        blocks += margin_tables(loops, doubtful_headers, left_out=TUNED_FIGURES)
+    if compared.by_header:
+        blocks += margin_tables(
+            compared.by_header, compared.doubtful_headers, left_out=TUNED_FIGURES
+        )
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
             continue
@@ -752,17 +807,18 @@ def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
 
 
 def _axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
-    """Returns the groups of two and more axes of whose gains a report says the same, such as that they stay.
+    """Returns the groups of two or more axes whose gains a report describes in the same words, such as that they stay.
 
     Roll and pitch of a symmetric vehicle mostly differ in their margins, and not in what is advised.
 
     Args:
-        tuning: advice on the gains of each axis, or the fact that says why there is none.
+        tuning: advice on the gains of each axis with an identified loop; for other axes a fact (coded finding) that
+            says why there is no loop.
     """
     axes_with_loop = [axis for axis, advice in tuning.axes.items() if isinstance(advice, Advice)]
 
     def text_on_gains(axis: str) -> str:
-        """Returns what is said of the gains of an axis."""
+        """Returns the sentences on the gains of an axis."""
         facts = _facts_on_new_gains(tuning, axis)
         return " ".join(fact.sentence_and_remedy for fact in facts)
 
@@ -1140,7 +1196,7 @@ def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) ->
         A list with the table, which has a column for the present gains of each axis and, if they change, one for its
         new gains; empty if no loop is identified.
     """
-    loops, doubtful_headers = _loops_by_header(tuning)
+    loops, doubtful_headers = _loops_to_compare(tuning)
     if not loops:
         return []
     rows = []
@@ -1154,28 +1210,32 @@ def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) ->
     return [Table(["90 % interval", *_marked_headers(loops, doubtful_headers)], rows)]
 
 
-def _loops_by_header(tuning: Tuning) -> tuple[dict[str, Loop], set[str]]:
-    """Returns the loops of all axes for a table that compares them, and which of them may be wrong.
+class _ComparedLoops(NamedTuple):
+    """The loops of several axes as the columns of a table that compares them."""
+
+    by_header: dict[str, Loop]
+    """The loops by the header of their column, such as "roll, now"."""
+    doubtful_headers: set[str]
+    """Headers of those whose margins may be wrong."""
+
+
+def _loops_to_compare(tuning: Tuning) -> _ComparedLoops:
+    """Returns the loops of all axes with the present and, if they change, with the new gains.
 
     Args:
         tuning: advice for each axis; axes without an identified loop are left out.
-
-    Returns:
-        The loops by the header of their column, such as "roll, now", and the headers of those whose margins may be
-        wrong.
     """
-    loops = dict[str, Loop]()
-    doubtful_headers = set[str]()
+    compared = _ComparedLoops({}, set())
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
             continue
         for gains, loop in compared_loops(advice).items():
             gains_header = _gains_header(gains, advice, waits_for_stage_1=tuning.waits(advice))
             header = f"{axis}, {gains_header}"
-            loops[header] = loop
+            compared.by_header[header] = loop
             if _has_doubtful_margins(tuning, axis):
-                doubtful_headers.add(header)
-    return loops, doubtful_headers
+                compared.doubtful_headers.add(header)
+    return compared
 
 
 def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
@@ -1225,13 +1285,13 @@ def _step_rows(
             rises faster and overshoots. The rows say that their steps are without it.
     """
     condition = " of a step"
-    other_basis = ""
+    remark_on_charts = ""
     if loop_name == "attitude":
         condition = " without feed-forward"
         if axes_with_feedforward:
-            other_basis = f"; the chart of {listed(axes_with_feedforward)} has it"
-    overshoot_row = [f"{loop_name}: overshoot{condition} (%{other_basis})"]
-    rise_time_row = [f"{loop_name}: rise time{condition} (ms{other_basis})"]
+            remark_on_charts = f"; the chart of {listed(axes_with_feedforward)} has it"
+    overshoot_row = [f"{loop_name}: overshoot{condition} (%{remark_on_charts})"]
+    rise_time_row = [f"{loop_name}: rise time{condition} (ms{remark_on_charts})"]
     for loop in loops.values():
         overshoot, rise_time = _step_texts(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
         overshoot_row.append(overshoot)

@@ -386,30 +386,30 @@ def _reason_for_no_loop(
 
 
 def _reasons_without_loop(assessment: Assessment, axes: Sequence[str]) -> dict[str, Fact]:
-    """Returns why the loop of an axis was not identified, for each axis without one.
+    """Returns for each axis without an identified loop the fact (coded finding) that says why it has none.
 
-    If the autopilot injected a signal on such an axis, what was measured with it is part of the reason.
+    If the autopilot injected a test signal on such an axis, the margins that were measured with it come first.
 
     Args:
         assessment: all results on the vehicle, with the loops that were identified in its flight.
         axes: the axes whose gains were requested.
     """
     evidence = assessment.evidence
+    # Gains are advised only for a vehicle that was judged, and so has evidence.
     assert evidence is not None
-    measurement_of_axis = {}
+    margins_by_injection = {}
     for axis_margins in assessment.margins:
         if axis_margins.injected:
-            measurement_of_axis[axis_margins.axis] = axis_margins.facts[0]
+            margins_by_injection[axis_margins.axis] = axis_margins.facts[0]
     reasons = {}
     for axis in axes:
-        # An axis whose loop was not identified has the fact that says why instead.
         loop_or_reason = evidence.loops[axis]
         if isinstance(loop_or_reason, Loop):
             continue
         reasons[axis] = loop_or_reason
-        if axis in measurement_of_axis:
-            both_reasons = (measurement_of_axis[axis], loop_or_reason)
-            reasons[axis] = Fact(LoopFact.NO_LOOP, reasons=both_reasons)
+        if axis in margins_by_injection:
+            both_facts = (margins_by_injection[axis], loop_or_reason)
+            reasons[axis] = Fact(LoopFact.NO_LOOP, reasons=both_facts)
     return reasons
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -371,19 +371,29 @@ def axis_spectrum_charts(
         A chart over frequency, Hz, for each axis.
     """
     charts = {}
-    powers = []
     loop_with_filters = fastest_loop(loops)
     for index, axis in enumerate(axes):
         chart = spectrum_chart(noise, loop_with_filters, name, index)
         if axis in loops:
             chart = chart._replace(marks=(*chart.marks, _crossover_mark(loops[axis])))
         charts[axis] = chart._replace(title=f"{axis.capitalize()}: {chart.title}")
-        powers += [line.y for line in chart.lines if not line.is_on_right_axis]
-    all_powers = np.concatenate(powers)
-    limits = (float(all_powers.min()), ROOM_FOR_NAMES * float(all_powers.max()))
+    limits = _common_power_limits(charts.values())
     for axis, chart in charts.items():
         charts[axis] = chart._replace(y=chart.y._replace(limits=limits))
     return charts
+
+
+def _common_power_limits(charts: Iterable[Chart]) -> tuple[float, float]:
+    """Returns the lowest and the highest power that charts of spectra show, with room for the names of marks above.
+
+    Args:
+        charts: charts with the power on the left axis; a gain of filters, on the right one, does not count.
+    """
+    powers = []
+    for chart in charts:
+        powers += [line.y for line in chart.lines if not line.is_on_right_axis]
+    all_powers = np.concatenate(powers)
+    return float(all_powers.min()), ROOM_FOR_NAMES * float(all_powers.max())
 
 
 def spectrum_chart(
@@ -405,11 +415,6 @@ def spectrum_chart(
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     if axis is not None:
         spectral_lines = _lines_of_axis(spectral_lines, lines[0])
-    marks = []
-    for spectral_line in spectral_lines:
-        is_unnamed = spectral_line.cause is LineCause.UNNAMED
-        label = UNNAMED_LINE if is_unnamed else str(spectral_line.cause)
-        marks.append(Mark(spectral_line.frequency, label))
     max_frequency = max(line.x[-1] for line in lines)
     right_axis = None
     if loop is not None:
@@ -422,9 +427,16 @@ def spectrum_chart(
         Axis("frequency (Hz)", limits=(0.0, max_frequency)),
         Axis(f"power ({unit})", is_logarithmic=True),
         tuple(lines),
-        marks=tuple(marks),
+        marks=tuple(_spectral_line_mark(spectral_line) for spectral_line in spectral_lines),
         right_axis=right_axis,
     )
+
+
+def _spectral_line_mark(spectral_line: SpectralLine) -> Mark:
+    """Returns the mark at a narrow line of a spectrum, with its cause, such as the motors, or that this is unknown."""
+    is_unnamed = spectral_line.cause is LineCause.UNNAMED
+    label = UNNAMED_LINE if is_unnamed else str(spectral_line.cause)
+    return Mark(spectral_line.frequency, label)
 
 
 def fastest_loop(loops: Mapping[str, Loop]) -> Loop | None:

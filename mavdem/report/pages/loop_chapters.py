@@ -105,37 +105,40 @@ def responses_chapter(
         advised_steps_by_loop: predicted step responses with the advised gains, by axis and loop.
         light: fact of the light of the margins, whose axis a phone shows first; None where there is none.
     """
-    rows = []
-    doubts = Blocks()
-    has_identified_step = False
-    for axis, loops in responses.items():
-        for loop_name, response in loops.items():
-            name = f"{axis} {loop_name}"
-            measured_response = response.measured
-            if isinstance(measured_response, StepResponse):
-                row_name = name
-                if measured_response.is_identified:
-                    has_identified_step = True
-                    row_name = f"{name} (step: identified loop)"
-                figures = [_step_figure_text(measured_response, key) for key in STEP_FIGURES]
-                rows.append([row_name, *figures])
-            if response.contradiction is not None:
-                doubts.append(caution(response.contradiction))
     blocks = Blocks()
+    rows = _step_figure_rows(responses)
     if rows:
         headers = [figure.header for figure in STEP_FIGURES.values()]
         blocks.append(Table(["step response (90 % interval)", *headers], rows))
-    blocks += doubts
+    for loops in responses.values():
+        for response in loops.values():
+            if response.contradiction is not None:
+                blocks.append(caution(response.contradiction))
     blocks += sentences_without_response(responses)
     columns = step_charts(responses, advised_steps_by_loop)
     if not columns:
         return Chapter("Step response", blocks)
-    caption = _responses_caption(
-        responses,
-        has_identified_step=has_identified_step,
-        has_advised_steps=bool(advised_steps_by_loop),
-    )
+    caption = _responses_caption(responses, has_advised_steps=bool(advised_steps_by_loop))
     return Chapter("Step response", blocks, [Group.of_axes(columns, light, caption)])
+
+
+def _step_figure_rows(responses: Responses) -> list[list[str]]:
+    """Returns the rows of a table with the figures of each measured step response (``STEP_FIGURES``).
+
+    Args:
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+    """
+    rows = []
+    for axis, loops in responses.items():
+        for loop_name, response in loops.items():
+            step_response = response.measured
+            if isinstance(step_response, StepResponse):
+                name = f"{axis} {loop_name}"
+                if step_response.is_identified:
+                    name += " (step: identified loop)"
+                figures = [_step_figure_text(step_response, key) for key in STEP_FIGURES]
+                rows.append([name, *figures])
+    return rows
 
 
 def sentences_without_response(responses: Responses) -> list[Sentence]:
@@ -157,24 +160,33 @@ def sentences_without_response(responses: Responses) -> list[Sentence]:
     return sentences
 
 
-def _responses_caption(
-    responses: Responses, *, has_identified_step: bool, has_advised_steps: bool
-) -> str:
+def _responses_caption(responses: Responses, *, has_advised_steps: bool) -> str:
     """Returns the caption of the charts of step responses: what their lines are, and remarks that apply.
 
     Args:
-        responses: responses by axis and loop.
-        has_identified_step: whether a step response was computed from the identified loop, since messages were too
-            slow.
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
         has_advised_steps: whether responses with advised gains are drawn.
     """
     caption = "Measured, with a 90 % band; where the loop is identified, also predicted."
-    if has_identified_step:
+    if _has_identified_step(responses):
         caption += " A rate that rises within few messages has the step of the identified loop, with its 90 % band; "
         caption += "its |T| is measured."
     if has_advised_steps:
         caption += " With the new gains a step is predicted."
     return caption + feedforward_remark(responses)
+
+
+def _has_identified_step(responses: Responses) -> bool:
+    """Returns whether a step is that of the identified loop, since messages were too slow to measure it.
+
+    Args:
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+    """
+    for loops in responses.values():
+        for response in loops.values():
+            if isinstance(response.measured, StepResponse) and response.measured.is_identified:
+                return True
+    return False
 
 
 def feedforward_remark(responses: Responses) -> str:
@@ -260,56 +272,91 @@ def loops_chapters(
     if not loops:
         yield Chapter("Control loops", [*summary, *loop_cautions(advice)])
         return
-    loops_by_axis: dict[str, Mapping[str, Loop]] = {
-        axis: {"now": loop} for axis, loop in loops.items()
-    }
-    advised_blocks = Blocks()
-    # The decision on an axis says why it has no gains.
-    advice_with_gains = {
-        axis: axis_advice
-        for axis, axis_advice in advice.items()
-        if isinstance(axis_advice, Advice) and not axis_advice.refusals
-    }
-    axes_by_sentence = axes_by_gain_sentence(advice_with_gains)
-    for axis, axis_advice in advice_with_gains.items():
-        advised_blocks.append(
-            Sentence(axis_advice.conclusion.sentence_and_remedy, f"Gains of {axis}:")
-        )
-        advised_blocks += gain_table(axis_advice)
-        advised_blocks += [
-            sentence for sentence, axes in axes_by_sentence.items() if axes == [axis]
-        ]
-        loops_by_axis[axis] = compared_loops(axis_advice)
-    # A sentence that holds for several axes is said once, below the gains of all.
-    for sentence, axes in axes_by_sentence.items():
-        if len(axes) > 1:
-            lead = f"{listed(axes).capitalize()}, {as_clause(sentence.lead)}"
-            advised_blocks.append(sentence._replace(lead=lead))
-    # In the tables, an axis whose gains change has a second column beside that of its present gains.
-    loops_by_header: dict[str, Loop] = {}
+    advice_with_gains = _advice_with_gains(advice)
+    loops_by_axis: dict[str, dict[str, Loop]] = {}
     for axis, loop in loops.items():
-        loops_by_header[axis] = loop
-        if "new" in loops_by_axis[axis]:
-            loops_by_header[f"{axis}, new gains"] = loops_by_axis[axis]["new"]
-    figures: Blocks = [*margin_tables(loops_by_header, doubtful=evidence.axes_with_doubtful_loop)]
-    figures += advised_blocks
-    figures += loop_cautions(advice)
+        has_gains = axis in advice_with_gains
+        loops_by_axis[axis] = (
+            compared_loops(advice_with_gains[axis]) if has_gains else {"now": loop}
+        )
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}
     group = Group.of_axes(columns, assessment.lights[Light.MARGINS], LOOP_CAPTION)
     yield Chapter("Control loops", summary, [group._replace(has_common_x=True)])
-    groups: list[Group] = []
-    # The page of a flight must be fast to make. That of `mavdem tune` also has the twin's hover in wind.
+    figures: Blocks = [
+        *margin_tables(_loops_by_header(loops_by_axis), doubtful=evidence.axes_with_doubtful_loop)
+    ]
+    figures += _advised_gain_blocks(advice_with_gains)
+    figures += loop_cautions(advice)
+    groups = _twin_groups(assessment, evidence, advice)
+    yield Chapter("Margins and new gains", figures, groups)
+
+
+def _advice_with_gains(advice: AdviceByAxis) -> dict[str, Advice]:
+    """Returns the advice on those axes that have gains; the decision on each other axis says why it has none.
+
+    Args:
+        advice: advised gains by axis, or the reason why there are none.
+    """
+    advice_with_gains = {}
+    for axis, axis_advice in advice.items():
+        if isinstance(axis_advice, Advice) and not axis_advice.refusals:
+            advice_with_gains[axis] = axis_advice
+    return advice_with_gains
+
+
+def _loops_by_header(loops_by_axis: Mapping[str, Mapping[str, Loop]]) -> dict[str, Loop]:
+    """Returns loops by the header of their column in a table: "roll" with the gains that flew, or "roll, new gains".
+
+    Args:
+        loops_by_axis: for each axis the loop "now" and, if its gains change, the "new" one.
+    """
+    loops_by_header = {}
+    for axis, loops in loops_by_axis.items():
+        loops_by_header[axis] = loops["now"]
+        if "new" in loops:
+            loops_by_header[f"{axis}, new gains"] = loops["new"]
+    return loops_by_header
+
+
+def _advised_gain_blocks(advice_by_axis: Mapping[str, Advice]) -> Blocks:
+    """Returns for each axis what to do with its gains, a table of those that change, and what to expect of them.
+
+    Args:
+        advice_by_axis: the advice on each axis that has gains.
+    """
+    blocks = Blocks()
+    axes_by_sentence = axes_by_gain_sentence(advice_by_axis)
+    for axis, advice in advice_by_axis.items():
+        blocks.append(Sentence(advice.conclusion.sentence_and_remedy, f"Gains of {axis}:"))
+        blocks += gain_table(advice)
+        blocks += [sentence for sentence, axes in axes_by_sentence.items() if axes == [axis]]
+    # A sentence that holds for several axes is said once, below the gains of all.
+    for sentence, axes in axes_by_sentence.items():
+        if len(axes) > 1:
+            lead = f"{listed(axes).capitalize()}, {as_clause(sentence.lead)}"
+            blocks.append(sentence._replace(lead=lead))
+    return blocks
+
+
+def _twin_groups(assessment: Assessment, evidence: Evidence, advice: AdviceByAxis) -> list[Group]:
+    """Returns the charts of flights of the twin, a simulation of the vehicle, with present and with new gains.
+
+    Args:
+        assessment: assessment of the log, with the measured responses.
+        evidence: identified loops of the axes.
+        advice: advised gains by axis, or the reason why there are none; empty without advice.
+    """
     flights_of_twin = assessment.gain_trial if advice else None
-    trials = gain_trial_groups(
+    # The page of a flight must be fast to make. That of `mavdem tune` also has the twin's hover in wind.
+    groups_by_axis = gain_trial_groups(
         evidence, advice, assessment.responses, in_wind=False, trial=flights_of_twin
     )
-    for trial in trials.values():
-        # All axes have one caption, below the last.
-        if groups:
-            groups[-1] = groups[-1]._replace(caption="")
-        groups.append(trial)
-    yield Chapter("Margins and new gains", figures, groups)
+    groups = list(groups_by_axis.values())
+    # All axes have one caption, below the last.
+    for index in range(len(groups) - 1):
+        groups[index] = groups[index]._replace(caption="")
+    return groups
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:

@@ -281,18 +281,13 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
         result: match of ``RESULT_HTML`` in the page, in which an earlier call may have written an anomaly.
         anomaly: the anomaly that the comparison with other flights shows; None without any.
     """
-    # What an earlier call has changed in the result is undone first.
+    # What an earlier call has changed in the result is undone first: how it marked the headline and the next step.
     content = HEADLINE_ALONE.sub(r'<p class="headline"><strong>\1</strong></p>', result["content"])
     content = content.replace(NEXT_STEP_ALONE, NEXT_STEP, 1)
     opening = f'<section id="result" class="{result["classes"]}">\n'
     if anomaly is None:
         return f"{opening}{content}</section>\n"
-    # The page has the level of its result only as a class, of which a good and an unknown result have none.
-    level_of_log = Level.UNKNOWN
-    for level, section_class in SECTION_CLASSES.items():
-        if section_class in result["classes"].split():
-            level_of_log = level
-    is_below = not is_headline_replaced(level_of_log)
+    is_below = not is_headline_replaced(_level_of_section(result["classes"]))
     anomaly_section = render_page(
         environment().get_template("related_flights.html"),
         anomaly=anomaly,
@@ -305,6 +300,21 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     if anomaly.next_step:
         content = content.replace(NEXT_STEP, NEXT_STEP_ALONE, 1)
     return f"{anomaly_section}\n{opening}{content}</section>\n"
+
+
+def _level_of_section(classes: str) -> Level:
+    """Returns the level of a section with a result, which a page has only as one of the section's classes.
+
+    Args:
+        classes: the classes in the HTML of the section, separated by spaces. A good result has no class of its own.
+
+    Returns:
+        "bad" or "watch"; "unknown" if there is no such class.
+    """
+    for level, section_class in SECTION_CLASSES.items():
+        if section_class in classes.split():
+            return level
+    return Level.UNKNOWN
 
 
 def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
