@@ -30,6 +30,7 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import live_title, vehicle_text
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
@@ -938,10 +939,10 @@ class LinkMonitor:
     def _flight_before_start(
         self, vehicle: _LinkedVehicle, session: LiveSession
     ) -> _StoredFlight | None:
-        """Returns the latest flight of a vehicle that the library had when the vehicle was first followed.
+        """Returns the latest flight of a vehicle that the library had when the vehicle was first followed, or None.
 
-        A fault that forbids to fly is not repaired by a new start of the server. The library is asked once for each
-        name under which it may have the vehicle: until its parameters come, that is one made of its system id.
+        It is needed since a new start of the server repairs no fault. The library is asked once for each name under
+        which it may have the vehicle: until its parameters come, that is one made of its system id.
 
         Args:
             vehicle: the vehicle.
@@ -952,21 +953,33 @@ class LinkMonitor:
             return None
         name = state.library_name
         if name not in self._flights_before_start:
-            condition = "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
-            values = (name, vehicle.autopilot, vehicle.vehicle_type)
-            found = self._library.find(condition, values, limit=1, order=ListingOrder.FLIGHT)
-            flight = None
-            for entry in found.entries:
-                page = PageLink(entry.name, _page_address(entry))
-                flight = _StoredFlight(
-                    vehicle,
-                    entry.id,
-                    page,
-                    self._present_verdict(entry),
-                    name_in_logs=state.name_in_logs,
-                )
+            flight = self._latest_judged_flight(vehicle, state)
             self._flights_before_start[name] = flight
         return self._flights_before_start[name]
+
+    def _latest_judged_flight(
+        self, vehicle: _LinkedVehicle, state: VehicleState
+    ) -> _StoredFlight | None:
+        """Asks the library for the latest flight of a vehicle that it has judged; None without one.
+
+        Args:
+            vehicle: the vehicle.
+            state: its state in the session, with the names by which the library and its logs know it.
+        """
+        # A flight that is not judged has no level.
+        condition = "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
+        values = (state.library_name, vehicle.autopilot, vehicle.vehicle_type)
+        found = self._library.find(condition, values, limit=1, order=ListingOrder.FLIGHT)
+        if not found.entries:
+            return None
+        entry = found.entries[0]
+        return _StoredFlight(
+            vehicle,
+            entry.id,
+            PageLink(entry.name, _page_address(entry)),
+            self._present_verdict(entry),
+            name_in_logs=state.name_in_logs,
+        )
 
     def _fault_of_earlier_flight(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str = ""
@@ -991,13 +1004,7 @@ class LinkMonitor:
             before was not received, or the verdict on that flight if it is bad; None without both. All are about
             flights since the server started, and the latest one before. The figure "address" leads to its page.
         """
-        earlier_flights = []
-        flight_before_start = self._flight_before_start(vehicle, session)
-        for flight in (flight_before_start, *self._faulty_flights, self._stored_flight):
-            if flight is None or flight.entry_id == shown_entry_id:
-                continue
-            if flight.vehicle == vehicle:
-                earlier_flights.append(flight)
+        earlier_flights = self._earlier_flights(vehicle, session, shown_entry_id)
         for flight in reversed(earlier_flights):
             if flight.forbids_flight and flight.verdict is not None:
                 return _fault_for_session(flight.verdict, flight, session)
@@ -1012,6 +1019,25 @@ class LinkMonitor:
         if verdict is not None and verdict.is_bad:
             return _fault_for_session(verdict, flight_before, session)
         return None
+
+    def _earlier_flights(
+        self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str
+    ) -> list[_StoredFlight]:
+        """Returns the flights of a vehicle whose verdicts may warn of it, the latest one last.
+
+        Args:
+            vehicle: the vehicle.
+            session: the session that is shown, of this vehicle.
+            shown_entry_id: id in the library of the flight that is shown now, which is left out; empty for none.
+        """
+        flight_before_start = self._flight_before_start(vehicle, session)
+        earlier_flights = []
+        for flight in (flight_before_start, *self._faulty_flights, self._stored_flight):
+            if flight is None or flight.entry_id == shown_entry_id:
+                continue
+            if flight.vehicle == vehicle:
+                earlier_flights.append(flight)
+        return earlier_flights
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
         """Updates the line on the running session that the library shows: its title, and what the vehicle does.

@@ -196,12 +196,13 @@ def _long_pauses(flights: Sequence[AxisRows]) -> list[Pause]:
     # None for a log without a date, and for a date in the future, which is a wrong clock.
     dates = [log_row(flight).past_date for flight in flights]
     pauses = []
-    for index, (date, next_date) in enumerate(pairwise(dates)):
+    # The second flight of the first pair has the index 1.
+    for next_index, (date, next_date) in enumerate(pairwise(dates), start=1):
         if date is None or next_date is None:
             continue
         duration = next_date - date
         if duration >= MIN_MARKED_PAUSE:
-            pauses.append(Pause(index + 1, duration))
+            pauses.append(Pause(next_index, duration))
     return pauses
 
 

@@ -217,24 +217,21 @@ def _chapters(
     # Each side is only called "A" or "B". Names of files and dates stand at the top, and would fill each legend.
     legend = {side: side for side in SIDE_COLOURS}
     series_charts = list(_series_charts(flights, legend))
-    all_sentences = difference_blocks(reviewed, headline)
-    if not reviewed.parameters:
-        # What is known of parameters then stands at the top.
-        stated_above = parameter_sentences(reviewed)
-        all_sentences = [sentence for sentence in all_sentences if sentence not in stated_above]
     motor_chapter = _motor_chapter(reviewed, legend, series_charts)
-    step_chapter = _step_chapter(reviews_by_side, legend)
-    first_chapters = []
-    later_chapters = []
     # The chapter of the motors has a table if a flight has a warning of a single motor.
     has_motor_warning = bool(motor_chapter.blocks)
-    if _do_loops_differ(reviewed):
+    is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
+    step_chapter = _step_chapter(reviews_by_side, legend)
+    do_loops_differ = _do_loops_differ(reviewed)
+    first_chapters = []
+    later_chapters = []
+    if is_motor_first:
+        first_chapters.append(motor_chapter)
+    if do_loops_differ:
         first_chapters.append(step_chapter)
     else:
         later_chapters.append(step_chapter)
-    if has_motor_warning or _has_changed_motor(reviewed.difference):
-        first_chapters.insert(0, motor_chapter)
-    else:
+    if not is_motor_first:
         later_chapters.append(motor_chapter)
     margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
     return [
@@ -244,12 +241,27 @@ def _chapters(
         _series_chapter(flights, series_charts),
         _light_chapter(reviewed, headline),
         *later_chapters,
-        margins._replace(folded=not _do_loops_differ(reviewed)),
+        margins._replace(folded=not do_loops_differ),
         _parameter_chapter(reviewed),
         _autopilot_parameter_chapter(reviewed),
         _single_side_chapter(series_charts),
-        Chapter("In words", all_sentences, folded=True),
+        _chapter_in_words(reviewed, headline),
     ]
+
+
+def _chapter_in_words(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
+    """Returns the folded chapter with the whole comparison in sentences, without those that stand above it.
+
+    Args:
+        reviewed: comparison of both flights.
+        headline: the sentences that head the comparison.
+    """
+    sentences = difference_blocks(reviewed, headline)
+    if not reviewed.parameters:
+        # What is known of parameters then stands at the top.
+        stated_above = parameter_sentences(reviewed)
+        sentences = [sentence for sentence in sentences if sentence not in stated_above]
+    return Chapter("In words", sentences, folded=True)
 
 
 def _has_changed_motor(difference: VehicleDifference) -> bool:
