@@ -149,6 +149,7 @@ class SessionFact(Code):
     FLIGHT_LEARNED = "flight_learned"
     REPORTS_LEFT_OUT = "reports_left_out"
     FLIGHT_VERDICT = "flight_verdict"
+    ENDED_IN_FLIGHT = "ended_in_flight"
     FLIGHT_END_UNKNOWN = "flight_end_unknown"
     UNREPAIRED_FAULT = "unrepaired_fault"
     FLIGHT_OF_RECORDING = "flight_of_recording"

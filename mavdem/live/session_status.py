@@ -401,6 +401,8 @@ class SessionStatus(ImmutableResult):
             # What was found before, such as a weak motor, is the cause that this fact has.
             lights_to_show = self._lights_with_recording(judgement.lights)
             return _judgement_with_headline(link_loss, lights_to_show)
+        if self._is_left_in_air:
+            return self._judgement_of_vehicle_left_in_air(judgement)
         end_awaited = self._awaited_end_of_flight
         if end_awaited is not None and not judgement.headline.is_watch_or_bad:
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=end_awaited)
@@ -416,6 +418,28 @@ class SessionStatus(ImmutableResult):
                 step = Fact(self._step_until_landing(judgement.headline), reason=repair)
             return replace(judgement, next_step=step)
         return judgement
+
+    @property
+    def _is_left_in_air(self) -> bool:
+        """Whether the session has ended with its server while the vehicle flew, so that nobody watches it any more."""
+        if not self.is_over or not self._is_in_air or self.loss is not None:
+            return False
+        verdict = self.recording_verdict
+        if verdict is None or verdict.code is not SessionFact.RECORDING_NOT_JUDGED:
+            return False
+        return verdict.figures["kind"] is RecordingState.READ_AT_NEXT_START
+
+    def _judgement_of_vehicle_left_in_air(self, judgement: Judgement) -> Judgement:
+        """Returns the judgement after the server has ended in flight: as after a lost link, no light is good any more.
+
+        Args:
+            judgement: judgement of the flight until then. A fault in its headline becomes the cause of the new one.
+        """
+        cause = judgement.headline if judgement.headline.is_watch_or_bad else None
+        headline = Fact(SessionFact.ENDED_IN_FLIGHT, Level.BAD, cause=cause)
+        lights = lights_during_silence(judgement.lights, None, MissingMessages.MESSAGES)
+        next_step = Fact(NextStep.DO_AS_ADVISED, reason=headline)
+        return Judgement(headline, next_step, lights)
 
     @property
     def _awaited_end_of_flight(self) -> Fact | None:
@@ -528,7 +552,11 @@ class SessionStatus(ImmutableResult):
         if fault is None or judgement.next_step.code in STEPS_TO_THE_GROUND:
             return judgement
         next_step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
-        return replace(judgement, next_step=next_step)
+        headline = judgement.headline
+        if not headline.is_watch_or_bad:
+            # Whatever is good in this flight, it is to be watched until the fault is known to be repaired.
+            headline = headline.replace(Level.WATCH)
+        return replace(judgement, headline=headline, next_step=next_step)
 
     @property
     def _judgement_with_worst_verdict(self) -> Judgement:
@@ -869,20 +897,23 @@ class SessionStatus(ImmutableResult):
             judgement = replace(judgement, lights=past_lights)
         headline = self._most_urgent_headline(judgement.headline)
         if self._is_urgent(headline):
-            land_now = Fact(NextStep.LAND_NOW, reason=headline)
-            return replace(judgement, headline=headline, next_step=land_now)
+            next_step = Fact(NextStep.LAND_NOW, reason=headline, is_landing=self._is_landing)
+            return replace(judgement, headline=headline, next_step=next_step)
         if self.is_late:
             headline = self._late_headline
-        judgement = replace(judgement, headline=self._qualified_headline(headline))
+        judgement = replace(
+            judgement, headline=self._qualified_headline(headline, judgement.lights)
+        )
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
 
-    def _qualified_headline(self, headline: Fact) -> Fact:
+    def _qualified_headline(self, headline: Fact, lights: NamedFacts) -> Fact:
         """Adds to a headline in flight that states no fault what is not known of the flight.
 
         That is what was not judged so far, and how long no messages came earlier in the flight.
 
         Args:
             headline: the headline. One that states a fault is returned as it is.
+            lights: the judgement of each part of the vehicle, by the name of the part.
         """
         if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
             # The pilot flew without alarms meanwhile, which is not over with the outage.
@@ -890,8 +921,12 @@ class SessionStatus(ImmutableResult):
         if headline.code is HeadlineCode.NOTHING_WRONG:
             # The pilot of a vehicle in flight asks first whether there is an alarm. The flight is called sound only
             # once all is judged.
-            level = Level.UNKNOWN if headline.figures["missing"] else headline.level
-            headline = headline.replace(level, is_in_flight=True)
+            missing = list(headline.figures["missing"])
+            level = Level.UNKNOWN if missing else headline.level
+            if missing and lights[Light.WIND].level is Level.UNKNOWN:
+                # The wind alone does not withhold the all-clear, but it is counted among the lights that read unknown.
+                missing.append(str(Light.WIND))
+            headline = headline.replace(level, is_in_flight=True, missing=missing)
         return headline
 
     def _judgement_with_recording(self, judgement: Judgement) -> Judgement:
@@ -911,13 +946,28 @@ class SessionStatus(ImmutableResult):
         is_awaited = verdict.code is SessionFact.RECORDING_NOT_JUDGED
         if is_awaited and judgement.headline.is_watch_or_bad:
             return judgement
-        next_step = Fact(NextStep.DO_AS_ADVISED, reason=verdict)
+        if is_awaited and self._is_silent_after_flight:
+            verdict = verdict.replace(is_switched_off=True)
+        next_step = self._step_after_recording(verdict)
         lights = dict(self._lights_with_recording(judgement.lights))
         if is_awaited and verdict.figures["kind"] is not RecordingState.FAILED:
             # Margins in flight are of the axis and the time learned so far: their advice on gains may be the opposite
             # of what the recording shows a moment later.
             lights[Light.MARGINS] = Fact(Unjudged.NOT_JUDGED, reason=verdict)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
+
+    def _step_after_recording(self, verdict: Fact) -> Fact:
+        """Returns what to do by the verdict of the recording, unless the vehicle was asked for that in vain already.
+
+        A recording has what the vehicle sent, but not what it was asked for: it may advise to ask for VIBRATION.
+
+        Args:
+            verdict: what the recording of the flight shows, or that it is not judged yet.
+        """
+        vain_request = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=None).remedy
+        if "VIBRATION" in self.absent_messages and verdict.remedy == vain_request:
+            return Fact(NextStep.KEEP_LOG)
+        return Fact(NextStep.DO_AS_ADVISED, reason=verdict)
 
     def _lights_with_recording(self, lights: NamedFacts) -> NamedFacts:
         """Corrects the lights of a flight that is over by its recording, once that is judged.
@@ -1052,8 +1102,8 @@ class SessionStatus(ImmutableResult):
         3. The headline warns: to follow its advice after the landing, and until then to let the vehicle land if it
            lands by itself, to land soon if the headline is bad, or to fly on.
         4. The vehicle lands by itself: to let it land.
-        5. It has just taken off: to hover until it is judged whether it oscillates. So under 3, in the place of flying
-           on.
+        5. Whether it oscillates, or a motor loses thrust, is not watched yet: to hover until then. So under 3, in the
+           place of flying on.
         6. A model was judged, or there is none for a reason without a remedy: to fly on.
         7. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
         8. Otherwise: what has to happen before a model can be learned, which is the next step of ``judgement``.
@@ -1069,11 +1119,12 @@ class SessionStatus(ImmutableResult):
         headline = judgement.headline
         if headline.is_watch_or_bad:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
-            return Fact(self._step_until_landing(headline), reason=advice_after_landing)
+            step = self._step_until_landing(headline)
+            return Fact(step, reason=advice_after_landing, awaits_motors=self.are_motors_awaited)
         if self._lands_by_itself:
             return Fact(NextStep.LET_LAND, reason=None)
-        if self.is_oscillation_awaited:
-            return Fact(NextStep.HOVER_FIRST, reason=None)
+        if self.is_hover_awaited:
+            return Fact(NextStep.HOVER_FIRST, reason=None, awaits_motors=self.are_motors_awaited)
         reason = self._reason_without_model
         if self.model_judgement is not None or not reason.remedy:
             return Fact(NextStep.FLY_ON, reason=None)
@@ -1091,14 +1142,35 @@ class SessionStatus(ImmutableResult):
             return NextStep.LET_LAND
         if warning.is_bad:
             return NextStep.LAND_SOON
-        if self.is_oscillation_awaited:
+        if self.is_hover_awaited:
             return NextStep.HOVER_FIRST
         return NextStep.FLY_ON
+
+    @property
+    def _is_landing(self) -> bool:
+        """Whether the mode is to land here and now, other than a return that lands later."""
+        return (
+            self._lands_by_itself and self.state is not None and self.state.mode.lower() == "land"
+        )
 
     @property
     def _lands_by_itself(self) -> bool:
         """Whether the autopilot lands the vehicle now, as its mode shows."""
         return self.state is not None and self.state.lands_by_itself
+
+    @property
+    def is_hover_awaited(self) -> bool:
+        """Whether the vehicle has to hover until an oscillation, or a loss of thrust, would be noticed."""
+        return self.is_oscillation_awaited or self.are_motors_awaited
+
+    @property
+    def are_motors_awaited(self) -> bool:
+        """Whether the oscillation is watched, but the first seconds of hover that the motors are compared with lack."""
+        watch_fact = self._followed_watch_facts.get(WatchedQuantity.MOTORS)
+        if watch_fact is None or not self.is_flying or self.is_oscillation_awaited:
+            return False
+        reason = watch_fact.figures.get("reason")
+        return reason is not None and reason.code is WatchFact.REFERENCE_SHORT
 
     @property
     def is_oscillation_awaited(self) -> bool:
@@ -1231,10 +1303,9 @@ class SessionStatus(ImmutableResult):
 
     @property
     def present_wind(self) -> WindEstimate | None:
-        """The wind now, m/s; None on the ground, while the vehicle is silent, and if this computer is late."""
-        is_known = (
-            self.is_flying and self._is_vehicle_received and not self.is_silent and not self.is_late
-        )
+        """The wind now, m/s; None on the ground, in a silence, if this computer is late, and after the session."""
+        is_received = self._is_vehicle_received and not self.is_silent and not self.is_late
+        is_known = self._is_in_flight and is_received
         return self.wind if is_known else None
 
     @property

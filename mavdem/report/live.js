@@ -73,6 +73,17 @@
   for (const kind of ["pointerup", "pointercancel", "contextmenu"]) addEventListener(kind, release, true);
   addEventListener("blur", release);
 
+  // A light whose text is longer than its place says that it opens.
+  const markLongLights = () => {
+    for (const light of document.querySelectorAll("[data-light]")) {
+      const text = light.lastElementChild;
+      if (!light.hasAttribute("data-open") && !light.contains(document.activeElement)) light.classList.toggle("cut", text.scrollHeight > text.clientHeight + 1);
+    }
+  };
+  root.addEventListener("renewed", markLongLights);
+  addEventListener("resize", markLongLights);
+  markLongLights();
+
   // The page's title; that of the tab begins with what is wrong.
   let title = document.title;
 
@@ -188,7 +199,7 @@
   document.body.append(jump);
   showJumps();
 
-  // The last page of a session does not change any more: nothing follows, no alarm sounds, and nobody is asked for it.
+  // After the last page of a server no alarm sounds. The page goes on as soon as a server answers at its address again.
   const isLast = () => main.dataset.level === undefined;
   // Before it stands one that says that the session ends, which takes its time.
   const isEnding = () => main.dataset.ending !== undefined;
@@ -235,7 +246,8 @@
     // Another version of the program may have other scripts and another style.
     if (newer.querySelector("footer").textContent !== main.querySelector("footer").textContent) return location.reload();
     const time = flight && charts.cursorOf(flight), shownFlight = flightNumber(), wasAtTop = isHeadlineInSight();
-    let followedSpan = shownSpan;
+    // The page of a session that is over showed the whole flight, whatever was chosen.
+    let followedSpan = isLast() ? chosenSpan : shownSpan;
     title = newer.title;
     renew(main, newer.querySelector("main"));
     if (flightNumber() !== shownFlight) {
@@ -271,15 +283,17 @@
     }
     if (!refusal && !waiting) stateTime = answerTime - 1000 * answer.age;
     tell();
-    return isLast() ? null : (waiting?.tag ?? tag);
+    return waiting?.tag ?? tag;
   };
 
   // The line that says how old the page is stands above everything, where it stays while the page is scrolled.
   const line = Object.assign(document.createElement("p"), { id: "unanswered", hidden: true });
   line.setAttribute("role", "alert");
   document.body.prepend(line);
+  const clockTime = time => new Date(time).toLocaleTimeString("en-GB");
   const tell = () => {
-    if (isLast()) return;
+    line.classList.toggle("quiet", isLast());
+    if (isLast()) return tellOfEnd();
     const silence = Math.round((Date.now() - answerTime) / 1000), age = Math.round((Date.now() - stateTime) / 1000);
     const words = refusal ? `mavdem does not show the session: ${refusal}`
       : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence}\u00a0s.`
@@ -299,7 +313,17 @@
     line.textContent = `${words} What is below is ${age}\u00a0s old.${lastAlarm}`;
     document.title = `⚠ ${words} — ${title}`;
   };
+  // After the end of the server nothing is wrong with the page, which only says when it was answered last.
+  const tellOfEnd = () => {
+    root.classList.remove("unanswered");
+    const isAnswered = Date.now() - answerTime < 1000 * LONGEST_SILENCE;
+    const words = refusal ? `mavdem runs, but does not show the session: ${refusal}`
+      : isAnswered ? "" : `mavdem does not run any more; its last answer was at ${clockTime(answerTime)}. This page goes on by itself once mavdem runs again.`;
+    if (line.textContent !== words) line.textContent = words;
+    line.hidden = !words;
+    showAlarm();
+  };
   setInterval(tell, 1000);
 
-  if (!isLast()) updates.follow(location.pathname, take, tell);
+  updates.follow(location.pathname, take, tell, isLast);
 })();

@@ -272,11 +272,13 @@ def live_alarm(status: SessionStatus) -> str:
     if link_loss is not None:
         # What was wrong with the vehicle before follows as the alarm.
         link_loss = link_loss.replace(cause=None)
+    next_step = status.overall_judgement.next_step
     sentences = render_section(
         "live_alarm",
         link_loss=link_loss,
-        alarm=_reason_to_land(status.overall_judgement.next_step),
+        alarm=_reason_to_land(next_step),
         headline=headline,
+        is_landing=next_step.figures.get("is_landing", False),
     )
     return " ".join(sentence.text for sentence in sentences)
 
@@ -351,7 +353,8 @@ def _reason_of_alarm(judgement: Judgement) -> list[Sentence]:
     fact = cause_of_alarm(judgement.headline)
     if fact.code is LinkFact.LOST_IN_FLIGHT:
         return []
-    if not fact.is_watch_or_bad:
+    if not fact.is_watch_or_bad or fact.code in HEADLINES_WITHOUT_ALARM:
+        # An all-clear is amber where a fault of an earlier flight may not be repaired, which the next step says.
         return []
     evidence = headline_evidence(fact, judgement.lights)
     if evidence:

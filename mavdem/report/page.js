@@ -55,7 +55,8 @@
         label.textContent = direction == null ? track.meanWind.text : `wind at ${time.toFixed(0)} s from ${compassText(direction)}`;
       }
     }
-    if (time != null && flight()) {
+    // While a flight of other plots begins or ends, there may be none for a moment.
+    if (time != null && flight()?.charts.length) {
       // Events within a hundredth of what is shown; the autopilot's messages, which have no sentence, are not among them.
       const near = (flight().charts[0].scales.x.max - flight().charts[0].scales.x.min) / 100;
       const events = eventRows().filter(row => row.querySelector(".sentence") && Math.abs(row.dataset.at - time) <= near).map(row => [row.querySelector(".number")?.textContent, row.querySelector(".sentence").textContent]);

@@ -853,7 +853,7 @@ class LinkMonitor:
         self._page = SessionPage.made_now(html, session, status, start_time)
 
     def _show_last_page(self, session: LiveSession) -> None:
-        """Makes the last page before the server ends: browsers keep it, since no server answers them any more.
+        """Makes the last page before the server ends: browsers keep it until a server answers them again.
 
         It is of the session that the page has shown until now, which is the one before until a vehicle is received.
 
@@ -1195,8 +1195,8 @@ def _finished_page(
     Args:
         session: the ended session.
         names: names that were given to vehicles in the library.
-        saved_flight: link to the page of its flight in the library; None where the server ends too, so that browsers
-            keep this page, and nothing would answer behind a link.
+        saved_flight: link to the page of its flight in the library; None where the server ends too. Browsers then keep
+            this page until the server runs again.
         verdict: what the recording of the flight shows, or that it is not judged yet.
         fault_of_earlier_flight: what the library has against an earlier flight with this vehicle; None for nothing.
     """
@@ -1215,7 +1215,9 @@ def _finished_page(
         files = []
         if not _awaits_vehicle(status_at_end):
             files.append(Fact(LinkFact.FLIGHT_SAVED, address=None, is_part=False).sentence)
-        return session_page(session, final_status, names, files=files, is_last=True)
+        return session_page(
+            session, final_status, names, back=LIBRARY_LINK, files=files, is_last=True
+        )
     return session_page(session, final_status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
 
 

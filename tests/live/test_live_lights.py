@@ -129,9 +129,35 @@ def test_the_next_step_fits_the_moment(slow):
     assert bad.overall_judgement.next_step.code is NextStep.LAND_NOW
     landed = replace(bad, is_over=True, is_flying=False).overall_judgement
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
+    in_land_mode = replace(bad, state=VehicleState("Land", lands_by_itself=True))
+    assert str(in_land_mode.overall_judgement.next_step) == "Let it land."
+    returning = replace(bad, state=VehicleState("RTL", lands_by_itself=True))
+    assert str(returning.overall_judgement.next_step) == "Land now."
     # A session that has ended in flight asks for the landing first.
     in_flight = replace(bad, is_over=True).overall_judgement
     assert str(in_flight.next_step).startswith("Land now. After landing: ")
+
+
+def test_a_server_that_ends_in_flight_leaves_no_light_good(slow):
+    unread = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.READ_AT_NEXT_START)
+    battery = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
+    left = replace(slow, is_over=True, worst_lights=battery, recording_verdict=unread)
+    judgement = left.overall_judgement
+    assert judgement.headline.is_bad
+    assert str(judgement.next_step).startswith("Land by sight.")
+    assert not any(light.is_good for light in judgement.lights.values())
+    landed = replace(left, is_flying=False, flight_number=1).overall_judgement
+    assert landed.lights[Light.POWER].is_good
+
+
+def test_a_hover_comes_before_movements_of_the_sticks(slow):
+    """The watch of the thrust needs it, while the model, which movements improve, is already being learned."""
+    short = Fact(WatchFact.REFERENCE_SHORT, duration=8.0, remaining_duration=5.0)
+    facts = (*slow.watch_facts, watch(WatchedQuantity.MOTORS, short))
+    learning = replace(slow, no_model_reason=None, watch_facts=facts)
+    assert str(learning.overall_judgement.next_step) == (
+        "Hover: whether a motor loses thrust is not watched yet."
+    )
 
 
 def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
@@ -191,6 +217,19 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     assert str(by_recording.lights[Light.POWER]) == "The battery sagged to 3.1 V."
     assert by_recording.lights[Light.MOTORS] == weak
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
+
+
+def test_a_recording_does_not_advise_to_ask_for_what_was_asked_for_in_vain(slow):
+    step = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=None).remedy
+    assert "VIBRATION" in step
+    figures = {"levels": dict.fromkeys(map(str, Light), "good"), "light_sentences": {}}
+    judged = Fact(
+        SessionFact.RECORDING_JUDGED, Level.GOOD, headline="Sound.", next_step=step, **figures
+    )
+    flown = replace(slow, is_flying=False, flight_number=1, recording_verdict=judged)
+    assert str(flown.overall_judgement.next_step) == step
+    asked = replace(flown, absent_messages=frozenset({"VIBRATION"}))
+    assert asked.overall_judgement.next_step.code is NextStep.KEEP_LOG
 
 
 def test_no_all_clear_returns_where_the_recording_could_not_be_read(slow):
@@ -564,7 +603,7 @@ def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
     headline = flying.overall_judgement.headline
     assert headline.level is Level.UNKNOWN
     statement = statement_of_headline(str(headline), headline)
-    assert statement == "No alarm now, but margins are not judged."
+    assert statement == "No alarm now, but margins and wind are not judged."
     [margins] = [row for row in light_rows(flying) if row.name == Light.MARGINS]
     assert margins.figure == "after 20 s settled"
     assert str(waiting).startswith(

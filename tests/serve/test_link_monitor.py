@@ -125,7 +125,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
 
 @mark.slow
 def test_open_pages_get_a_last_one_before_the_server_ends(heard):
-    """Browsers keep it, so that it asks for no newer one, and links to nothing that the server had."""
+    """Browsers keep it until the server runs again: its link leads to the flights, and to no page of this session."""
     begin, library, _, _ = heard
     live = begin()
     until(lambda: "<main data-level" in live.page.html and "vehicle 1" in live.page.html)
@@ -134,7 +134,8 @@ def test_open_pages_get_a_last_one_before_the_server_ends(heard):
     assert (
         "<main data-level" not in html
         and "is in the library once" in html
-        and 'href="/' not in html
+        and '<a href="/">← Flights</a>' in html
+        and 'href="/f/' not in html
     )
     live.stop()
     assert library.find("1", [], 10).total == 1

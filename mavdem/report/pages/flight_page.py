@@ -150,8 +150,8 @@ CHAPTER_OF_LIGHT = {
 SUPPLY_CODES = (PowerLight.SUPPLY_HELD, PowerLight.SUPPLY_LOW, PowerLight.SUPPLY_FELL)
 """Findings of the light of power that are about the supply of the autopilot's board, not about a battery."""
 
-CHARTS_OF_LIGHTS = {Light.MOTORS: "Motors", Light.POWER: "Battery"}
-"""Titles of the charts of a live page that show what a light warns of, and that would stand below others."""
+MOTORS_CHART = "Motors"
+"""Title of the chart of a live page that stands first: that of the motors, as begins with this word."""
 
 GAINS_TITLE = "Gains"
 """Title of a live page's chapter with the gains that were advised after a landing."""
@@ -1074,8 +1074,8 @@ def _marked_live_timeline(
 ) -> Timeline | None:
     """Returns the charts of a live page over time, which mark the place of the take-off and the numbered events.
 
-    The chart that shows what the headline warns of comes first. While the link of a vehicle in flight is lost, the axis
-    of time goes on for a while after the last message.
+    The chart of the motors comes first, since most faults that forbid to fly are theirs. While the link of a vehicle in
+    flight is lost, the axis of time goes on for a while after the last message.
 
     Args:
         history: signals of the live flight on one timeline.
@@ -1091,7 +1091,8 @@ def _marked_live_timeline(
         return None
     numbered_events = [event for event in page_events if event.number is not None]
     first_time, last_time = timeline.span
-    timeline = timeline.with_chart_first(_chart_of_alarm(status.session_judgement))
+    # The order is the same in every state of every flight, so that the chart that a reader looks at stays in its place.
+    timeline = timeline.with_chart_first(MOTORS_CHART)
     return timeline._replace(
         takeoff=status.takeoff_position,
         span=(first_time, last_time + _shown_silence(status)),
@@ -1178,7 +1179,9 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
         # The page of the earlier flight shows its fault; a fault of this session has none.
         earlier_fault = judgement.next_step.figures["reason"].figures["reason"]
         next_step = next_step._replace(address=earlier_fault.figures.get("address", ""))
-    summary = [heading, *_sentences_on_next_step(next_step)]
+    summary = [heading]
+    if str(judgement.next_step) != str(judgement.headline):
+        summary += _sentences_on_next_step(next_step)
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
@@ -1211,7 +1214,8 @@ def _session_end(status: SessionStatus, *, is_last: bool) -> str:
     """
     if not is_last:
         return "This session ends: nothing is watched now, and no alarm comes. What follows is shown here."
-    if status.is_flying and status.ground_contact is None:
+    is_stated_by_headline = status.overall_judgement.headline.code is SessionFact.ENDED_IN_FLIGHT
+    if status.is_flying and status.ground_contact is None and not is_stated_by_headline:
         return "This session ended in flight: nothing is watched now, and no alarm comes."
     return "This session is over."
 
@@ -1572,25 +1576,6 @@ def _map_wind_of_estimate(estimate: WindEstimate, name: str) -> MapWind | None:
         speed_interval = speed_fact.figures["speed_interval"]
     direction = direction_facts[0].figures["direction"]
     return MapWind(direction, speed_interval=speed_interval, name=name)
-
-
-def _chart_of_alarm(judgement: Judgement) -> str:
-    """Returns the title of the chart that shows what the headline of a live page warns of; empty without one.
-
-    Args:
-        judgement: headline and status lights (the judgement of each part of the vehicle) of the page.
-    """
-    # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.live.session_status import cause_of_alarm
-
-    finding = cause_of_alarm(judgement.headline)
-    if not finding.is_watch_or_bad:
-        return ""
-    for light_name, light in judgement.lights.items():
-        has_chart = light_name in CHARTS_OF_LIGHTS
-        if has_chart and cause_of_alarm(light).code is finding.code:
-            return CHARTS_OF_LIGHTS[Light(light_name)]
-    return ""
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:
