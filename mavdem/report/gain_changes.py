@@ -15,7 +15,7 @@ from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
-from mavdem.loops.gain_design import SURE_SHARE
+from mavdem.loops.gain_design import SURE_SHARE, Stage
 from mavdem.report.blocks import Block, Blocks, Sentence, Table
 from mavdem.report.loops import TRIED_HEADER, gain_row, is_about_gains_to_set
 from mavdem.report.templates import render_section, sentences_by_axes
@@ -73,6 +73,9 @@ class GainChanges(NamedTuple):
 
     cautions: Sequence[Block] = ()
     """Sentences on how far the gains can be trusted, which stand between the table and the files."""
+
+    loading: Sequence[Sentence] = ()
+    """Sentences on how advised gains are loaded and tried (:func:`loading_sentences`); empty without."""
 
     is_result: bool = False
     """Whether the gains are the result of the page, which shows their table; otherwise they are folded."""
@@ -249,6 +252,35 @@ def _new_values(
         for name, value in parameter_set.parameters.items():
             new_values[name] = NewValue(f"{value:.4g}", later_stage)
     return new_values
+
+
+def names_gains_to_lower(next_step: Fact) -> bool:
+    """Returns whether the next step of a judgement names gains to lower, in the place of the advised gains."""
+    return any(True for _ in _gains_to_lower(next_step))
+
+
+def loading_sentences(advice_by_axis: AdviceByAxis) -> list[Sentence]:
+    """Returns how the advised gains of the stage that comes first are loaded and tried; empty without sound gains.
+
+    Args:
+        advice_by_axis: for each axis the gains to set, or the fact (coded finding) why no gains are advised.
+    """
+    advice_by_stage = dict[Stage, list[Advice]]()
+    for advice in advice_by_axis.values():
+        if isinstance(advice, Advice) and advice.parameters and advice.is_sound and advice.stage:
+            advice_by_stage.setdefault(advice.stage, []).append(advice)
+    if not advice_by_stage:
+        return []
+    first_stage = min(advice_by_stage)
+    advice_of_stage = advice_by_stage[first_stage]
+    # Axes of which another step follows have the fuller advice.
+    advice_with_most_steps = max(advice_of_stage, key=attrgetter("flights"))
+    return render_section(
+        "gain_loading",
+        stage=int(first_stage),
+        remedy=advice_with_most_steps.conclusion.remedy,
+        is_noise_unknown=any(advice.noise is None for advice in advice_of_stage),
+    )
 
 
 def _notch_row(name: str, present_value: float | None, value: float) -> list[str]:

@@ -23,7 +23,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
-from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis
+from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis, MarginTarget
 from mavdem.loops.filters import gyro_delay, gyro_filters
 from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
@@ -558,14 +558,25 @@ def goal_sentences(tuning: Tuning) -> list[Sentence]:
     """
     if tuning.refusal is not None:
         return []
-    shares_of_axes = {}
+    advice_by_axis = {}
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and not _has_doubtful_margins(tuning, axis):
-            shares_of_axes[axis] = _shares_with_goal(advice)
+            advice_by_axis[axis] = advice
+    return sentences_on_goal(advice_by_axis, tuning.advice[0].target)
+
+
+def sentences_on_goal(advice_by_axis: Mapping[str, Advice], target: MarginTarget) -> list[Sentence]:
+    """Returns the goal of the margins, and how many models of the vehicle reach it with the gains to set or to keep.
+
+    Args:
+        advice_by_axis: advice on the gains of each axis whose margins are known.
+        target: the goal.
+    """
+    shares_of_axes = {axis: _shares_with_goal(advice) for axis, advice in advice_by_axis.items()}
     axes_by_shares = group_by(shares_of_axes, shares_of_axes.__getitem__)
     return render_section(
         "tune_goal",
-        target=tuning.advice[0].target,
+        target=target,
         deviation=_checked_thrust_deviation(),
         axes_by_shares=axes_by_shares,
     )
@@ -1490,20 +1501,23 @@ def gain_row(name: str, gain: Gain) -> list[str]:
     return [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"]
 
 
-def axes_by_gain_sentence(advice_by_axis: Mapping[str, Advice]) -> dict[Sentence, list[str]]:
+def axes_by_gain_sentence(
+    advice_by_axis: Mapping[str, Advice], *, has_gains_above: bool
+) -> dict[Sentence, list[str]]:
     """Returns sentences on what the advised gains are expected to do, each with the axes of which it is said.
 
     Args:
         advice_by_axis: gains by name of the parameter, and the control loop before and after, by axis.
+        has_gains_above: whether the page has the gains and how to try them at its top, which is not repeated.
     """
     axes_by_sentence = dict[Sentence, list[str]]()
     for axis, advice in advice_by_axis.items():
-        for sentence in _gain_sentences(advice):
+        for sentence in _gain_sentences(advice, has_gains_above=has_gains_above):
             axes_by_sentence.setdefault(sentence, []).append(axis)
     return axes_by_sentence
 
 
-def _gain_sentences(advice: Advice) -> list[Sentence]:
+def _gain_sentences(advice: Advice, *, has_gains_above: bool = False) -> list[Sentence]:
     """Returns sentences on what the advised gains of one axis are expected to do.
 
     They state the expected deviation of the angle in wind, what comes after this step if it does not reach the margins,
@@ -1511,9 +1525,14 @@ def _gain_sentences(advice: Advice) -> list[Sentence]:
 
     Args:
         advice: the gains that flew and the advised ones, with the control loop that has each of them, and notes.
+        has_gains_above: whether the page has at its top to check the motors' temperature.
     """
     # Notes that say why the gains are no others stand beside the gains.
     unusual_notes = [note for note in advice.notes if note.code not in REASONS_FOR_GAINS]
     return render_section(
-        "loop_gains", advice=advice, unusual_notes=unusual_notes, largest_step=MAX_GAIN_STEP
+        "loop_gains",
+        advice=advice,
+        unusual_notes=unusual_notes,
+        largest_step=MAX_GAIN_STEP,
+        has_gains_above=has_gains_above,
     )

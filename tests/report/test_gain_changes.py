@@ -16,7 +16,7 @@ from mavdem.ingest.parameter_file import read_parameters
 from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
-from mavdem.report.gain_changes import gain_changes
+from mavdem.report.gain_changes import gain_changes, loading_sentences
 
 LOWER = Fact(
     LoopAction.LOWER_BY_A_THIRD,
@@ -107,6 +107,31 @@ def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatc
     names = [download.name for download in changes.downloads]
     assert names == ["a.stage1.param", "a.stage1.params", "a.stage2.param", "a.stage2.params"]
     assert stage_to_load(advice.values()) is Stage.RATE
+
+
+def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():
+    remedies = {Stage.RATE: "Load them and hover.", Stage.ANGLE: "Load them later."}
+    advice = {}
+    for axis, stage, noise in (
+        ("roll", Stage.RATE, None),
+        ("pitch", Stage.RATE, ()),
+        ("yaw", Stage.ANGLE, ()),
+    ):
+        advice[axis] = partial_record(
+            Advice,
+            gains={axis: Gain(2.0, 3.0)},
+            stage=stage,
+            is_sound=True,
+            flights=1,
+            noise=noise,
+            conclusion=partial_record(Fact, remedy=remedies[stage]),
+        )
+    [sentence] = loading_sentences(advice)
+    assert sentence.lead.startswith("First stage of two")
+    assert sentence.text.startswith("Load them and hover. Check motor temperature")
+    [later] = loading_sentences({"yaw": advice["yaw"]})
+    assert later.lead.startswith("Second stage") and later.text == "Load them later."
+    assert loading_sentences({"yaw": Fact(NextStep.KEEP_MODEL)}) == []
 
 
 def test_a_flight_whose_gains_stay_has_no_table():

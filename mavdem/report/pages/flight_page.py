@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mavdem.assessment import Assessment
+from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import model_findings
 from mavdem.assessment.axis.loop_decision import advises_to_tune
@@ -36,11 +37,11 @@ from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.facts.wind import WindLight
 from mavdem.fleet.names import NO_NAMES, GivenNames
-from mavdem.ingest.telemetry import Tables
+from mavdem.ingest.telemetry import Tables, Telemetry
 from mavdem.ingest.utc import utc_at_boot
 from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.resonance import controller_if_known
-from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence, warning
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table, headline_sentence, warning
 from mavdem.report.brief_events import (
     NOTHING_STATED,
     event_identity,
@@ -59,7 +60,7 @@ from mavdem.report.charts.timeline import (
     rate_title,
 )
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.gain_changes import gain_changes
+from mavdem.report.gain_changes import gain_changes, loading_sentences, names_gains_to_lower
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
@@ -168,6 +169,12 @@ MAX_SHOWN_SILENCE = 3.0
 It shows that nothing comes. The plots show 30 s, most of which must be the last ones before the silence.
 """
 
+SECONDS_AROUND_LOSS = 3.0
+"""Time around the loss of a flight, s, in which texts of the autopilot stand with it: a choice, as long as a fall."""
+
+MAX_MESSAGES_AROUND_LOSS = 4
+"""Texts of the autopilot that stand with the loss of a flight: a choice. A chapter has them all."""
+
 SECONDS_PER_MINUTE = 60
 """Seconds of a minute."""
 
@@ -221,6 +228,8 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     # Sentences refer to parts of the page, where those of the terminal name commands.
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
+        if changes is not None and not names_gains_to_lower(assessment.next_step):
+            changes = changes._replace(loading=loading_sentences(advice))
         evidence = headline_evidence(assessment.headline, assessment.lights)
         timeline = assessment_timeline(assessment, has_all_flights=True)
         events = _numbered_events(
@@ -232,7 +241,9 @@ def log_page(
             joined_sentences(evidence),
         )
         if assessment.evidence is not None:
-            events = with_utc_of_bad_events(events, assessment.evidence.signals.telemetry.messages)
+            telemetry = assessment.evidence.signals.telemetry
+            events = with_utc_of_bad_events(events, telemetry.messages)
+            events = with_messages_around_loss(events, telemetry)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = _log_chapters(name, assessment, contents, timeline, advice)
@@ -587,6 +598,28 @@ def _with_times_and_numbers(
     return numbered_events
 
 
+def with_messages_around_loss(
+    page_events: Sequence[PageEvent], telemetry: Telemetry
+) -> list[PageEvent]:
+    """Returns the events of a log, how its flight was lost with what the autopilot sent around that.
+
+    Args:
+        page_events: the events. One that names no boot of the autopilot counts as one of the first.
+        telemetry: the vehicle's messages, with the texts of its autopilot.
+    """
+    events_with_messages = []
+    for page_event in page_events:
+        if page_event.event.fact.code in Ending and page_event.has_time:
+            messages = []
+            for text in status_texts(telemetry):
+                is_of_boot = text.boot == (page_event.boot or 0)
+                if is_of_boot and abs(text.time - page_event.seconds) <= SECONDS_AROUND_LOSS:
+                    messages.append(f"“{text.text}” at {text.time:.1f} s")
+            page_event = page_event._replace(messages=messages[:MAX_MESSAGES_AROUND_LOSS])
+        events_with_messages.append(page_event)
+    return events_with_messages
+
+
 def with_utc_of_bad_events(page_events: Sequence[PageEvent], messages: Tables) -> list[PageEvent]:
     """Returns the events of a log, the bad ones of them with their times in UTC.
 
@@ -651,7 +684,8 @@ def _flight_chapters(
         yield _axes_chapter(assessment, timeline)
     steps = advised_steps(assessment.responses, advice)
     yield responses_chapter(assessment.responses, steps, assessment.lights[Light.MARGINS])
-    yield from loops_chapters(assessment, evidence, advice)
+    has_advised_gains_above = not names_gains_to_lower(assessment.next_step)
+    yield from loops_chapters(assessment, evidence, advice, has_gains_above=has_advised_gains_above)
     vibration = vibration_chapter(assessment, timeline, has_spectrograms=is_full)
     if is_full:
         vibration = vibration._replace(notch_trial=_notch_trial(name, assessment, evidence))
@@ -678,6 +712,12 @@ def _instances_chapter(assessment: Assessment, *, has_flown: bool) -> Chapter:
     """
     vibration_light = assessment.lights[Light.VIBRATION]
     table = instance_table(assessment.instances, vibration_light, has_flown=has_flown)
+    # The table shows what was measured, and not always why a light warns, such as a disagreement of two sensors.
+    for name in lights_of_chapter(INSTANCES_TITLE, assessment.lights):
+        light = assessment.lights[name]
+        if light.is_watch_or_bad:
+            cause = Rated(without_full_stop(str(light)), light.level)
+            table.rows.insert(0, [str(name), "", "judgement", "", cause])
     level_scope = scope_of_instances_level(assessment.lights)
     return Chapter(INSTANCES_TITLE, [table], level_scope=level_scope)
 

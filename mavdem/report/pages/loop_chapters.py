@@ -27,6 +27,7 @@ from mavdem.report.loops import (
     gain_table,
     loop_cautions,
     margin_tables,
+    sentences_on_goal,
 )
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.pages.page import Chapter
@@ -256,7 +257,11 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
 
 
 def loops_chapters(
-    assessment: Assessment, evidence: Evidence, advice: AdviceByAxis
+    assessment: Assessment,
+    evidence: Evidence,
+    advice: AdviceByAxis,
+    *,
+    has_gains_above: bool = False,
 ) -> Iterator[Chapter]:
     """Yields two chapters on control loops: the decision on each axis with charts, then margins and gains.
 
@@ -264,6 +269,8 @@ def loops_chapters(
         assessment: assessment of the log, with the decisions on the loops.
         evidence: identified loops of the axes, and their margins.
         advice: advised gains by axis, or the reason why there are none; empty without advice.
+        has_gains_above: whether the top of the page has the table of advised gains and how to load them, so that the
+            chapter has only how far they reach.
     """
     decisions = assessment.loop_decisions
     next_step = str(assessment.next_step)
@@ -286,7 +293,7 @@ def loops_chapters(
     figures: Blocks = [
         *margin_tables(_loops_by_header(loops_by_axis), doubtful=evidence.axes_with_doubtful_loop)
     ]
-    figures += _advised_gain_blocks(advice_with_gains)
+    figures += _advised_gain_blocks(advice_with_gains, has_gains_above=has_gains_above)
     figures += loop_cautions(advice)
     groups = _twin_groups(assessment, evidence, advice)
     yield Chapter("Margins and new gains", figures, groups)
@@ -319,17 +326,21 @@ def _loops_by_header(loops_by_axis: Mapping[str, Mapping[str, Loop]]) -> dict[st
     return loops_by_header
 
 
-def _advised_gain_blocks(advice_by_axis: Mapping[str, Advice]) -> Blocks:
+def _advised_gain_blocks(advice_by_axis: Mapping[str, Advice], *, has_gains_above: bool) -> Blocks:
     """Returns for each axis what to do with its gains, a table of those that change, and what to expect of them.
 
     Args:
         advice_by_axis: the advice on each axis that has gains.
+        has_gains_above: whether the top of the page has the table and how to load the gains, which is not repeated.
     """
     blocks = Blocks()
-    axes_by_sentence = axes_by_gain_sentence(advice_by_axis)
+    axes_by_sentence = axes_by_gain_sentence(advice_by_axis, has_gains_above=has_gains_above)
+    if has_gains_above:
+        blocks += _sentences_on_advised_gains(advice_by_axis)
     for axis, advice in advice_by_axis.items():
-        blocks.append(Sentence(advice.conclusion.sentence_and_remedy, f"Gains of {axis}:"))
-        blocks += gain_table(advice)
+        if not has_gains_above:
+            blocks.append(Sentence(advice.conclusion.sentence_and_remedy, f"Gains of {axis}:"))
+            blocks += gain_table(advice)
         blocks += [sentence for sentence, axes in axes_by_sentence.items() if axes == [axis]]
     # A sentence that holds for several axes is said once, below the gains of all.
     for sentence, axes in axes_by_sentence.items():
@@ -357,6 +368,28 @@ def _twin_groups(assessment: Assessment, evidence: Evidence, advice: AdviceByAxi
     for index in range(len(groups) - 1):
         groups[index] = groups[index]._replace(caption="")
     return groups
+
+
+def _sentences_on_advised_gains(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
+    """Returns what the advised gains reach, without their values and how to load them, which a page has at its top.
+
+    Axes of which the same is to be said share a sentence, and the goal is stated once.
+
+    Args:
+        advice_by_axis: advice on the gains of each axis, which may be to keep them.
+    """
+    axes_by_conclusion = dict[str, list[str]]()
+    for axis, axis_advice in advice_by_axis.items():
+        conclusion = axis_advice.conclusion.replace(is_goal_stated=True)
+        axes_by_conclusion.setdefault(conclusion.sentence, []).append(axis)
+    sentences = []
+    for conclusion_text, axes in axes_by_conclusion.items():
+        sentences.append(Sentence(conclusion_text, f"Gains of {listed(axes)}:"))
+    if advice_by_axis:
+        # All axes have the same goal.
+        first_advice, *_ = advice_by_axis.values()
+        sentences += sentences_on_goal(advice_by_axis, first_advice.target)
+    return sentences
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:

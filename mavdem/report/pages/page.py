@@ -181,6 +181,9 @@ class PageEvent(NamedTuple):
     moment: str = ""
     """When it was reported in a live session; empty in a log, where its time is that of the charts."""
 
+    messages: Sequence[str] = ()
+    """What the autopilot sent around the loss of a flight, each text with its time; empty for other events."""
+
     utc: datetime | None = None
     """When a bad event of a log was in UTC, by which it is found in other records; None of others, and if not known."""
 

@@ -10,7 +10,7 @@ from math import nan
 
 import numpy as np
 from browsing import HOSTILE
-from hover import Hover
+from hover import Hover, with_texts
 from live_rows import add_flight
 from made_up_analysis import assessment, physical
 from numpy.testing import assert_allclose
@@ -45,6 +45,7 @@ from mavdem.report.pages.flight_page import (
     log_page,
     scope_of_instances_level,
     unfold_chapters_of_warnings,
+    with_messages_around_loss,
     with_utc_of_bad_events,
 )
 from mavdem.report.pages.library_page import without_last_position
@@ -139,6 +140,17 @@ def test_a_line_divides_the_events_of_two_boots():
     assert "#t=18.90" not in linked and 'data-at="18.9"' not in linked
     one_boot = render_document("a.tlog", "", [], head=Head(Level.BAD, {}, events[:2]))
     assert "its clock begins anew" not in one_boot
+
+
+def test_the_loss_of_a_flight_stands_with_what_the_autopilot_sent_around_it():
+    telemetry = with_texts(Hover().telemetry(), *(f"text {second}" for second in range(1, 41)))
+    mode = PageEvent(Event(30.0, Fact(ReportedEvent.MODE_CHANGED, time=30.0)))
+    loss = PageEvent(Event(20.5, Fact(Ending.CONTROL_LOST, Level.BAD, time=20.5)))
+    unchanged, with_messages = with_messages_around_loss([mode, loss], telemetry)
+    assert unchanged == mode
+    assert with_messages.messages[0] == "“text 18” at 18.0 s"
+    # Of the six within three seconds there is room for the first four.
+    assert with_messages.messages[-1] == "“text 21” at 21.0 s"
 
 
 def test_visitors_without_the_log_do_not_see_where_a_lost_flight_was_last():
