@@ -37,6 +37,9 @@ MAX_STEP_AT_ANY_RATE = 3.0
 MIN_SEGMENT_SECONDS = 1.0
 """Duration, s, below which settled flight makes no segment."""
 
+MESSAGES_FROM_BEFORE_LOG = frozenset(("STATUSTEXT", "action_request", "vehicle_command"))
+"""Texts and requests: a log may begin with those that waited for it, some of them a minute old."""
+
 
 @dataclass(frozen=True, order=True)
 class Segment:
@@ -63,7 +66,7 @@ Segments = Sequence[Segment]
 def recorded_spans(signals: Signals) -> Segments:
     """Returns the span of time in which something was recorded, for each boot.
 
-    Texts do not count: a log may begin with older ones.
+    ``MESSAGES_FROM_BEFORE_LOG`` do not count.
 
     Args:
         signals: signals of the vehicle, with its messages.
@@ -74,7 +77,7 @@ def recorded_spans(signals: Signals) -> Segments:
     messages = []
     boot_count = 1
     for name, columns in signals.telemetry.messages.items():
-        if name != "STATUSTEXT":
+        if name not in MESSAGES_FROM_BEFORE_LOG:
             messages.append(columns)
             last_boot = int(columns["boot"].max(initial=0))
             boot_count = max(boot_count, last_boot + 1)

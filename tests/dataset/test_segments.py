@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from hover import Hover, changed, columns
 
-from mavdem.dataset.segments import Segment, in_segments, rows_of_segment
+from mavdem.dataset.segments import Segment, in_segments, recorded_spans, rows_of_segment
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series
 
 
@@ -41,3 +43,9 @@ def test_repeated_and_late_messages_are_sorted_out():
     clean = clean_series(columns, np.array([1.0, 3.0, 2.0, 2.5]))
     np.testing.assert_array_equal(clean.values, [1.0, 2.0, 3.0])
     assert clean.unused_count == 1
+
+
+def test_a_command_from_before_a_log_does_not_lengthen_it():
+    telemetry = Hover().telemetry(5.0, 50.0)
+    with_command = changed(telemetry, "vehicle_command", **columns([-60.0], command=176.0))
+    assert recorded_spans(Signals(with_command)) == recorded_spans(Signals(telemetry))
