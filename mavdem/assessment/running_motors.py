@@ -87,11 +87,15 @@ def _motor_run_after(signals: Signals, boot: int, crash_time: float) -> _MotorRu
         return None
     # One motor that runs is enough.
     highest_commands = commands.values[is_after_crash].max(axis=1)
-    idle_samples = np.flatnonzero(highest_commands < min_running_command(motors))
-    if not len(idle_samples):
+    is_idle = highest_commands < min_running_command(motors)
+    # Where the outputs were not recorded for so long, the motors may have stopped unseen.
+    is_after_gap = np.diff(times, prepend=crash_time) > MIN_RUN_SECONDS
+    end_samples = np.flatnonzero(is_idle | is_after_gap)
+    if not len(end_samples):
         return _MotorRun(float(times[-1]), is_cut=True)
-    # Motors that idle from the first sample on have no sample in which they run.
-    last_running_sample = max(int(idle_samples[0]) - 1, 0)
+    if end_samples[0] == 0:
+        return _MotorRun(crash_time, is_cut=False)
+    last_running_sample = int(end_samples[0]) - 1
     return _MotorRun(float(times[last_running_sample]), is_cut=False)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 
@@ -40,8 +41,9 @@ def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
 
     Returns:
         The event, changed in two cases. If the attitude was lost from a known setpoint, it is bad and has the largest
-        error of roll or pitch as ``angle_error``, rad. If motors were at their upper limit while the pilot did not give
-        full throttle, it has their ``names``.
+        error of roll or pitch as ``angle_error``, rad. If motors stayed at their upper limit while the pilot did not
+        give full throttle, it has their ``names``, and as ``least_duration``, s, how long each of them stayed there at
+        once at least.
     """
     angle_errors = [
         event.figures["angle"] for event in concurrent_events if _is_lost_from_setpoint(event)
@@ -51,7 +53,8 @@ def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
         swing = swing.replace(Level.BAD, angle_error=max(angle_errors))
     if limited_motors:
         # Each motor is named once, in the order of its first event.
-        swing = swing.replace(names=tuple(dict.fromkeys(limited_motors)))
+        names = tuple(dict.fromkeys(limited_motors))
+        swing = swing.replace(names=names, least_duration=LASTING_SECONDS)
     return swing
 
 

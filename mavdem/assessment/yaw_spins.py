@@ -13,6 +13,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.attitude_error import recent_range, samples_to_follow
 from mavdem.dataset.axes import AXES, YAW
+from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.setpoints import held_setpoint
 from mavdem.dataset.signals import Signals
@@ -48,7 +49,7 @@ def yaw_spins(signals: Signals, boot: int, flight_interval: TimeInterval) -> Ite
     if yaw_rate is None:
         return
     excess_rate = _rate_beyond_command(signals, boot, yaw_rate)
-    for samples in _samples_of_rotations(excess_rate):
+    for samples in _samples_of_rotations(yaw_rate.time, excess_rate):
         times = yaw_rate.time[samples]
         excess_angle = float(np.trapezoid(excess_rate[samples], times))
         turns = excess_angle / (2 * np.pi)
@@ -63,16 +64,22 @@ def yaw_spins(signals: Signals, boot: int, flight_interval: TimeInterval) -> Ite
             )
 
 
-def _samples_of_rotations(excess_rate: Array) -> list[slice]:
+def _samples_of_rotations(time: Array, excess_rate: Array) -> list[slice]:
     """Returns the samples of each rotation to one side that is faster than ``MIN_EXCESS_RATE`` throughout.
 
+    A rotation ends where no sample follows for ``MAX_SETPOINT_DELAY``, in which a vehicle may do what it is commanded
+    to: what it did meanwhile was not recorded.
+
     Args:
+        time: (N,) times of the samples, s.
         excess_rate: (N,) yaw rate beyond the commanded one, rad/s, positive to the right.
     """
     # 1 to the right, -1 to the left, 0 where the vehicle turns about as it was commanded to.
     direction = np.where(abs(excess_rate) > MIN_EXCESS_RATE, np.sign(excess_rate), 0.0)
     # A rotation may begin with the first sample and end with the last one: zeros are put around them.
-    changes = np.flatnonzero(np.diff(direction, prepend=0.0, append=0.0))
+    is_change = np.diff(direction, prepend=0.0, append=0.0) != 0
+    is_change[1:-1] |= np.diff(time) > MAX_SETPOINT_DELAY
+    changes = np.flatnonzero(is_change)
     # Between two changes the direction is the same.
     rotations_and_pauses = [slice(first, end) for first, end in pairwise(changes)]
     return [samples for samples in rotations_and_pauses if direction[samples.start] != 0]

@@ -105,6 +105,13 @@ SETPOINT_MESSAGES = {
 }
 """Messages with setpoints of rate and attitude, by what recorded a log; telemetry has no recorder."""
 
+BATTERY_MESSAGES = {
+    "DataFlash": "BAT (CURR in old versions)",
+    "ULog": "battery_status",
+    "": "SYS_STATUS",
+}
+"""Messages with the voltage of the battery, by what recorded a log; telemetry has no recorder."""
+
 
 @contextmanager
 def sentences_for(medium: Medium) -> Iterator[None]:
@@ -447,6 +454,7 @@ def _environment() -> Environment:
         "rounded_below": rounded_below,
         "sentence": sentence,
         "setpoint_messages": _setpoint_messages,
+        "battery_messages": _battery_messages,
         "weak_motor_clause": _weak_motor_clause,
         "with_interval": with_interval,
         "with_unit": _with_display_unit,
@@ -886,6 +894,18 @@ def _setpoint_messages(recorder: str | None) -> str:
     if recorder in SETPOINT_MESSAGES:
         return SETPOINT_MESSAGES[recorder]
     return "RATE and ATT (ArduPilot), vehicle_rates_setpoint (PX4) or ATTITUDE_TARGET (telemetry)"
+
+
+def _battery_messages(recorder: str | None) -> str:
+    """Returns the messages with the voltage of the battery, by what recorded the log.
+
+    Args:
+        recorder: what recorded the log, "DataFlash", "ULog", or "" for telemetry; of another recorder, and of none that
+            is known (None), the messages of all are named.
+    """
+    if recorder in BATTERY_MESSAGES:
+        return BATTERY_MESSAGES[recorder]
+    return "BAT (ArduPilot), battery_status (PX4) or SYS_STATUS (telemetry)"
 
 
 def _probability(probability: float) -> str:

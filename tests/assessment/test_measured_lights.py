@@ -460,6 +460,29 @@ def test_an_accelerometer_that_is_wrong_at_rest_is_to_be_watched(force, level):
             assert estimator_light(evidence(flown)).code is EstimatorLight.ACCELEROMETER_WRONG
 
 
+@mark.parametrize(
+    "autopilot, recorder, parameters, advice",
+    [
+        ("ARDUPILOTMEGA", "DataFlash", {}, "(BATT_MONITOR), and log BAT "),
+        ("PX4", "ULog", {"BAT_SOURCE": 0.0}, "(BAT_SOURCE), and log battery_status."),
+        ("PX4", "", {"SYS_AUTOSTART": 1.0}, "power module, and log SYS_STATUS."),
+    ],
+)
+def test_advice_to_measure_the_battery_is_for_this_autopilot(
+    autopilot, recorder, parameters, advice
+):
+    telemetry = replace(
+        HOVER.telemetry(20.0, 20.0),
+        autopilot=autopilot,
+        translated_from=recorder,
+        parameters=parameters,
+    )
+    assert advice in power_light(evidence(telemetry)).remedy
+    # What the log has needs no advice to log it.
+    constant = battery(0 * SAG + 16.4, parameters)
+    assert "log" not in power_light(evidence(constant)).remedy
+
+
 def with_force_at_rest(force):
     """The hover with a filter's report, whose accelerometer measures a specific force, m/s², all the time."""
     telemetry = changed(

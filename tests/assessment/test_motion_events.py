@@ -623,6 +623,17 @@ def test_motors_that_run_on_after_an_impact_are_an_event(seconds, is_left_runnin
         assert "to the end of the record" not in event.sentence
 
 
+def test_motors_that_run_again_after_a_pause_of_the_record_were_not_left_running():
+    telemetry = left_running(np.inf)
+    elapsed = stamps(telemetry, "SERVO_OUTPUT_RAW") - EVENT
+    recorded_columns = selected_rows(
+        telemetry.messages["SERVO_OUTPUT_RAW"], (elapsed < 3.0) | (elapsed > 10.0)
+    )
+    messages = {**telemetry.messages, "SERVO_OUTPUT_RAW": recorded_columns}
+    events, _ = events_and_ending(replace(telemetry, messages=messages))
+    assert MotionEvent.MOTORS_RAN_ON not in events
+
+
 @mark.parametrize("crash_check", [0.0, 1.0])
 def test_the_advice_on_motors_left_running_knows_the_crash_check(crash_check):
     telemetry = left_running(np.inf)
@@ -652,6 +663,19 @@ def test_a_turn_beyond_the_yaw_command_is_a_spin(turns, commanded_turns, spins):
         spun = events[MotionEvent.SPUN]
         assert spun.figures["turns"] == approx(turns, abs=0.1)
         assert "to the right" in spun.sentence
+
+
+def test_what_was_not_recorded_between_two_turns_is_no_spin():
+    """It yaws at 40 °/s for a second before and after half a minute without attitude."""
+    telemetry = instrumented()
+    time = stamps(telemetry, "ATTITUDE")
+    is_turning = (time > 29.0) & (time < 61.0)
+    telemetry = changed(telemetry, "ATTITUDE", yawspeed=np.where(is_turning, 0.7, 0.0))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", type_mask=0, body_yaw_rate=0.0)
+    columns_with_gap = selected_rows(telemetry.messages["ATTITUDE"], (time < 30.0) | (time > 60.0))
+    with_gap = replace(telemetry, messages={**telemetry.messages, "ATTITUDE": columns_with_gap})
+    assert MotionEvent.SPUN in events_and_ending(telemetry)[0]
+    assert MotionEvent.SPUN not in events_and_ending(with_gap)[0]
 
 
 def test_a_slow_drift_between_two_fast_turns_is_no_spin():

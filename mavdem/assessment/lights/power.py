@@ -24,13 +24,19 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.power import PowerLight
-from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.telemetry import Parameters, Telemetry
 
 LOW_VOLTAGE_SECONDS = 10.0
 """Time, s, that a voltage must stay below a limit to count: the default of ArduPilot's BATT_LOW_TIMER."""
 
 BOARD_VOLTAGE_LIMITS = Limits(4.65, 4.5)
 """Voltages, V, of the board below which PX4 warns, and warns critically (``powerCheck.cpp``)."""
+
+PRESENT_POWER_MODULE_PARAMETERS = {"ARDUPILOTMEGA": "BATT_MONITOR", "PX4": "BAT1_SOURCE"}
+"""The parameter by which each autopilot's present version knows where its battery is measured."""
+
+POWER_MODULE_PARAMETERS = (*PRESENT_POWER_MODULE_PARAMETERS.values(), "BAT_SOURCE")
+"""These parameters, and the one of older versions of PX4, which knew one battery."""
 
 POSSIBLE_BOARD_VOLTAGE = (3.0, 10.0)
 """Voltages, V, of the supply of a board that works: below, its regulators for 3.3 V fail. Others are not measured."""
@@ -124,7 +130,8 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
 
     Returns:
         A fact with the largest ``voltage`` of a battery, V, None without any battery; whether all voltages are
-        constant; the constant voltage of the board, V; and the largest ``current``, A, if one changes.
+        constant; the constant voltage of the board, V; the largest ``current``, A, if one changes; and for its advice
+        the ``parameter`` that chooses the power module, and what recorded the log as ``recorder``.
     """
     voltages = [battery.voltage.values for battery in evidence.signals.batteries]
     unmeasured_fact = Fact(
@@ -133,6 +140,8 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
         is_constant=all(voltage.min() == voltage.max() for voltage in voltages),
         voltage=max((voltage.max() for voltage in voltages), default=None),
         voltage_usual=_constant_board_voltage(evidence),
+        parameter=_power_module_parameter(evidence.signals.telemetry),
+        recorder=evidence.signals.telemetry.translated_from,
     )
     largest_currents = []
     for battery in evidence.signals.batteries:
@@ -211,7 +220,28 @@ def _unmeasured_batteries(
             airborne=evidence.has_flown,
             is_constant=bool(voltage.min() == voltage.max()),
             voltage=voltage.max(),
+            parameter=_power_module_parameter(evidence.signals.telemetry),
+            recorder=evidence.signals.telemetry.translated_from,
         )
+
+
+def _power_module_parameter(telemetry: Telemetry) -> str:
+    """Returns the parameter by which an autopilot knows its power module, for advice to set it up.
+
+    It is the one of ``POWER_MODULE_PARAMETERS`` that the log has, since its name depends on the version of PX4.
+
+    Args:
+        telemetry: autopilot and parameters of the vehicle.
+
+    Returns:
+        Its name; without parameters in the log the present one of the autopilot; empty if it is not known.
+    """
+    for name in POWER_MODULE_PARAMETERS:
+        if name in telemetry.parameters:
+            return name
+    if telemetry.parameters:
+        return ""
+    return PRESENT_POWER_MODULE_PARAMETERS.get(telemetry.autopilot, "")
 
 
 def batteries_in_flight(evidence: Evidence) -> list[Battery]:
@@ -524,7 +554,8 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
     Yields:
         At most one fact, with the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the
         limit, all in V. In the first two cases it has the time at which the average first was so low, and
-        ``is_low_from_start`` if that was when the flight began.
+        ``is_low_from_start`` if that was when the flight began. For the advice to measure a battery it has the
+        ``parameter`` that chooses the power module.
     """
     # The first voltage that varies is used: a constant one was not measured.
     measured_voltage = None
@@ -560,6 +591,7 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
         voltage=lowest_voltage,
         voltage_usual=usual_voltage,
         voltage_limit=voltage_limit,
+        parameter=_power_module_parameter(evidence.signals.telemetry),
     )
 
 
