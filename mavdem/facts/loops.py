@@ -79,6 +79,7 @@ class GainFact(Code):
     ANGLE_FOLLOWS = "angle_follows"
     INTEGRAL_FALLS = "integral_falls"
     ATTITUDE_SLOWER = "attitude_slower"
+    FIT_BARELY_ENOUGH = "fit_barely_enough"
     STEP_BOUND = "step_bound"
     NO_GAINS_ADVISED = "no_gains_advised"
     GAINS_CHANGED = "gains_changed"
@@ -124,6 +125,7 @@ class StepResponseFact(Code):
     TOO_SLOW = "too_slow"
     TOO_LITTLE_FLIGHT = "too_little_flight"
     TOO_LITTLE_ASKED = "too_little_asked"
+    SETPOINT_FOLLOWS = "setpoint_follows_vehicle"
 
 
 class LoopAction(Code):

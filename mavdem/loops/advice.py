@@ -29,6 +29,7 @@ from mavdem.loops.axis_loops import (
     margin_rating,
     margin_scores,
     parameters_changed_in_flight,
+    unknown_phase_margin,
 )
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.demand_noise import DemandNoise, demand_noise
@@ -47,6 +48,7 @@ from mavdem.loops.gain_design import (
 )
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import at_limit_share
+from mavdem.loops.measured_response import MIN_RESPONSE_FIT
 from mavdem.plant.parameters import DRAWS, ESTIMATE, LAG
 
 GAIN_REDUCTION = 2 / 3
@@ -58,6 +60,9 @@ Identification allows for limits. On the simulated flights of ``tools/validation
 shares of 0.05 to 0.18 had their margins in the true plant in 41, and at 0.8 to 1.2 times its effectiveness in 36;
 larger shares were not tried.
 """
+
+CLEAR_RESPONSE_FIT = (MIN_RESPONSE_FIT + 100.0) / 2
+"""Fit of the measured response, %, that clearly confirms a loop: its error is at most half of the accepted one."""
 
 
 class Gain(NamedTuple):
@@ -122,6 +127,28 @@ class Advice(ImmutableResult):
         return max(self.sure, self.fraction_without_margins_before) >= SURE_SHARE
 
     @property
+    def weak_confirmation(self) -> Fact | None:
+        """That the flight barely confirms the model of the loop, as a fact; None if it does so clearly, or not at all.
+
+        The measured response of the rate then fits the predicted one little better than it must, and was compared only
+        below the crossover frequency, at which the margins are.
+        """
+        loop = self.before
+        if loop.measured is None or not loop.agrees:
+            return None
+        fit = loop.measured.agreement
+        _, highest_frequency = loop.measured.band
+        if fit >= CLEAR_RESPONSE_FIT or highest_frequency >= loop.crossover:
+            return None
+        return Fact(
+            GainFact.FIT_BARELY_ENOUGH,
+            share=fit / 100,
+            needed=MIN_RESPONSE_FIT / 100,
+            highest=highest_frequency,
+            crossover=loop.crossover,
+        )
+
+    @property
     def flight_before_gains(self) -> Fact:
         """The advice to fly again before the gains are loaded, as a fact with the fractions of models behind it."""
         return Fact(
@@ -145,6 +172,7 @@ class Advice(ImmutableResult):
         - ``share_lacking``: fraction of the models that lack the margins with the logged gains, at that thrust.
         - ``is_sound``: whether the flight is a basis for changing gains (:attr:`is_sound`).
         - ``has_room``: whether the logged gains surely have the margins already.
+        - ``is_margin_known``: whether the interval of the phase margin is narrow enough to be sure of it.
         - ``can_go_on``: whether gains of loops with enough margin may be raised further.
         - ``stage`` of tuning, number of ``flights`` that it still needs, and ``largest_step``, the factor by which a
           gain changes at most between two of them.
@@ -161,6 +189,7 @@ class Advice(ImmutableResult):
             share_lacking=self.fraction_without_margins_before,
             is_sound=self.is_sound,
             has_room=self.rating.is_good,
+            is_margin_known=unknown_phase_margin(self.before.rate, is_steered=False) is None,
             can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),
             stage=int(self.stage or 0),
             flights=self.flights,

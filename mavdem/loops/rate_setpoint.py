@@ -82,6 +82,22 @@ def has_rate_feedforward(
 ) -> bool:
     """Returns whether the autopilot adds the derivative of the angle's setpoint to the setpoint of the body rate.
 
+    Args:
+        signals: logged time series of the axis, with its setpoints.
+        segments: segments of settled flight.
+        controller: controller of the axis; None if it is not known.
+
+    Returns:
+        False also if that is not known (:func:`rate_feedforward_if_known`).
+    """
+    return bool(rate_feedforward_if_known(signals, segments, controller))
+
+
+def rate_feedforward_if_known(
+    signals: Signals, segments: Segments, controller: Controller | None
+) -> bool | None:
+    """Returns whether the derivative of the angle's setpoint is added to the setpoint of the rate, if the log shows it.
+
     A parameter of ArduPilot says so. Without it the recorded setpoints decide, except for roll and pitch of PX4, which
     feeds forward yaw only.
 
@@ -91,16 +107,17 @@ def has_rate_feedforward(
         controller: controller of the axis; None if it is not known.
 
     Returns:
-        False also for a vehicle without the parameter of which a setpoint was not recorded.
+        None for a vehicle without the parameter of which the controller or a setpoint is not known.
     """
     logged_switch = signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER)
     if logged_switch is not None:
         return bool(logged_switch)
-    is_px4_tilt = signals.telemetry.autopilot == "PX4" and signals.axis != "yaw"
-    if is_px4_tilt or controller is None:
+    if signals.telemetry.autopilot == "PX4" and signals.axis != "yaw":
         return False
+    if controller is None:
+        return None
     setpoint_parts = _recorded_setpoint_parts(signals, segments, controller.angle_gain)
-    return setpoint_parts is not None and setpoint_parts.has_feedforward
+    return None if setpoint_parts is None else setpoint_parts.has_feedforward
 
 
 def _recorded_setpoint_parts(

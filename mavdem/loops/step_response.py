@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.random import default_rng
 
-from mavdem.arrays import Array
+from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.confidence import IntervalEstimate, coverage_factor
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import (
@@ -40,7 +40,7 @@ from mavdem.loops.impulse_response import (
 from mavdem.loops.margins import Complex
 from mavdem.loops.rate_setpoint import (
     AttitudePiece,
-    has_rate_feedforward,
+    rate_feedforward_if_known,
     rate_setpoint_parts,
     unwrapped,
 )
@@ -98,6 +98,11 @@ MAX_DISAGREEING_SHARE = 0.3
 """Largest share of the frequencies at which a right prediction may lie outside the 90 % band: a choice.
 
 By chance a tenth does.
+"""
+MAX_RATE_AMPLIFICATION = 3.0
+"""Largest gain by which a closed rate loop may amplify its setpoint for an angle's response to be one of a loop.
+
+With the usual maximum sensitivity of at most 2, the gain |T| = |1 - S| is at most 3.
 """
 MIN_PIECE_RESPONSES = 4
 """Least length of a piece of flight, in durations of the response."""
@@ -276,22 +281,38 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
         return _no_setpoint(signals, "attitude")
     attitude = signals.attitude
     series = [unwrapped(signals.angle_setpoint), unwrapped(attitude.angle_series)]
-    feedforward_gain = None
     if signals.axis == "yaw":
         # How fast the heading turns beyond the body rate, because the vehicle rolls and pitches at once.
         turn_by_tilt = attitude.euler_rate - attitude.rate
         series.append(replace(attitude.rate_series, values=turn_by_tilt))
-        controller = controller_if_known(signals)
-        if controller is not None and has_rate_feedforward(signals, segments, controller):
-            feedforward_gain = controller.angle_gain
+    attitude_controller = None
+    controller = controller_if_known(signals)
+    if controller is not None:
+        attitude_controller = _AttitudeController(
+            controller.angle_gain, rate_feedforward_if_known(signals, segments, controller)
+        )
     return _measured_step_response(
         signals,
         "attitude",
         series,
         segments,
         MIN_SLOW_MOTION_RATE,
-        feedforward_gain=feedforward_gain,
+        attitude_controller=attitude_controller,
     )
+
+
+class _AttitudeController(NamedTuple):
+    """The controller of an angle, which demands the body rate gain · (setpoint - angle), and may feed forward."""
+
+    gain: float
+    """Its gain K, 1/s."""
+    has_feedforward: bool | None
+    """Whether the derivative of the angle's setpoint is added to the setpoint of the rate; None if not known."""
+
+    @property
+    def feedforward_gain(self) -> float | None:
+        """The gain K, 1/s, if there is feed-forward; None without it, or if that is not known."""
+        return self.gain if self.has_feedforward else None
 
 
 def _no_setpoint(signals: Signals, loop: str) -> Fact:
@@ -315,7 +336,7 @@ def _measured_step_response(
     segments: Segments,
     min_rate: float,
     rate_loop: Loop | None = None,
-    feedforward_gain: float | None = None,
+    attitude_controller: _AttitudeController | None = None,
 ) -> StepResponse | Fact:
     """Measures the step response of the rate or the attitude loop of one axis.
 
@@ -333,12 +354,11 @@ def _measured_step_response(
         min_rate: lowest accepted rate of messages, Hz.
         rate_loop: the identified loop, whose step is used if the rate is too fast for its messages; ``None`` if it is
             not known.
-        feedforward_gain: gain of the attitude controller, 1/s, if the derivative of the angle's setpoint is added to
-            the setpoint of the rate; None if it is not.
+        attitude_controller: controller of the angle, for the attitude loop; None if it is not known.
 
     Returns:
-        The step response; or the reason why there is none: messages are too slow or too few, or the setpoint hardly
-        varies.
+        The step response; or the reason why there is none: messages are too slow or too few, the setpoint hardly
+        varies, or it follows the vehicle.
     """
     signals_on_grid = _signals_on_grid(signals, loop, series, segments, min_rate)
     if isinstance(signals_on_grid, Fact):
@@ -361,11 +381,15 @@ def _measured_step_response(
         angle_gain = DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
         pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
     else:
-        pieces = _corrected_attitude_pieces(signals.axis, sampling_rate, pieces, feedforward_gain)
+        pieces = _corrected_attitude_pieces(
+            signals.axis, sampling_rate, pieces, attitude_controller
+        )
     timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
         return setpoint_moves_too_little
+    if attitude_controller is not None and _setpoint_follows_angle(spectra, attitude_controller):
+        return Fact(StepResponseFact.SETPOINT_FOLLOWS, subject=f"{signals.axis} {loop}")
     decimation = _decimation_factor(sampling_rate, min_rate, spectra)
     pieces = decimated_pieces(pieces, decimation)
     impulse_response = estimate_impulse_response(
@@ -416,8 +440,36 @@ def _signals_on_grid(
     return signals_on_grid
 
 
+def _setpoint_follows_angle(spectra: WelchSpectra, controller: _AttitudeController) -> bool:
+    """Returns whether a logged setpoint of an angle follows the vehicle, as ArduPilot's heading did before version 3.4.
+
+    The angle then agrees with its setpoint without the lag of a loop, and shows no response to it. Without feed-forward
+    the open loop of an angle is L = K G / jω, with the gain K of its controller and the response G of the closed rate
+    loop. The measured response T = L / (1 + L) thus implies |G| = |T / (1 - T)| ω / K. The setpoint follows the vehicle
+    if the median of this gain is more than a rate loop can have.
+
+    Args:
+        spectra: cross-spectra of the setpoint and the angle.
+        controller: controller of the angle. With feed-forward, or if that is not known, the result is False: an angle
+            may then follow its setpoint without lag.
+    """
+    angular_frequency = 2 * np.pi * spectra.frequency
+    is_judged = _coherence_where_driven(spectra) >= MIN_COHERENCE
+    # Below ω = K any loop follows its setpoint, and small errors of T would decide.
+    is_judged &= angular_frequency > controller.gain
+    if controller.has_feedforward is not False or not is_judged.any():
+        return False
+    response = spectra.response[is_judged]
+    error = np.maximum(abs(1 - response), SMALLEST_POSITIVE)
+    implied_gain = abs(response) / error * angular_frequency[is_judged] / controller.gain
+    return bool(np.median(implied_gain) > MAX_RATE_AMPLIFICATION)
+
+
 def _corrected_attitude_pieces(
-    axis: str, sampling_rate: float, pieces: Sequence[Array], feedforward_gain: float | None
+    axis: str,
+    sampling_rate: float,
+    pieces: Sequence[Array],
+    controller: _AttitudeController | None,
 ) -> list[Array]:
     """Removes from the signals of an attitude loop what is no response to the setpoint: whole turns, and turns by tilt.
 
@@ -426,11 +478,12 @@ def _corrected_attitude_pieces(
         sampling_rate: rate of the samples, Hz.
         pieces: angle setpoint and angle, rad, and for yaw the rate by which tilting turns the heading, rad/s, in the
             rows of each piece (2 or 3, N).
-        feedforward_gain: gain of the attitude controller, 1/s, if there is feed-forward; None without it.
+        controller: controller of the angle; None if it is not known.
 
     Returns:
         Pieces (2, N) of setpoint and angle, rad.
     """
+    feedforward_gain = None if controller is None else controller.feedforward_gain
     pieces = [_with_setpoint_within_half_turn(piece) for piece in pieces]
     if axis != "yaw":
         return pieces

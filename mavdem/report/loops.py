@@ -284,7 +284,8 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         return GainOutcome.DOUBTFUL
     if advice.parameters:
         return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
-    if advice.rating.is_good or advice.sure >= SURE_SHARE:
+    is_sure = advice.sure >= SURE_SHARE and advice.conclusion.figures["is_margin_known"]
+    if advice.rating.is_good or is_sure:
         return GainOutcome.KEEP
     return GainOutcome.KEEP_UNSURE
 
@@ -793,7 +794,7 @@ def _slower_attitude(advice: Advice) -> list[Fact]:
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns what to do with the gains of an axis, and why the new ones are no others.
+    """Returns what to do with the gains of an axis, why the new ones are no others, and that their basis is weak.
 
     The reasons are left out if a measured response contradicts the loop that they follow from.
 
@@ -814,6 +815,9 @@ def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
     if axis in tuning.doubtful_axes:
         return [advice_on_gains]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
+    weak_confirmation = advice.weak_confirmation
+    if weak_confirmation is not None and advice.parameters and advice.is_sound:
+        reasons.append(weak_confirmation)
     return [advice_on_gains, *reasons]
 
 
@@ -1003,7 +1007,8 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
     for reason in (main_reason, *further_reasons):
         if reason is not None:
             texts.add(reason.remedy)
-    if next_step.code is NextStep.LOAD_GAINS:
+    # Gains that can wait until other axes are tuned are not to be loaded now.
+    if next_step.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
         for advice in tuning.advice:
             if advice.parameters and advice.is_sound and not tuning.waits(advice):
                 texts.add(_conclusion(tuning, advice).remedy)

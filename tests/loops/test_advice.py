@@ -30,6 +30,7 @@ from mavdem.loops.gain_design import (
 )
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop, controller_response
+from mavdem.loops.measured_response import MeasuredResponse
 
 INTEGRAL_RATIO = PX4["MC_ROLLRATE_I"] / PX4["MC_ROLLRATE_P"]
 DERIVATIVE_RATIO = PX4["MC_ROLLRATE_D"] / PX4["MC_ROLLRATE_P"]
@@ -377,3 +378,16 @@ def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():
     keeps = replace(changes, gains=kept, sure=0.1)
     assert _advice_on_changed_loops([changes, keeps]) == [changes]
     assert _advice_on_changed_loops([keeps]) == [keeps]
+
+
+@mark.parametrize(
+    "highest, fit, is_weak", [(1.0, 81.0, True), (1.0, 95.0, False), (50.0, 81.0, False)]
+)
+def test_a_flight_that_barely_confirms_a_loop_below_its_crossover_is_named(highest, fit, is_weak):
+    measured = MeasuredResponse((0.3, highest), fit, fit, controller_gain=1.0, reason=None)
+    confirmation = replace(
+        advise(made_up()), before=replace(made_up(), measured=measured)
+    ).weak_confirmation
+    assert (confirmation is not None) == is_weak
+    if is_weak:
+        assert "by 81 %, barely enough" in str(confirmation)

@@ -25,6 +25,7 @@ from mavdem.loops.step_response import (
     decimated_pieces,
     rate_step_response,
 )
+from mavdem.loops.welch import welch_spectra_of_pieces
 
 HOVER = Hover(hovering=60.0)
 TIME = HOVER.stamps(200.0)
@@ -136,6 +137,24 @@ def test_a_turn_of_the_heading_by_tilt_is_no_response_to_the_setpoint_of_yaw(has
     undisturbed = body_yaw(setpoint, no_turn, 2.0, has_feedforward=has_feedforward)
     assert remaining_angle == approx(body)
     assert (remaining_angle - answer).std() < 0.05 * (remaining_angle - undisturbed).std()
+
+
+def test_a_setpoint_that_follows_the_heading_shows_no_response():
+    """A loop lags its setpoint. ArduPilot before 3.4 moved the setpoint of the heading with the vehicle."""
+    setpoint = 0.1 * lfilter([0.05], [1.0, -0.95], steered(5))[:4000]
+    answer = body_yaw(setpoint, np.zeros(len(setpoint)), 2.0, has_feedforward=False)
+    controller = step_response._AttitudeController(2.0, has_feedforward=False)
+
+    def follows(setpoint, heading, controller=controller):
+        """Returns whether the setpoint counts as following the heading."""
+        spectra = welch_spectra_of_pieces(200, [np.array([setpoint, heading])])
+        return step_response._setpoint_follows_angle(spectra, controller)
+
+    assert not follows(setpoint, answer)
+    # The heading moves by other causes, and the setpoint keeps near it.
+    heading, error = setpoint, 0.1 * np.roll(setpoint, 2000)
+    assert follows(heading + error, heading)
+    assert not follows(heading + error, heading, controller._replace(has_feedforward=None))
 
 
 @mark.slow

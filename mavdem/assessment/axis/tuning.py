@@ -275,8 +275,9 @@ def _judgement_with_tuning_step(
 ) -> Judgement:
     """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
 
-    There are four cases:
+    There are five cases:
 
+    - There are new gains, but of axes with enough margin, while others lack it: the next step is to tune those first.
     - There are new gains, and no other fault comes before them: the next step is to load the gains.
     - There are none, although the next step was to tune the vehicle: it becomes to tune other axes or, if their gains
       need no change, what the advice on the loops says instead, such as to fly doublets.
@@ -302,7 +303,17 @@ def _judgement_with_tuning_step(
             other_axes_to_tune.append(axis)
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
     is_refused = not any(advice.gains for advice in advice_on_loops)
-    if has_new_gains and _allows_new_gains(judgement.headline):
+    if has_new_gains and _only_raises_gains_beside(judgement, advice_on_loops, other_axes_to_tune):
+        # The axes that lack margin come first, with a run that does not raise the gains of others.
+        next_step = Fact(
+            NextStep.TUNE_OTHER_AXES,
+            judgement.headline.level,
+            names=tuple(advice_by_axis),
+            others=tuple(other_axes_to_tune),
+            arguments=tuple(argument for argument in arguments if argument != "--more"),
+            are_first=True,
+        )
+    elif has_new_gains and _allows_new_gains(judgement.headline):
         next_step = _next_step_with_new_gains(
             judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
         )
@@ -313,6 +324,24 @@ def _judgement_with_tuning_step(
     else:
         return judgement
     return replace(judgement, next_step=next_step)
+
+
+def _only_raises_gains_beside(
+    judgement: Judgement, advice_on_loops: Sequence[Advice], other_axes: Sequence[str]
+) -> bool:
+    """Returns whether new gains are only for axes with enough margin, while the flight shows too little on others.
+
+    Args:
+        judgement: decisions on the loops of all axes.
+        advice_on_loops: advice on the loops of the requested axes.
+        other_axes: axes that were not requested, but whose gains should change.
+    """
+    lacks_margin = any(
+        judgement.loop_decisions[axis].reason.code is MarginsLight.LOOP_MARGINS
+        for axis in other_axes
+    )
+    has_margins = not any(advice.rating.is_bad for advice in advice_on_loops if advice.parameters)
+    return lacks_margin and has_margins
 
 
 def _advice_on_axes(
@@ -542,6 +571,7 @@ def _step_to_load_gains(
         - ``also``: what is to be mended before the gains are loaded;
         - ``needed``: the fraction from which on the gains count as certain;
         - ``is_biased``: whether wind biased the control effectiveness of a loop;
+        - ``fit``: the fit of a measured response that barely confirms a loop, 0 to 1, the lowest; None without one;
         - ``missing``: the status lights that should be known before;
         - ``names``: the axes whose gains are loaded, if not those of all axes with new gains are;
         - ``waiting``: the axes whose gains are of a later stage.
@@ -555,6 +585,7 @@ def _step_to_load_gains(
             waiting_axes.append(advice.before.axis)
         elif advice.is_sound:
             loops_to_load.append(advice)
+    weak_confirmations = [advice.weak_confirmation for advice in loops_to_load]
     axes_to_load: Names = ()
     if len(loops_to_load) < len(changed_loops):
         axes_to_load = tuple(advice.before.axis for advice in loops_to_load)
@@ -568,6 +599,9 @@ def _step_to_load_gains(
         also=_faults_before_gains(judgement),
         needed=SURE_SHARE,
         is_biased=any(_has_biased_effectiveness(advice.before) for advice in loops_to_load),
+        fit=min(
+            (fact.figures["share"] for fact in weak_confirmations if fact is not None), default=None
+        ),
         missing=_unknown_lights_for_higher_gains(judgement, loops_to_load),
         names=axes_to_load,
         waiting=tuple(waiting_axes),

@@ -126,8 +126,9 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
     )
     if changes is None:
         return None
-    # Gains that another flight is to confirm first are no result yet.
-    is_result = next_step.code is not NextStep.FLY_BEFORE_GAINS
+    # Gains that another flight, or the tuning of other axes, comes before are no result yet.
+    steps_before = (NextStep.FLY_BEFORE_GAINS, NextStep.TUNE_OTHER_AXES)
+    is_result = next_step.code not in steps_before
     return changes._replace(is_result=is_result)
 
 
