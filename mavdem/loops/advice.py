@@ -29,7 +29,6 @@ from mavdem.loops.axis_loops import (
     margin_rating,
     margin_scores,
     parameters_changed_in_flight,
-    unknown_phase_margin,
 )
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.demand_noise import DemandNoise, demand_noise
@@ -172,7 +171,6 @@ class Advice(ImmutableResult):
         - ``share_lacking``: fraction of the models that lack the margins with the logged gains, at that thrust.
         - ``is_sound``: whether the flight is a basis for changing gains (:attr:`is_sound`).
         - ``has_room``: whether the logged gains surely have the margins already.
-        - ``is_margin_known``: whether the interval of the phase margin is narrow enough to be sure of it.
         - ``can_go_on``: whether gains of loops with enough margin may be raised further.
         - ``stage`` of tuning, number of ``flights`` that it still needs, and ``largest_step``, the factor by which a
           gain changes at most between two of them.
@@ -189,7 +187,6 @@ class Advice(ImmutableResult):
             share_lacking=self.fraction_without_margins_before,
             is_sound=self.is_sound,
             has_room=self.rating.is_good,
-            is_margin_known=unknown_phase_margin(self.before.rate, is_steered=False) is None,
             can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),
             stage=int(self.stage or 0),
             flights=self.flights,

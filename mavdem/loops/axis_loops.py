@@ -62,11 +62,6 @@ MARGIN_TARGETS = {
 A phase margin of 45°, a gain margin of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback
 Systems, 2nd ed., sec. 10.3).
 """
-MAX_PHASE_MARGIN_HALF_WIDTH = 10.0
-"""Largest half width of the phase margin's 90 % interval, degrees.
-
-A tuner aims at 45° and is warned below 35°: an interval that is wider than this difference is of no use.
-"""
 LOWEST_SCORE = -1.0
 """Least score of margins that a fact reports: unstable loops have minus infinity."""
 LARGEST_REPORTED_GAIN_MARGIN = 99.0
@@ -301,8 +296,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     Each margin is divided by its target, and the smallest of these ratios is the score of a loop
     (:func:`margin_scores`). If it is at least 1, the loop has all margins. There is one score for the estimated plant
     and one for each draw from its posterior. The level is "good" if at least 95 % of the scores are at least 1, so that
-    the margins are certain, and the phase margin of the rate is known (:func:`unknown_phase_margin`). It is "watch" if
-    fewer are, or it is not known, but the estimate's score is at least 1, and "bad" otherwise.
+    the margins are certain. It is "watch" if fewer are, but the estimate's is, and "bad" otherwise.
 
     Args:
         loop: rate and attitude loop of one axis.
@@ -326,8 +320,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     # If the 5 % quantile of the scores is at least 1, then so are the scores of 95 % of the plants. The method "lower"
     # returns one of the scores. Interpolation with minus infinity, the score of an unstable loop, would give NaN.
     low_probability = 1 - INTERVAL_QUANTILES[1]
-    is_certain = np.quantile(scores, low_probability, method="lower") >= 1
-    if is_certain and unknown_phase_margin(loop.rate, is_steered=False) is None:
+    if np.quantile(scores, low_probability, method="lower") >= 1:
         level = Level.GOOD
     elif scores[ESTIMATE] >= 1:
         level = Level.WATCH
@@ -348,31 +341,6 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         gain_margin_interval=gain_margin_interval,
         ms=weaker_loop.ms,
         ms_interval=weaker_loop.ms_interval,
-    )
-
-
-def unknown_phase_margin(rate: OpenLoop, *, is_steered: bool) -> Fact | None:
-    """Returns the reason why a flight does not determine the phase margin of an identified rate loop.
-
-    Args:
-        rate: rate loop of the estimated plant and of draws from its posterior.
-        is_steered: whether commands explain nearly all of the motion, so that more of them would not help.
-
-    Returns:
-        The reason, a fact (coded finding), if the estimated loop is unstable although the vehicle flew, or the 90 %
-        interval of the phase margin is wider than twice ``MAX_PHASE_MARGIN_HALF_WIDTH``; None if the margin is known.
-    """
-    low, high = rate.phase_margin_interval
-    is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
-    if is_certain and rate.is_stable:
-        return None
-    # If the gain never crosses 1, the margin is infinite: the message limits the interval to a full circle.
-    interval = np.clip([low, high], -180.0, 180.0)
-    return Fact(
-        LoopFact.MARGIN_UNCERTAIN,
-        phase_margin_interval=interval,
-        is_stable=rate.is_stable,
-        is_steered=is_steered,
     )
 
 

@@ -26,12 +26,12 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flight, boot_number
-from mavdem.loops.axis_loops import MARGIN_TARGETS, unknown_phase_margin
+from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
 from mavdem.loops.identified_plant import physical_plant
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller
-from mavdem.loops.margins import controller_response, plant_response, rate_loop
+from mavdem.loops.margins import OpenLoop, controller_response, plant_response, rate_loop
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.identification import IdentifiedAxis, identify_axis
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
@@ -70,6 +70,11 @@ flights of ``tools/validation/loops.py`` phase margins then erred by 14°; above
 """
 MAX_EXPLAINED_FREQUENCY = 4.0
 """Highest frequency at which the output is compared with what the controller makes of the setpoint, Hz: a choice."""
+MAX_PHASE_MARGIN_HALF_WIDTH = 10.0
+"""Largest half width of the phase margin's 90 % interval, degrees.
+
+A tuner aims at 45° and is warned below 35°: an interval that is wider than this difference is of no use.
+"""
 MARGIN_DRAWS = 100
 """Number of draws of the plant from which the interval of the phase margin is computed: a choice."""
 
@@ -547,9 +552,7 @@ def _checked_plant(
     effectiveness = draws[:, EFFECTS] @ mixer_gains
     dynamics = np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM)
     rate = rate_loop(controller, plant_response(controller, effectiveness, dynamics))
-    unknown_margin = unknown_phase_margin(rate, is_steered=reference_share >= STEERED_SHARE)
-    if unknown_margin is not None:
-        raise NotLearnable(unknown_margin)
+    _require_known_margin(rate, reference_share)
     # The corner frequency of a first-order lag is at ω · lag = 1.
     is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1
     if is_beyond_motors and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
@@ -557,3 +560,29 @@ def _checked_plant(
         status = dict.fromkeys(PARAMETERS, Status.BIASED)
         return plant._replace(status=status, reasons=dict.fromkeys(PARAMETERS, rings))
     return plant
+
+
+def _require_known_margin(rate: OpenLoop, reference_share: float = 0.0) -> None:
+    """Raises an error if the flight does not determine the phase margin of an identified rate loop.
+
+    The error says what to do: to steer more, unless commands explain nearly all of the motion already.
+
+    Args:
+        rate: rate loop of the estimated plant and of draws from its posterior.
+        reference_share: fraction of the rate's motion that commands explain, 0 to 1.
+
+    Raises:
+        NotLearnable: the 90 % interval of the phase margin is wider than twice ``MAX_PHASE_MARGIN_HALF_WIDTH``, or the
+            estimated loop is unstable although the vehicle flew.
+    """
+    low, high = rate.phase_margin_interval
+    is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
+    if not (is_certain and rate.is_stable):
+        # If the gain never crosses 1, the margin is infinite: the message limits the interval to a full circle.
+        interval = np.clip([low, high], -180.0, 180.0)
+        raise NotLearnable(
+            LoopFact.MARGIN_UNCERTAIN,
+            phase_margin_interval=interval,
+            is_stable=rate.is_stable,
+            is_steered=reference_share >= STEERED_SHARE,
+        )

@@ -284,8 +284,7 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         return GainOutcome.DOUBTFUL
     if advice.parameters:
         return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
-    is_sure = advice.sure >= SURE_SHARE and advice.conclusion.figures["is_margin_known"]
-    if advice.rating.is_good or is_sure:
+    if advice.rating.is_good or advice.sure >= SURE_SHARE:
         return GainOutcome.KEEP
     return GainOutcome.KEEP_UNSURE
 

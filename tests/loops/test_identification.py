@@ -142,7 +142,7 @@ def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     blind = Signals(replace(signals.telemetry, messages=without))
     assert refusal(blind, flights) is LoopFact.NO_RATE_SETPOINT
     # The last reason first, so that each stands before those that are there already.
-    monkeypatch.setattr("mavdem.loops.axis_loops.MAX_PHASE_MARGIN_HALF_WIDTH", 0.1)
+    monkeypatch.setattr(in_flight, "MAX_PHASE_MARGIN_HALF_WIDTH", 0.1)
     assert refusal(signals, flights) is LoopFact.MARGIN_UNCERTAIN
     monkeypatch.setattr(in_flight, "MIN_REFERENCE_SHARE", 2.0)
     assert refusal(signals, flights) is LoopFact.NOT_STEERED

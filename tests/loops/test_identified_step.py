@@ -10,7 +10,7 @@ from pytest import approx, fixture, mark, raises
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import LoopFact, ResponseFact
-from mavdem.loops.axis_loops import unknown_phase_margin
+from mavdem.loops.identification import _require_known_margin
 from mavdem.loops.identified_step import (
     MAX_UNEXPLAINED_OUTPUT,
     identified_steps,
@@ -76,25 +76,26 @@ def test_intervals_of_margins_end_at_the_limit_of_stability():
 
 
 @mark.parametrize(
-    "scale, deviation, is_refused",
+    "scale, deviation, code",
     [
-        (1.0, 0.0, False),
-        (8.0, 0.0, True),  # The loop is unstable.
-        (1.0, 0.012, True),
+        (1.0, 0.0, None),
+        (8.0, 0.0, LoopFact.MARGIN_UNCERTAIN),  # The loop is unstable.
+        (1.0, 0.012, LoopFact.MARGIN_UNCERTAIN),
     ],
 )
-def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation, is_refused):
+def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation, code):
     """It is unstable, or its delay is uncertain by 12 ms."""
     effectiveness = np.full(101, scale * loop.effectiveness[0])
     dynamics = np.tile(loop.dynamics[0], (101, 1))
     dynamics[1:, 2] += np.linspace(-deviation, deviation, 100).clip(-dynamics[0, 2])
     rate = rate_loop(loop.controller, plant_response(loop.controller, effectiveness, dynamics))
-    reason = unknown_phase_margin(rate, is_steered=False)
-    if not is_refused:
-        assert reason is None
+    if code is None:
+        _require_known_margin(rate)
         return
-    assert reason is not None and reason.code is LoopFact.MARGIN_UNCERTAIN
-    assert str(reason).startswith("No margins: ")
+    with raises(NotLearnable) as refusal:
+        _require_known_margin(rate)
+    assert refusal.value.fact.code is code
+    assert str(refusal.value.fact).startswith("No margins: ")
 
 
 @mark.slow
