@@ -281,8 +281,11 @@
       if (upper.length) range.closePath();
       [upper, lower] = [[], []];
     };
-    for (let start = first; start <= last; start += size) {
-      const end = Math.min(start + size, last + 1), samples = Array.from(values.slice(start, end)).filter(value => value != null);
+    // Samples that are farther apart than the others share no mean: it would be one of a long time, with all its range.
+    const duration = (times[last] - times[first]) * size / (last - first);
+    for (let start = first, end; start <= last; start = end) {
+      for (end = start + 1; end <= last && end < start + size && times[end] < times[start] + duration;) end++;
+      const samples = Array.from(values.slice(start, end)).filter(value => value != null);
       if (!samples.length) { close(); continue; }
       const time = (times[start] + times[end - 1]) / 2;
       mean[upper.length ? "lineTo" : "moveTo"](...place(time, samples.reduce((sum, value) => sum + value, 0) / samples.length));
