@@ -18,6 +18,7 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.gusts import GustDetector, ResolvedTorque
 from mavdem.live.history import horizon_steps
 from mavdem.live.rows import AlignedRow, RowFormat
+from mavdem.plant.parameters import Physical
 
 MAX_MODELS = 16
 """Models that are kept: several times the seconds that a landing withdraws, so that one from before is among them."""
@@ -146,13 +147,6 @@ class FlightLearning:
         Args:
             row_format: names of motors and outputs, units and time step of the rows.
         """
-        prior_parameters = None
-        if self._prior is not None:
-            if self._prior.record.input_units == row_format.input_units:
-                prior_parameters = self._prior.physical
-            else:
-                # Thrust per output is not comparable between outputs of different units.
-                self._log(Fact(SessionFact.PRIOR_NOT_USED))
         geometry = row_format.geometry
         # The signs in which each motor turns the vehicle about the axis; None where the motors' places are guessed.
         effect_directions = None
@@ -166,8 +160,24 @@ class FlightLearning:
             executor=self._executor,
             horizons=horizon_steps(row_format.dt),
             effect_directions=effect_directions,
-            prior=prior_parameters,
+            prior=self._prior_parameters(row_format),
         )
+
+    def _prior_parameters(self, row_format: RowFormat) -> Physical | None:
+        """Returns the physical parameters by an earlier flight, from which learning starts; None if there are none.
+
+        Those of motor outputs in another unit are not used, which is reported.
+
+        Args:
+            row_format: names of motors and outputs, units and time step of the rows.
+        """
+        if self._prior is None:
+            return None
+        if self._prior.record.input_units != row_format.input_units:
+            # Thrust per output is not comparable between outputs of different units.
+            self._log(Fact(SessionFact.PRIOR_NOT_USED))
+            return None
+        return self._prior.physical
 
     def _date_models_of_other_boot(self) -> None:
         """Dates all models minus infinity, so that a landing in the boot that begins now never withdraws them."""
@@ -383,17 +393,16 @@ class FlightLearning:
         return self.named_model(self._models[-1].learned, parameters)
 
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:
-        """Completes a learner's model with the meaning of its columns: names, units and range of the inputs, and gains.
+        """Returns a learner's model with what it needs to be judged, and written to a file.
 
-        It also gets the latest physical parameters, which are fitted separately. So the model can be judged and written
-        to a file.
+        A learner knows columns of numbers only. The completed model has the names and units of inputs and outputs, the
+        range of the inputs, the gains of the autopilot, and the latest physical parameters, which are fitted
+        separately.
 
         Args:
-            learned: model of the latest rows' inputs; a model with another number of inputs is returned unchanged.
+            learned: model of the motors' effect on the motion. One with another number of motors than the latest rows
+                is returned unchanged.
             parameters: all parameters of the autopilot, by name; the control parameters among them are kept.
-
-        Returns:
-            The completed model.
         """
         row_format = self._row_format
         if row_format is None:
@@ -404,24 +413,32 @@ class FlightLearning:
             # The model is of other motors than the latest rows: their names would be wrong.
             return learned
         outputs = model_outputs(self._axis)
-        # Gains, and other parameters that the control loops depend on.
-        gains = {}
-        for name, value in parameters.items():
-            if CONTROL_PARAMETERS.match(name):
-                gains[name] = value
         record = replace(
             learned.record,
             input_names=motor_names,
             output_names=tuple(output.name for output in outputs),
             input_units=row_format.input_units,
             output_units=tuple(output.unit for output in outputs),
-            parameters=gains,
+            parameters=_control_parameters(parameters),
             input_range=(row_format.scale.low, row_format.scale.high),
         )
         named_model = replace(learned, record=record)
         if self.estimate is None or self.estimate.physical is None:
             return named_model
         return named_model.with_physical(self.estimate.physical)
+
+
+def _control_parameters(parameters: Parameters) -> dict[str, float]:
+    """Returns the parameters of the autopilot that its control loops depend on, such as their gains.
+
+    Args:
+        parameters: all parameters of the autopilot, by name.
+    """
+    control_parameters = {}
+    for name, value in parameters.items():
+        if CONTROL_PARAMETERS.match(name):
+            control_parameters[name] = value
+    return control_parameters
 
 
 def _model_learned_now(learner: OnlineLearner, max_seconds: float) -> Learned:

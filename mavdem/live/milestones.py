@@ -109,24 +109,47 @@ class Milestones:
         """
         if boot != self._boot:
             self._note_restart(boot)
-        # This comes first: if a new flight has begun, it forgets what was reported of the last one, so that the same is
-        # reported of the new one below.
+        former_verdict = self._latest_verdict
+        if former_verdict is not None and status.is_flying:
+            has_new_flight_begun = former_verdict.number != status.flight_number
+            if has_new_flight_begun:
+                self._end_former_flight(former_verdict)
         self._update_verdict(status)
-        physical = _latest_physical(learning)
-        are_parameters_known = physical is not None and physical.identifiable
-        if are_parameters_known and not self._has_parameters:
-            # Reported once: later fits only change the figures.
-            self._has_parameters = True
-            parameter_figures = _parameter_figures(learning, physical)
-            self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **parameter_figures))
-        # If the vehicle has just ended a flight, ``_landing_to_report`` becomes the time at which it did.
+        self._report_parameters(learning)
         self._note_landing(status, now)
-        # A vehicle whose motors were stopped in the air is still falling: it has neither landed nor is it lost yet.
-        is_end_known = status.has_landed or status.loss is not None
-        if self._landing_to_report is not None and is_end_known:
-            self._report_flight(learning, status, self._landing_to_report, physical)
-            self._landing_to_report = None
+        self._report_landing(learning, status)
         self._report_end_of_lost_flight(status)
+
+    def _report_parameters(self, learning: FlightLearning) -> None:
+        """Reports the physical parameters once in each flight, as soon as they are identifiable.
+
+        Later fits only change the figures.
+
+        Args:
+            learning: learning that has the latest fit of the physical parameters.
+        """
+        physical = _latest_physical(learning)
+        if self._has_parameters or physical is None or not physical.identifiable:
+            return
+        self._has_parameters = True
+        parameter_figures = _parameter_figures(learning, physical)
+        self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **parameter_figures))
+
+    def _report_landing(self, learning: FlightLearning, status: SessionStatus) -> None:
+        """Reports what a flight has shown, once it is over and it is known how it ended.
+
+        A vehicle whose motors were stopped in the air is still falling: it has neither landed nor is it lost yet.
+
+        Args:
+            learning: learning that has the latest estimates of the flight.
+            status: status of the session, with how the flight ended.
+        """
+        landing_time = self._landing_to_report
+        is_end_known = status.has_landed or status.loss is not None
+        if landing_time is None or not is_end_known:
+            return
+        self._report_flight(learning, status, landing_time, _latest_physical(learning))
+        self._landing_to_report = None
 
     def _report_end_of_lost_flight(self, status: SessionStatus) -> None:
         """Reports the verdict on a flight that was lost, once: when its motors are disarmed, or its messages end.
@@ -160,28 +183,33 @@ class Milestones:
         self._was_flying = False
 
     def _update_verdict(self, status: SessionStatus) -> None:
-        """Keeps the verdict on the latest flight up to date, and reports it when another flight has begun.
-
-        From the new take-off on, lights and headline of the session are about the new flight. Until the end of the
-        session, when the verdicts on all flights are reported, only this report states the verdict on the old one.
+        """Keeps the verdict on the latest flight up to date: how it is judged, and whether it was lost in the air.
 
         Args:
             status: status of the session, with the judgement of the latest flight.
         """
         former_verdict = self._latest_verdict
         if status.is_flying:
-            if former_verdict is not None and former_verdict.number != status.flight_number:
-                # Another flight has begun.
-                self._keep_verdict(former_verdict)
-                if former_verdict.number != self._reported_loss:
-                    self._log(former_verdict.fact_in_next_flight)
-                self._forget_milestones()
             # In flight the verdict is that of the moment. This holds too if the flight goes on after a restart of the
             # autopilot in the air, by which it seemed to be lost.
             self._latest_verdict = status.verdict
         elif former_verdict is not None and not former_verdict.is_lost_in_air:
             # After the landing the duration stays, and the judgement may become that of the recording.
             self._latest_verdict = former_verdict._replace(judgement=status.verdict.judgement)
+
+    def _end_former_flight(self, verdict: FlightVerdict) -> None:
+        """Reports and keeps the verdict on a flight when the next one has begun, whose milestones are reported anew.
+
+        From the new take-off on, lights and headline of the session are about the new flight. Until the end of the
+        session, when the verdicts on all flights are reported, only this report states the verdict on the old one.
+
+        Args:
+            verdict: how the flight before the one that begins is judged. That of a lost flight was reported already.
+        """
+        self._keep_verdict(verdict)
+        if verdict.number != self._reported_loss:
+            self._log(verdict.fact_in_next_flight)
+        self._forget_milestones()
 
     def _keep_verdict(self, verdict: FlightVerdict) -> None:
         """Keeps the verdict on a flight that is over; of more than ``MAX_VERDICTS`` the least severe is forgotten.
@@ -201,7 +229,7 @@ class Milestones:
         self._reported_rows = 0
 
     def _note_landing(self, status: SessionStatus, now: float) -> None:
-        """Stores the time of a landing, so that the results of the flight are reported, and in flight the wind so far.
+        """Stores when the vehicle landed, until the results of the flight are reported, and in flight the wind so far.
 
         Args:
             status: status of the session, with the estimated wind and whether the vehicle flies.

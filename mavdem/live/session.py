@@ -390,20 +390,37 @@ class LiveSession:
         for batch in batches:
             vehicle = self.stream.followed_vehicle
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle, self.stream.boot)
+        # How long no message of the vehicle had come before these.
         silence = self._update_silence_monitor(first_arrival, last_arrival, frames)
         former_time = self.history.now
-        self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
-        if self.stream.is_flying:
-            self.history.note_flight(self.stream.flight_number, self.stream.takeoff_time)
+        self._advance_history()
         self._show_slow_sample()
         self._withdraw_samples_of_landing_or_loss()
-        self._report_resumed_messages(silence, first_arrival, former_time)
-        self._report_resumed_motion()
-        self._silence_monitor.note_attitudes(self.stream.attitude_count)
-        self._silence_monitor.note_outage(silence, is_flying=self.stream.is_flying)
+        self._report_end_of_silence(silence, first_arrival, former_time)
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
             self._rates.restart()
+
+    def _advance_history(self) -> None:
+        """Advances the history of the session, which the charts show, to the time of the latest message."""
+        self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
+        if self.stream.is_flying:
+            self.history.note_flight(self.stream.flight_number, self.stream.takeoff_time)
+
+    def _report_end_of_silence(
+        self, silence: float, arrival_time: float, former_time: float
+    ) -> None:
+        """Reports that messages of the vehicle, or those of its motion, come again, and keeps the longest outage.
+
+        Args:
+            silence: how long no message of the followed vehicle had come before the latest ones, s.
+            arrival_time: when the latest ones arrived, s of the monotonic clock.
+            former_time: time of the history before these, s.
+        """
+        self._report_resumed_messages(silence, arrival_time, former_time)
+        self._report_resumed_motion()
+        self._silence_monitor.note_attitudes(self.stream.attitude_count)
+        self._silence_monitor.note_outage(silence, is_flying=self.stream.is_flying)
 
     def _learn_from_frames(
         self, frames: Sequence[Frame], stamp: float, arrival_time: float
@@ -579,27 +596,40 @@ class LiveSession:
         """Trains the model with one row, that is one sample of motor outputs and motion at one time, and shows it.
 
         All rows are shown. The learner gets rows of free flight only, in which the vehicle is in the air and nothing
-        holds it. The latency is the time from the packet's arrival to the estimate, without the time for drawing.
+        holds it.
 
         Args:
             row: motor outputs and motion at one time on the boot clock.
             arrival_time: arrival of the packet that completed the row, s of the monotonic clock.
         """
-        # The stream sets the format before its first row. Each segment of rows has a format object of its own.
         row_format = self.stream.row_format
-        assert row_format is not None
+        assert row_format is not None, "the stream sets the format before its first row"
         learning = self.flight.learning
+        # Each segment of rows has a format object of its own.
         is_new_segment = row_format is not learning.row_format
         if is_new_segment:
             self._begin_segment(row_format)
         learning.is_free_flight = row.is_free_flight
         estimate = self._learn_row(row)
+        # The latency counts from the packet's arrival to the estimate, without the time for drawing below.
         self.flight.latencies.add(clock.monotonic() - arrival_time)
         learning.note_estimate(estimate, row, self.stream.parameters)
+        self._show_row(row, row_format, estimate)
+
+    def _show_row(self, row: AlignedRow, row_format: RowFormat, estimate: Estimate | None) -> None:
+        """Adds a row to the history of the flight, which the charts show, and draws it with the latest model and wind.
+
+        Args:
+            row: motor outputs and motion at one time on the boot clock.
+            row_format: names of motors and outputs, units and time step of the row.
+            estimate: the learner's estimate at this row; None without one.
+        """
+        pose = self.stream.pose
         wind = self.stream.wind.latest
-        self._presentation.add_to_history(row, row_format, estimate, wind, self.stream.pose)
-        model = None if learning.learner is None else learning.learner.learned
-        self._presentation.show(row, self.stream.pose, estimate, model, wind)
+        learner = self.flight.learning.learner
+        model = None if learner is None else learner.learned
+        self._presentation.add_to_history(row, row_format, estimate, wind, pose)
+        self._presentation.show(row, pose, estimate, model, wind)
 
     def _begin_segment(self, row_format: RowFormat) -> None:
         """Prepares learner, history and display for a new segment, whose rows may have other motors or another step.
@@ -669,11 +699,11 @@ class LiveSession:
             return
         self._reported_reason = reason
         is_flight_over = reason is not None and reason.code is SessionFact.FLIGHT_OVER
+        was_end_reported = self._ended_flight == status.flight_number
+        if is_flight_over and was_end_reported:
+            return
         if is_flight_over:
-            was_end_reported = self._ended_flight == status.flight_number
             self._ended_flight = status.flight_number
-            if was_end_reported:
-                return
         if not self._is_covered_by_other_report(reason, former_reason, status):
             self._presentation.log(_report_on_learning(reason, status))
 

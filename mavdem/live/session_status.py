@@ -281,9 +281,10 @@ class SessionStatus(ImmutableResult):
     """The verdict of the recording on the flight that is over, or why there is none yet; None where no recording is
     to be judged apart from this session. An all-clear waits for it."""
 
-    earlier_recording: Fact | None = None
-    """What a library has against an earlier flight of the vehicle, by another session: its verdict if that forbids to
-    fly, or is bad and on the flight before, or that the end of that flight was not received; None for nothing."""
+    fault_in_library: Fact | None = None
+    """Why the vehicle should not fly, by the library's judgement of its flights in former sessions: a fault that
+    forbids to fly, a bad fault of the flight before, or that the end of that flight was not received; None without
+    any."""
 
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
@@ -408,16 +409,25 @@ class SessionStatus(ImmutableResult):
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=end_awaited)
             return replace(judgement, headline=end_awaited, next_step=next_step)
         judgement = self._judgement_with_recording(judgement)
-        if self._is_in_air and self.loss is None and judgement.headline.is_watch_or_bad:
-            # The session has ended in flight: what is to be repaired comes after the landing.
-            repair = judgement.next_step
-            if self._is_urgent(judgement.headline):
-                # As urgent as before the end, which has changed nothing about the vehicle.
-                step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=repair)
-            else:
-                step = Fact(self._step_until_landing(judgement.headline), reason=repair)
-            return replace(judgement, next_step=step)
+        has_ended_in_flight = self._is_in_air and self.loss is None
+        if has_ended_in_flight and judgement.headline.is_watch_or_bad:
+            return self._judgement_until_landing(judgement)
         return judgement
+
+    def _judgement_until_landing(self, judgement: Judgement) -> Judgement:
+        """Returns a judgement whose next step begins with the landing, after a session that has ended in flight.
+
+        Args:
+            judgement: judgement of the flight, whose headline warns; its next step, such as a repair, comes after the
+                landing.
+        """
+        step_on_ground = judgement.next_step
+        if self._is_urgent(judgement.headline):
+            # The fault is as urgent as before: the end of the session has changed nothing about the vehicle.
+            step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=step_on_ground)
+        else:
+            step = Fact(self._step_until_landing(judgement.headline), reason=step_on_ground)
+        return replace(judgement, next_step=step)
 
     @property
     def _is_left_in_air(self) -> bool:
@@ -545,7 +555,7 @@ class SessionStatus(ImmutableResult):
         of an earlier flight was repaired; while the link is lost, what to do about that comes first. The lights remain
         those of the latest flight.
         """
-        judgement = self._judgement_with_worst_verdict
+        judgement = self._judgement_headed_by_worst_flight
         if not self._is_in_flight or self.link_loss is not None:
             return judgement
         fault = self.unrepaired_fault
@@ -559,47 +569,58 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, headline=headline, next_step=next_step)
 
     @property
-    def _judgement_with_worst_verdict(self) -> Judgement:
-        """The judgement of the latest flight; on the ground headed by the verdict on a worse earlier flight."""
+    def _judgement_headed_by_worst_flight(self) -> Judgement:
+        """The judgement of the latest flight; on the ground, with headline and next step of an earlier one if worse.
+
+        The lights, which judge the parts of the vehicle, remain those of the latest flight.
+        """
         judgement = self.overall_judgement
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or self._is_in_flight:
             return judgement
-        if self.verdicts_worst_first[0] != worst_verdict:
+        is_latest_flight_worse = self.verdicts_worst_first[0] != worst_verdict
+        if is_latest_flight_worse:
             return judgement
         next_step = worst_verdict.judgement.next_step
         return replace(judgement, headline=worst_verdict.fact, next_step=next_step)
 
     @property
     def unrepaired_fault(self) -> Fact | None:
-        """The warning that a fault of an earlier flight, which forbids to fly, may not have been repaired; or None.
+        """The warning that a fault which forbids to fly, found in an earlier flight, may not have been repaired.
 
-        The fault was found in an earlier flight of this session or, if in none, by a library in a flight of another
-        session. One that the headline states already needs no warning.
+        The earlier flight is one of this session or, if none of these has such a fault, one of a former session, whose
+        recording was judged by the library. None if there is no such fault, or if the headline states it already.
         """
-        earlier_flight = self.worst_earlier_verdict
-        if earlier_flight is not None and earlier_flight.judgement.headline.forbids_flight:
-            shown_headline = self._judgement_with_worst_verdict.headline
-            if shown_headline == earlier_flight.fact:
-                return None
-            return self._warning_of_fault(earlier_flight.fact, earlier_flight.judgement.next_step)
-        # What the library has against a flight of another session; None for nothing.
-        fault_in_library = self.earlier_recording
-        if fault_in_library is not None and not self._may_be_repaired:
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=fault_in_library)
-            return self._warning_of_fault(fault_in_library, next_step)
-        return None
+        worst_verdict = self.worst_earlier_verdict
+        if worst_verdict is None or not worst_verdict.judgement.headline.forbids_flight:
+            return self._warning_by_library
+        is_stated_by_headline = (
+            self._judgement_headed_by_worst_flight.headline == worst_verdict.fact
+        )
+        if is_stated_by_headline:
+            return None
+        return self._warning_of_fault(worst_verdict.fact, worst_verdict.judgement.next_step)
 
     @property
-    def _may_be_repaired(self) -> bool:
-        """Whether the fault that a library has found in an earlier flight need not be named any more.
+    def _warning_by_library(self) -> Fact | None:
+        """The warning that a fault which the library found in a flight of a former session may not have been repaired.
 
-        One that does not forbid to fly, such as a small margin, is named until a flight of this session is over: its
-        own verdict then shows whether the fault is still there.
+        None if the library found none, or if a flight of this session has shown meanwhile whether it is repaired.
         """
-        fault = self.earlier_recording
-        is_judged_fault = fault is not None and fault.code is SessionFact.RECORDING_JUDGED
-        if fault is None or not is_judged_fault or fault.forbids_flight:
+        fault = self.fault_in_library
+        if fault is None or self._was_fault_checked_again:
+            return None
+        return self._warning_of_fault(fault, Fact(NextStep.DO_AS_ADVISED, reason=fault))
+
+    @property
+    def _was_fault_checked_again(self) -> bool:
+        """Whether a flight of this session shows if the fault that the library found in an earlier one is still there.
+
+        That holds for a fault with which the vehicle may fly, such as a small stability margin, once it has flown. A
+        fault that forbids to fly, and a flight whose end was not received, are named as long as the session lasts.
+        """
+        fault = self.fault_in_library
+        if fault is None or fault.code is not SessionFact.RECORDING_JUDGED or fault.forbids_flight:
             return False
         return self.flight_number > 0 and not self._is_in_flight
 
@@ -685,30 +706,38 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _judgement_by_model(self) -> Judgement:
-        """The judgement of the latest model; before one is judged, status lights that say why there is none.
+        """The judgement of the flight by the learned model; before there is a model, one that says why there is none.
 
-        A model shows neither the tracking nor the estimator: its judgement says of both that they are judged later.
-        Their lights then get the reason why they are not judged in flight.
+        A judgement has a headline, a next step, and for each part of the vehicle a light: the fact (coded finding) that
+        judges this part.
         """
-        reason = self._reason_without_model
+        lights_without_model = self._lights_before_model
+        if self.model_judgement is None:
+            headline = self._weak_motors[0] if self._weak_motors else self._reason_without_model
+            return replace(unjudged(headline), lights=lights_without_model)
+        # A model does not show how the vehicle tracks its setpoints, nor how good the autopilot's estimator is. The
+        # lights of both only say that they are judged later; here they get the reason why not in flight.
+        lights = dict(self.model_judgement.lights)
+        for part in (Light.TRACKING, Light.ESTIMATOR):
+            if lights[part].code is Unjudged.JUDGED_LATER:
+                reason = lights_without_model[part].figures["reason"]
+                lights[part] = lights[part].replace(reason=reason)
+        return replace(self.model_judgement, lights=lights)
+
+    @property
+    def _lights_before_model(self) -> dict[str, Fact]:
+        """The light of each part of the vehicle as long as no model was judged: no alarm so far, or why not judged."""
         watch_facts = self._followed_watch_facts
         if self._is_silent_after_flight:
             # The flight is over, and nothing need be watched any more. So no light gets the silent link as its reason.
             watch_facts = {}
-        unjudged_lights = lights_before_model(
-            reason, self.rates, watch_facts, self.no_wind_reason, self.margins_awaited
+        return lights_before_model(
+            self._reason_without_model,
+            self.rates,
+            watch_facts,
+            self.no_wind_reason,
+            self.margins_awaited,
         )
-        if self.model_judgement is None:
-            headline = reason
-            if self._weak_motors:
-                headline = self._weak_motors[0]
-            return replace(unjudged(headline), lights=unjudged_lights)
-        lights = dict(self.model_judgement.lights)
-        for name in (Light.TRACKING, Light.ESTIMATOR):
-            if lights[name].code is Unjudged.JUDGED_LATER:
-                reason_not_judged = unjudged_lights[name].figures["reason"]
-                lights[name] = lights[name].replace(reason=reason_not_judged)
-        return replace(self.model_judgement, lights=lights)
 
     @property
     def _judgement_with_all_lights(self) -> Judgement:
@@ -733,29 +762,17 @@ class SessionStatus(ImmutableResult):
 
         The first rule that applies decides:
 
-        1. An oscillation becomes the headline in the place of any lasting fault: it drives the motors to their limits.
-        2. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
-        3. Before a model is judged, the headline sums up the lights, if any of them needs none.
-        4. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
-        5. Otherwise the headline of the model stays.
+        1. If a light is bad, :func:`_judgement_with_bad_lights` decides which fault is the headline.
+        2. Before a model is judged, the headline sums up the lights, if a part of the vehicle is judged without one.
+        3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
+        4. Otherwise the headline of the model stays.
 
         Args:
             judgement: headline and next step by the model, or why there is none, and the lights by all checks.
             is_light_replaced: whether a light is not that of the model.
         """
-        lights = judgement.lights
-        bad_lights = [fact for fact in lights.values() if fact.is_bad]
-        # An event precedes what lasts, as for a log: a diverging height precedes the vibration that causes it.
-        bad_events = [fact for fact in bad_lights if _is_event(fact)]
-        margins = lights[Light.MARGINS]
-        is_event_stated = bool(bad_events) or _is_event(judgement.headline)
-        if margins.code is MarginsLight.OSCILLATES and margins.is_bad and not is_event_stated:
-            return _judgement_with_headline(margins, lights)
-        if bad_lights and judgement.headline.is_bad:
-            return judgement
-        if bad_lights:
-            most_important = bad_events[0] if bad_events else bad_lights[0]
-            return _judgement_with_headline(most_important, lights)
+        if any(light.is_bad for light in judgement.lights.values()):
+            return _judgement_with_bad_lights(judgement)
         if self._shows_lights_before_model:
             # While messages come, the next step says what has to happen before a model can be learned.
             return _judgement_by_lights(judgement, keeps_next_step=self._is_vehicle_received)
@@ -948,12 +965,12 @@ class SessionStatus(ImmutableResult):
             return judgement
         if is_awaited and self._is_silent_after_flight:
             verdict = verdict.replace(is_switched_off=True)
-        next_step = self._step_after_recording(verdict)
-        lights = dict(self._lights_with_recording(judgement.lights))
+        lights = self._lights_with_recording(judgement.lights)
         if is_awaited and verdict.figures["kind"] is not RecordingState.FAILED:
             # Margins in flight are of the axis and the time learned so far: their advice on gains may be the opposite
             # of what the recording shows a moment later.
-            lights[Light.MARGINS] = Fact(Unjudged.NOT_JUDGED, reason=verdict)
+            lights = {**lights, Light.MARGINS: Fact(Unjudged.NOT_JUDGED, reason=verdict)}
+        next_step = self._step_after_recording(verdict)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
     def _step_after_recording(self, verdict: Fact) -> Fact:
@@ -1397,27 +1414,52 @@ def _lights_of_recording(
     recorded_levels: Mapping[str, str],
     recorded_sentences: Mapping[str, str],
 ) -> dict[str, Fact]:
-    """Returns the lights of a flight that is over: for each part of the vehicle the fact with its judgement.
+    """Returns the lights of a flight that is over: for each part of the vehicle the coded finding that judges it.
 
-    The recording of the flight is judged after its end, and gives each part a level. Its judgement takes the place of
-    that in flight, also where both have one level, so that level, sentence and figures are those of the headline and of
-    the library. Where the recording leaves a part unknown, the light of the flight stays.
+    The session has judged the parts in flight; later the library judges the recording of the flight. Where the
+    recording judges a part, its light replaces that of the session, even one of the same level, so that all figures on
+    the page are those of the recording. Where it leaves a part unknown, the light of the session stays.
 
     Args:
-        lights_in_flight: the judgement of each part in the session, by the name of the part.
+        lights_in_flight: the judgement of each part by the session, by the name of the part.
         recorded_levels: levels by the recording, by the same names; empty where a part is not judged.
-        recorded_sentences: what the recording shows of each part, by the same names; a recording that an earlier
-            version has judged has none.
+        recorded_sentences: what the recording shows of each part, by the same names; empty if it was judged by an
+            earlier version of mavdem, which stored levels only.
     """
     lights = dict(lights_in_flight)
-    for name, light in lights_in_flight.items():
-        level = recorded_levels[name]
-        statement = recorded_sentences.get(name, "")
-        is_judged = level not in ("", Level.UNKNOWN)
-        # Without a statement, that of the flight says more, unless it contradicts the level.
-        if is_judged and (statement or level != light.level):
-            lights[name] = Fact(SessionFact.LIGHT_OF_RECORDING, Level(level), statement=statement)
+    for part, light_in_flight in lights_in_flight.items():
+        level = recorded_levels[part]
+        if level in ("", Level.UNKNOWN):
+            continue
+        sentence = recorded_sentences.get(part, "")
+        is_same_level_only = not sentence and level == light_in_flight.level
+        if is_same_level_only:
+            # The light of the session has the same level, and figures too.
+            continue
+        lights[part] = Fact(SessionFact.LIGHT_OF_RECORDING, Level(level), statement=sentence)
     return lights
+
+
+def _judgement_with_bad_lights(judgement: Judgement) -> Judgement:
+    """Returns a judgement whose headline states the most important fault, if a part of the vehicle is judged bad.
+
+    Events, such as a loss of control, come before faults that last: a diverging height, for instance, before the
+    vibration that causes it. Without an event, an oscillation comes first, since it drives the motors to their limits.
+    Otherwise a headline that states a bad fault already stays.
+
+    Args:
+        judgement: headline, next step, and lights: the fact that judges each part of the vehicle, one of them bad.
+    """
+    bad_lights = [light for light in judgement.lights.values() if light.is_bad]
+    bad_events = [light for light in bad_lights if _is_event(light)]
+    oscillations = [light for light in bad_lights if light.code is MarginsLight.OSCILLATES]
+    is_event_stated = bool(bad_events) or _is_event(judgement.headline)
+    if oscillations and not is_event_stated:
+        return _judgement_with_headline(oscillations[0], judgement.lights)
+    if judgement.headline.is_bad:
+        return judgement
+    most_important_light = (bad_events or bad_lights)[0]
+    return _judgement_with_headline(most_important_light, judgement.lights)
 
 
 def _judgement_by_lights(judgement: Judgement, *, keeps_next_step: bool) -> Judgement:

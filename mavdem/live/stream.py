@@ -358,9 +358,6 @@ class LiveStream:
         loss = None if watchdog.loss is None else self._loss_with_weak_motor(watchdog.loss)
         # Where the take-off was not seen, a position in the air was taken for its place.
         is_takeoff_seen = isfinite(self.takeoff_time)
-        flight_seconds = None
-        if self.is_flying and is_takeoff_seen:
-            flight_seconds = self._clock.now - self.takeoff_time
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
             boot_clock=self._clock.now,
@@ -369,7 +366,7 @@ class LiveStream:
             rates=self._rows.rates(self._clock.now),
             is_flying=self.is_flying,
             flight_number=self.flight_number,
-            flight_seconds=flight_seconds,
+            flight_seconds=self._flight_seconds,
             lost_messages=vehicle.lost_messages if vehicle else 0,
             gap_seconds=vehicle.uncounted_gap_seconds if vehicle else 0.0,
             late_samples=self._rows.late_samples,
@@ -391,6 +388,13 @@ class LiveStream:
             mean_wind=self.wind.mean,
             no_wind_reason=self.wind.no_estimate_reason,
         )
+
+    @property
+    def _flight_seconds(self) -> float | None:
+        """Time since the take-off, s; None on the ground, or where the take-off was not seen."""
+        if not self.is_flying or not isfinite(self.takeoff_time):
+            return None
+        return self._clock.now - self.takeoff_time
 
     @property
     def _active_alarms(self) -> Facts:
@@ -707,41 +711,39 @@ class LiveStream:
             self._review.watchdog.drift.add_sample(sample, self.parameters)
 
     def _process_attitude(self, message: Message, time: float) -> list[AlignedRow]:
-        """Passes an attitude on to all that use it: the watchdog, the wind estimator, the pose, and the learner's rows.
+        """Passes an attitude on to all that use it, the learner included, and returns the rows that it completes.
 
-        Several messages may bring the attitude. The wind is estimated from the one that the learner uses, and in free
-        flight only: held by the ground, the vehicle does not lean into the wind.
+        It goes to the watchdog, which looks for faults, to the estimator of the wind, to the pose (the latest position,
+        velocity and attitude), and to the learner's rows (samples of attitude and motor outputs at one time).
 
         Args:
             message: decoded ATTITUDE or ATTITUDE_QUATERNION.
             time: time on the boot clock, s.
-
-        Returns:
-            The rows of aligned attitude and motor outputs that this attitude completes.
         """
         watchdog = self._review.watchdog
         watchdog.add_message(message, time)
-        # An attitude has no port: only motor outputs come in several groups.
-        port = 0
         attitude = attitude_sample(message)
-        if attitude is None:
-            # An attitude that is NaN cannot be used, but it was received, and must not count as missing.
-            return self._add_sample(message.name, port, time, values=None)
-        is_used_by_learner = message.name == self._rows.attitude_message
-        if is_used_by_learner and self._phase.is_free(time):
-            self.wind.add_attitude(time, attitude.roll, attitude.pitch, attitude.yaw)
-        # The pose is the latest position, velocity and attitude.
-        pose = self._pose.add_attitude(time, attitude)
-        watchdog.control.add_pose(pose)
-        return self._add_sample(message.name, port, time, attitude.tilt_and_rates)
+        tilt_and_rates = None
+        if attitude is not None:
+            tilt_and_rates = attitude.tilt_and_rates
+            # Several messages may bring the attitude: the wind is estimated from the one that the learner uses. Held by
+            # the ground, the vehicle does not lean into the wind.
+            is_used_by_learner = message.name == self._rows.attitude_message
+            if is_used_by_learner and self._phase.is_free(time):
+                self.wind.add_attitude(time, attitude.roll, attitude.pitch, attitude.yaw)
+            pose = self._pose.add_attitude(time, attitude)
+            watchdog.control.add_pose(pose)
+        # An attitude that is NaN cannot be used, but it was received, and must not count as missing. Only motor outputs
+        # come in several ports.
+        return self._add_sample(message.name, 0, time, tilt_and_rates)
 
     def _add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
     ) -> list[AlignedRow]:
-        """Adds a sample of attitude or motor outputs, and returns the rows of aligned samples that it completes.
+        """Adds a sample of attitude or motor outputs, and returns the rows that it completes: both at one time.
 
-        With each sample of the port (group of outputs) that has most motors, the sequential test for a motor that loses
-        thrust continues. The test comes before the rows, so that a row marks a motor that this sample shows to be weak.
+        Each sample of the port (group of outputs) that has most motors also continues the test for a motor that loses
+        thrust.
 
         Args:
             name: name of the message.
@@ -757,6 +759,7 @@ class LiveStream:
             # The sample was refused, or no rows are made of this stream.
             return []
         if self._rows.is_main_motor_stream(stream):
+            # The test comes before the rows, which mark the time when a motor is weak.
             self._test_motors(time)
         return self._rows.completed_rows(name, stream)
 

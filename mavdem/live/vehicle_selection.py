@@ -372,23 +372,38 @@ class VehicleSelector:
         elif self.followed is not None:
             self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
-            # The user has named a component ("1:1") or a system ("1").
-            is_wanted_component = self._wanted == sender.name
-            is_of_wanted_system = self._wanted == str(sender.system)
-            if is_wanted_component or (is_of_wanted_system and sender.can_be_followed):
+            if self._is_wanted(sender):
                 self._follow(sender)
         elif sender.can_be_followed:
-            candidates = self._candidates()
-            if candidates == [sender]:
-                self._follow(sender)
-            elif len(candidates) > 1:
-                self._report_choice(candidates)
+            self._follow_if_only_candidate(sender)
         elif sender.is_other_vehicle and not self.other_vehicles:
             self.not_followed_reason = Fact(
                 VehicleFact.NO_MULTIROTOR_YET,
                 subject=sender.name,
                 vehicle_type=sender.vehicle_type,
             )
+
+    def _is_wanted(self, sender: Component) -> bool:
+        """Returns whether a component is the vehicle that the user has named, and can be followed.
+
+        Args:
+            sender: the component. The user has named it ("1:1"), or a system ("1") that may have other components, too.
+        """
+        is_wanted_component = self._wanted == sender.name
+        is_of_wanted_system = self._wanted == str(sender.system)
+        return is_wanted_component or (is_of_wanted_system and sender.can_be_followed)
+
+    def _follow_if_only_candidate(self, sender: Component) -> None:
+        """Follows a multirotor if no other one of the link may be followed; among several, the user must choose.
+
+        Args:
+            sender: the multirotor, which has just sent a message.
+        """
+        candidates = self._candidates()
+        if candidates == [sender]:
+            self._follow(sender)
+        elif len(candidates) > 1:
+            self._report_choice(candidates)
 
     def _candidates(self) -> list[Component]:
         """Returns the vehicles that may be followed: those that send attitude or, if none does, all multirotors."""

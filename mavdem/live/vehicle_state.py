@@ -95,26 +95,16 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
     armed = signals.armed
     # Whether the mode is one in which the vehicle lands by itself, over time.
     landing_mode = signals.landing
-    voltages = {}
-    for battery in signals.batteries:
-        voltages[battery.number] = float(battery.voltage.values[-1])
-    shown_battery = _emptiest_battery(signals.batteries)
-    voltage = None
-    charge = None
-    shown_name = ""
-    if shown_battery is not None:
-        voltage = voltages[shown_battery.number]
-        charge = _latest_charge(shown_battery)
-        if len(voltages) > 1:
-            shown_name = battery_name(shown_battery.number)
+    voltages = {battery.number: float(battery.voltage.values[-1]) for battery in signals.batteries}
+    emptiest_battery = _emptiest_battery(signals.batteries)
     name, basis = vehicle_name(vehicle, is_simulated=named_simulator(vehicle) is not None)
     return VehicleState(
         signals.mode_at(slow_messages.boot, now),
         lands_by_itself=landing_mode is not None and bool(landing_mode.values[-1]),
         is_armed=None if armed is None else bool(armed.values[-1]),
-        voltage=voltage,
-        charge=charge,
-        battery=shown_name,
+        voltage=None if emptiest_battery is None else voltages[emptiest_battery.number],
+        charge=None if emptiest_battery is None else _latest_charge(emptiest_battery),
+        battery=_name_among_several(emptiest_battery, len(voltages)),
         voltages=voltages,
         has_position_fix=None if receiver is None else bool(has_fix_by_row(receiver)[-1]),
         satellites=None if receiver is None else _latest_satellites(receiver),
@@ -152,6 +142,16 @@ def _emptiest_battery(batteries: Iterable[Battery]) -> Battery | None:
             emptiest_battery = battery
             lowest_charge = charge
     return emptiest_battery
+
+
+def _name_among_several(battery: Battery | None, count: int) -> str:
+    """Returns the name of a battery, such as "battery 2", if the vehicle has several; otherwise an empty text.
+
+    Args:
+        battery: the battery; None without any.
+        count: how many batteries the vehicle has.
+    """
+    return "" if battery is None or count < 2 else battery_name(battery.number)
 
 
 def _latest_charge(battery: Battery) -> float | None:

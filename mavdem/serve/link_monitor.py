@@ -879,17 +879,16 @@ class LinkMonitor:
             self._stored_flight = self._stored_flight._replace(session=None)
 
     def _update_verdicts(self) -> None:
-        """Looks up the library's verdicts on what is stored: earlier flights, and the part of a flight that was lost.
+        """Looks up how the library judges the stored recordings of this link, its verdicts, some time after they came.
 
-        The library judges a recording some time after it was stored. A new verdict also renews the page of the finished
-        session, if that is still shown. Flights before the latest one are forgotten once they are judged to be sound.
+        They are those of the latest flight, of the flights before it, and of the part of a flight whose link was lost.
         """
-        faulty_flights = []
-        for flight in self._faulty_flights:
-            judged_flight = self._with_verdict(flight)
-            if judged_flight.forbids_flight or judged_flight.is_verdict_awaited:
-                faulty_flights.append(judged_flight)
-        self._faulty_flights = faulty_flights
+        # Of the flights before the latest one only those are kept that are faulty, or may yet turn out to be.
+        self._faulty_flights = [
+            flight
+            for flight in map(self._with_verdict, self._faulty_flights)
+            if flight.forbids_flight or flight.is_verdict_awaited
+        ]
         if self._stored_flight is not None:
             self._stored_flight = self._with_verdict(self._stored_flight)
         if self._stored_part is not None:
@@ -926,14 +925,14 @@ class LinkMonitor:
             session: the running session.
         """
         vehicle = session.stream.followed_vehicle
-        earlier_recording = None
+        fault_in_library = None
         if vehicle is not None:
             linked_vehicle = _LinkedVehicle.of_component(vehicle)
-            earlier_recording = self._fault_of_earlier_flight(linked_vehicle, session)
+            fault_in_library = self._fault_of_earlier_flight(linked_vehicle, session)
         return replace(
             session.status,
             recording_verdict=AWAITED_IN_SESSION,
-            earlier_recording=earlier_recording,
+            fault_in_library=fault_in_library,
         )
 
     def _flight_before_start(
@@ -1189,9 +1188,6 @@ def _finished_page(
 ) -> str:
     """Returns the HTML page of a live session that has ended, which links to the stored flight in the library.
 
-    Most sessions end after the vehicle was switched off, so that the rates of its messages are 0 at the end, and
-    nothing is watched any more. The page shows both as they were at the last message.
-
     Args:
         session: the ended session.
         names: names that were given to vehicles in the library.
@@ -1200,25 +1196,39 @@ def _finished_page(
         verdict: what the recording of the flight shows, or that it is not judged yet.
         fault_of_earlier_flight: what the library has against an earlier flight with this vehicle; None for nothing.
     """
-    status_at_end = session.status
-    status_at_last_message = session.stream.status()
     final_status = replace(
-        status_at_end,
-        is_over=True,
-        no_model_reason=_final_reason_without_model(status_at_end, status_at_last_message),
-        rates=status_at_last_message.rates,
-        watch_facts=status_at_last_message.watch_facts,
+        _final_status(session),
         recording_verdict=verdict,
-        earlier_recording=fault_of_earlier_flight,
+        fault_in_library=fault_of_earlier_flight,
     )
     if saved_flight is None:
         files = []
-        if not _awaits_vehicle(status_at_end):
+        if not _awaits_vehicle(session.status):
             files.append(Fact(LinkFact.FLIGHT_SAVED, address=None, is_part=False).sentence)
         return session_page(
             session, final_status, names, back=LIBRARY_LINK, files=files, is_last=True
         )
     return session_page(session, final_status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
+
+
+def _final_status(session: LiveSession) -> SessionStatus:
+    """Returns the status of an ended session, in which rates and what is watched are those at the last message.
+
+    Most sessions end after the vehicle was switched off, so that the rates of its messages are 0 at the end, and
+    nothing is watched any more.
+
+    Args:
+        session: the ended session.
+    """
+    status_at_end = session.status
+    status_at_last_message = session.stream.status()
+    return replace(
+        status_at_end,
+        is_over=True,
+        no_model_reason=_final_reason_without_model(status_at_end, status_at_last_message),
+        rates=status_at_last_message.rates,
+        watch_facts=status_at_last_message.watch_facts,
+    )
 
 
 def _final_reason_without_model(

@@ -635,11 +635,8 @@ class Pages:
             Refusal: the visitor may not read, or there is no such flight.
         """
         self._rights.require(request, Permission.READ)
-        entry_before = self._library.entry(request.query_params.get("a", ""))
-        entry_after = self._library.entry(request.query_params.get("b", ""))
-        for entry in (entry_before, entry_after):
-            if not entry.is_done:
-                raise Refusal(RefusalReason.STILL_BEING_READ, name=entry.name)
+        entry_before = self._entry_with_results(request.query_params.get("a", ""))
+        entry_after = self._entry_with_results(request.query_params.get("b", ""))
         # A is the earlier flight, so that a change for the worse is not presented as an improvement.
         if entry_before.date and entry_after.date and entry_after.date < entry_before.date:
             entry_before, entry_after = entry_after, entry_before
@@ -658,6 +655,20 @@ class Pages:
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))
         )
+
+    def _entry_with_results(self, entry_id: str) -> LibraryEntry:
+        """Returns the entry of a flight in the library's index.
+
+        Args:
+            entry_id: id of the flight in the library.
+
+        Raises:
+            Refusal: there is no such flight, or its log is still being read.
+        """
+        entry = self._library.entry(entry_id)
+        if not entry.is_done:
+            raise Refusal(RefusalReason.STILL_BEING_READ, name=entry.name)
+        return entry
 
     def _comparison(
         self, entry_before: LibraryEntry, entry_after: LibraryEntry
