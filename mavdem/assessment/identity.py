@@ -364,28 +364,45 @@ def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | 
 
 
 def _time_by_log_name(telemetry: Telemetry, flight: Segment | None) -> float | None:
-    """Returns when a flight or, if that is not known, its log began, by the name that PX4 gave the log in a text.
+    """Returns when a flight began, by the name of the log, which PX4 sends in a text as it opens the log.
 
     Args:
         telemetry: messages of the vehicle.
-        flight: first settled segment; None without one.
+        flight: first settled segment; None without one. If it is of another boot than the text, the time at which the
+            log was opened is returned.
 
     Returns:
         UNIX time, s; None if no text has such a name with a plausible time.
     """
-    # PX4 adds this many minutes to the time in its names.
+    # PX4 adds this many minutes to UTC in its names.
     offset_minutes = telemetry.parameters.get("SDLOG_UTC_OFFSET", 0.0)
     for text in status_texts(telemetry):
-        match = PX4_LOG_NAME.search(text.text)
-        if match is None:
+        local_time = _time_in_log_name(text.text)
+        if local_time is None:
             continue
-        with suppress(ValueError):
-            logged_date = datetime.strptime(match[1], "%Y-%m-%d/%H_%M_%S").replace(tzinfo=UTC)
-            time = logged_date.timestamp() - 60 * offset_minutes
-            if flight is not None and flight.boot == text.boot:
-                time += flight.start - text.time
-            if time > MIN_UTC:
-                return time
+        time = local_time - 60 * offset_minutes
+        if flight is not None and flight.boot == text.boot:
+            seconds_from_text_to_flight = flight.start - text.time
+            time += seconds_from_text_to_flight
+        if time > MIN_UTC:
+            return time
+    return None
+
+
+def _time_in_log_name(text: str) -> float | None:
+    """Returns the date and time in the name of a PX4 log, such as "/log/2026-03-09/11_02_35.ulg", as if it was UTC.
+
+    Args:
+        text: text of the autopilot, which may have such a name.
+
+    Returns:
+        UNIX time, s; None if the text has no such name, or if its digits are no date.
+    """
+    match = PX4_LOG_NAME.search(text)
+    if match is None:
+        return None
+    with suppress(ValueError):
+        return datetime.strptime(match[1], "%Y-%m-%d/%H_%M_%S").replace(tzinfo=UTC).timestamp()
     return None
 
 

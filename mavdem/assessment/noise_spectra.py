@@ -171,7 +171,7 @@ def measure_noise(evidence: Evidence) -> MeasuredNoise:
         notch filter.
     """
     signals = evidence.signals
-    no_spectrum = _with_logger(Fact(NoiseFact.NO_SPECTRUM), signals.telemetry)
+    no_spectrum = _with_logging_ability(Fact(NoiseFact.NO_SPECTRUM), signals.telemetry)
     if signals.attitude is None:
         return MeasuredNoise({}, {}, no_spectrum=no_spectrum)
     spectra = vibration_spectra(signals, evidence.flight_segments(signals.attitude.boot))
@@ -219,19 +219,23 @@ def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
     if may_be_needed and not _is_from_version(telemetry, FIRST_VERSION_WITH_NOTCH):
         return Fact(NotchAdvice.NO_NOTCH_IN_FIRMWARE, firmware=telemetry.firmware)
     if notch.code is NotchAdvice.SPECTRUM_BELOW_MOTORS:
-        return _with_logger(notch, telemetry)
+        return _with_logging_ability(notch, telemetry)
     return notch
 
 
-def _with_logger(fact: Fact, telemetry: Telemetry) -> Fact:
-    """Adds to a fact the ``autopilot``, and whether its version ``can_log`` the gyro fast enough for a spectrum.
+def _with_logging_ability(fact: Fact, telemetry: Telemetry) -> Fact:
+    """Adds to a fact what its advice to log the gyro faster depends on: how, and whether, this autopilot can do so.
 
     Args:
-        fact: a coded finding, whose advice is to log the gyro: that it has no spectrum, or one that ends too low.
+        fact: a coded finding: that the gyro has no spectrum, or one that ends below the motors' frequencies.
         telemetry: autopilot and firmware of the vehicle.
+
+    Returns:
+        The fact with two more figures: the name of the ``autopilot``, and ``can_log``, whether its version logs the
+        gyro at a rate that is high enough for a spectrum.
     """
-    can_log = _is_from_version(telemetry, FIRST_VERSION_WITH_BATCHES)
-    return fact.replace(autopilot=telemetry.autopilot, can_log=can_log)
+    can_log_fast_gyro = _is_from_version(telemetry, FIRST_VERSION_WITH_BATCHES)
+    return fact.replace(autopilot=telemetry.autopilot, can_log=can_log_fast_gyro)
 
 
 def _is_from_version(telemetry: Telemetry, first_version: tuple[int, int]) -> bool:

@@ -116,7 +116,7 @@ A choice, the longest time between two messages that have the number of the lane
 
 
 def reported_events(signals: Signals) -> Facts:
-    """Returns the events that the autopilot reports, in order of boot and time.
+    """Returns the events that the autopilot reports, such as mode changes and faults, in order of boot and time.
 
     No fault is bad while the vehicle is disarmed, since it may be carried around, or its parts may be unplugged.
 
@@ -128,18 +128,17 @@ def reported_events(signals: Signals) -> Facts:
         above the place where the flight began, None if it is not known. A failsafe has the report that triggered it as
         ``cause``.
     """
-    fault_states = list(fault_signals(signals))
-    problems = [
-        _without_contradicted_claim(problem, fault_states, signals)
-        for problem in reported_problems(signals.telemetry)
-    ]
-    possible_problems = [problem for problem in problems if _is_possible_problem(problem, signals)]
+    # Autopilots report a fault in two ways: by a flag in regular messages, and by a text or error code as it begins.
+    fault_flags = list(fault_signals(signals))
+    faults_in_texts = []
+    for fault in reported_problems(signals.telemetry):
+        fault_or_quotation = _quotation_if_contradicted(fault, fault_flags, signals)
+        if _is_possible_problem(fault_or_quotation, signals):
+            faults_in_texts.append(fault_or_quotation)
     events: list[Fact] = []
     for recorded_span in recorded_spans(signals):
-        faults = merge_repeats(
-            _faults_of_boot(signals, recorded_span, possible_problems, fault_states)
-        )
-        events += _events_of_boot(signals, recorded_span, faults)
+        faults_of_boot = _faults_of_boot(signals, recorded_span, faults_in_texts, fault_flags)
+        events += _events_of_boot(signals, recorded_span, merge_repeats(faults_of_boot))
     return tuple(events)
 
 
@@ -183,8 +182,8 @@ def _events_of_boot(
 def _faults_of_boot(
     signals: Signals,
     recorded_span: Segment,
-    problems: Sequence[Fact],
-    fault_states: Sequence[FaultSignal],
+    faults_in_texts: Sequence[Fact],
+    fault_flags: Sequence[FaultSignal],
 ) -> list[Fact]:
     """Returns the faults of one boot that the autopilot reports, in no particular order.
 
@@ -193,22 +192,22 @@ def _faults_of_boot(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
-        problems: facts about what texts and error codes report, of all boots.
-        fault_states: messages that report a fault for as long as it lasts, of all boots.
+        faults_in_texts: facts (coded findings) about the faults that texts and error codes report, of all boots.
+        fault_flags: for each fault, whether the samples of a message report it, of all boots.
 
     Returns:
         A fact for each fault. A restart by the watchdog is stated once.
     """
     restarts_of_boot = list(restarts(signals, recorded_span))
-    problems_of_boot = [
-        problem for problem in problems if problem.figures["boot"] == recorded_span.boot
+    faults_in_texts_of_boot = [
+        fault for fault in faults_in_texts if fault.figures["boot"] == recorded_span.boot
     ]
     faults = _without_passing_lanes(
         [
             *restarts_of_boot,
             *_estimator_changes(signals, recorded_span),
-            *_lasting_faults(signals, recorded_span, fault_states),
-            *problems_of_boot,
+            *_lasting_faults(signals, recorded_span, fault_flags),
+            *faults_in_texts_of_boot,
         ]
     )
     if any(restart.figures.get("watchdog") for restart in restarts_of_boot):
@@ -277,10 +276,10 @@ def _is_possible_problem(problem: Fact, signals: Signals) -> bool:
     return bool(has_position_fix(signals.telemetry, problem.figures["boot"], time)[0])
 
 
-def _without_contradicted_claim(
+def _quotation_if_contradicted(
     problem: Fact, faults: Sequence[FaultSignal], signals: Signals
 ) -> Fact:
-    """Returns the fact that a text reports, or a quotation of the text if the recorded state contradicts it.
+    """Returns the fault that a text reports, or only a quotation of the text if the recorded state contradicts it.
 
     PX4 writes "Failsafe activated" also if it only warns, while its recorded state is no failsafe. The state is
     preferred, since the autopilot acts by it. Only states of the subject that the text names are compared, such as the
@@ -674,7 +673,7 @@ def _without_passing_lanes(faults: Sequence[Fact]) -> list[Fact]:
 
 
 def _lasting_faults(
-    signals: Signals, recorded_span: Segment, fault_states: Sequence[FaultSignal]
+    signals: Signals, recorded_span: Segment, fault_flags: Sequence[FaultSignal]
 ) -> Iterator[Fact]:
     """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
 
@@ -683,7 +682,7 @@ def _lasting_faults(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
-        fault_states: for each fault, the samples of its message and whether each reports the fault, of all boots.
+        fault_flags: for each fault, whether the samples of its message report it, of all boots.
 
     Yields:
         A fact with start and end for each interval. The end may be after the motors are disarmed; a fault that is still
@@ -691,7 +690,7 @@ def _lasting_faults(
     """
     recorded_interval = [(recorded_span.start, recorded_span.end)]
     armed_spans = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
-    for fault in fault_states:
+    for fault in fault_flags:
         if not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)

@@ -519,14 +519,11 @@ def _new_session(
         recording = RawRecording(record)
         if former_flight is not None:
             first_pieces = _moved_first_frames(former_flight, recording, record)
-
     prior_drag = None if options.prior is None else _drag_of_prior(options.prior)
 
     def report_status(status: SessionStatus) -> None:
-        """Shows the status, about once a second; the session below exists by then."""
-        # The vehicle is known only once it has sent.
-        uses_drag_of_prior = session.stream.wind.earlier_drag is not None
-        if prior_drag is not None and uses_drag_of_prior and status.state is not None:
+        """Shows the status of the session, which calls this function about once a second while it runs."""
+        if prior_drag is not None:
             _refuse_prior_of_another_vehicle(session, prior_drag, status.state)
         dashboard.report(session, status)
         status_lines.show_if_new(status)
@@ -644,7 +641,7 @@ def _stream_with_drag(
 
 
 def _refuse_prior_of_another_vehicle(
-    session: LiveSession, prior_drag: EarlierDrag, state: VehicleState
+    session: LiveSession, prior_drag: EarlierDrag, state: VehicleState | None
 ) -> None:
     """Refuses the earlier flight of --prior if its vehicle has another autopilot or frame than the followed one.
 
@@ -653,8 +650,11 @@ def _refuse_prior_of_another_vehicle(
     Args:
         session: The session, whose user gave the flight.
         prior_drag: Drag of the earlier flight, with its vehicle.
-        state: State of the followed vehicle, with its autopilot and frame.
+        state: State of the followed vehicle, with its autopilot and frame; None until it has sent them.
     """
+    is_refused_already = session.stream.wind.earlier_drag is None
+    if state is None or is_refused_already:
+        return
     if prior_drag.is_of_another_vehicle("", state.autopilot, state.frame):
         descriptions = []
         for autopilot, frame in (

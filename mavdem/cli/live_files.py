@@ -101,15 +101,18 @@ def unused_number(paths: Sequence[Path | None], first_number: int) -> int:
 
 
 def numbered_paths(paths: Sequence[Path | None], number: int) -> OutputPaths:
-    """Returns the paths of all files of a further vehicle.
-
-    The model and the page are among them even if they are not named, since a session writes them beside the others.
+    """Returns the paths of the files of a further vehicle, whose names end in its number, such as "flight-2.tlog".
 
     Args:
-        paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
+        paths: Paths that the user named for the first vehicle: the recording for Rerun, the raw recording, the model
+            and the page; None for a file that is not named.
         number: Number of the vehicle, from 2 on.
+
+    Returns:
+        The paths, also of a model and a page that are not named: they go into the folder of a named file.
     """
-    return output_paths(*_with_number(paths, number))
+    rrd, record, model, page = _with_number(paths, number)
+    return output_paths(rrd, record, model, page)
 
 
 def _with_number(paths: Sequence[Path | None], number: int) -> list[Path | None]:

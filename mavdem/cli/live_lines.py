@@ -94,18 +94,22 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
 
 
 def _marker(event: Event) -> str:
-    """Returns the word by which programs find the line of an event, such as "ALARM"; empty for an ordinary event.
+    """Returns the word at the start of an event's line, such as "ALARM", by which other programs find such lines.
 
     Args:
         event: what was found, and when.
+
+    Returns:
+        The word; empty for an ordinary event.
     """
     code = event.fact.code
     if _ends_an_alarm(event.fact):
         return ALARM_OVER_MARKER
-    if code is SessionFact.ALARM:
-        return ALARM_MARKER if event.is_alarm else WARNING_MARKER
     if event.is_alarm:
         return ALARM_MARKER
+    if code is SessionFact.ALARM:
+        # It is only to be watched.
+        return WARNING_MARKER
     if code in (SessionFact.FLIGHT_VERDICT, SessionFact.RECORDING_JUDGED):
         return VERDICT_MARKER
     return ""

@@ -98,18 +98,22 @@ def named_causes(headline: Fact) -> list[Fact]:
     """Returns the events that a headline on a lost flight names as causes: what failed first, and reports of that.
 
     Args:
-        headline: the headline, a fact (a coded finding), whose figures may be facts too. If it is on something else
-            than a lost flight, it has no such figures, and names no causes.
+        headline: the headline, a fact: a coded finding with figures by name, which may be facts too.
+
+    Returns:
+        The causes; empty if the headline is not about a lost flight, or if no cause is known.
     """
     first_failure = headline.figures.get("cause")
-    motor_report_of_autopilot = headline.figures.get("word")
-    causes = [first_failure, motor_report_of_autopilot]
+    # The figure "word" is what the autopilot itself reported about a motor.
+    autopilot_report = headline.figures.get("word")
+    possible_causes = [first_failure, autopilot_report]
     if isinstance(first_failure, Fact):
-        # The failure is confirmed by findings of sensors, and by messages of the autopilot, which are a figure too.
-        for finding in first_failure.figures.get("witnesses", ()):
-            causes.append(finding.figures.get("cause"))
-    # A figure may be missing or, where the cause has no fact, a word.
-    return [cause for cause in causes if isinstance(cause, Fact)]
+        # Measurements of sensors and messages of the autopilot confirm the failure. Those from an event have it as
+        # their cause.
+        for confirmation in first_failure.figures.get("witnesses", ()):
+            possible_causes.append(confirmation.figures.get("cause"))
+    # A figure that is missing is None, and some causes are plain text. Neither is an event.
+    return [cause for cause in possible_causes if isinstance(cause, Fact)]
 
 
 def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEvent]:

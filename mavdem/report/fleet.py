@@ -95,10 +95,10 @@ def level_beside_other_flights(level_of_log: Level, health_level: Level) -> Leve
 
 
 def is_headline_replaced(level_of_log: Level) -> bool:
-    """Returns whether a fault or drift of a flight's motors beside other flights becomes the headline of the flight.
+    """Returns whether weak motors, found by comparison with other flights, replace the headline of a flight's own log.
 
-    It does unless the log alone shows something bad, such as a crash: that stays the headline, with the next step that
-    belongs to it, and the motors come after it. Pages, lists, searches and documents of flights follow this one rule.
+    Something bad that the log alone shows, such as a crash, stays the headline, with its own next step. Pages, lists,
+    searches and documents of flights follow this one rule.
 
     Args:
         level_of_log: level of the headline by the log alone.

@@ -130,7 +130,7 @@ def gain_changes(
         The tables with their files; None if no gain changes.
     """
     advice_on_loops = [each for each in advice.values() if isinstance(each, Advice)]
-    gains_to_lower = dict(_gains_to_lower(next_step))
+    gains_to_lower = _gains_to_lower(next_step)
     if gains_to_lower:
         gains = gains_to_lower
         values = {name: gain.set for name, gain in gains.items()}
@@ -256,7 +256,7 @@ def _new_values(
 
 def names_gains_to_lower(next_step: Fact) -> bool:
     """Returns whether the next step of a judgement names gains to lower, in the place of the advised gains."""
-    return any(True for _ in _gains_to_lower(next_step))
+    return bool(_gains_to_lower(next_step))
 
 
 def loading_sentences(advice_by_axis: AdviceByAxis) -> list[Sentence]:
@@ -340,21 +340,30 @@ def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
     return sentences
 
 
-def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
-    """Yields each gain that a fact advises to lower: its name, and the gain with its value now and the value to set.
-
-    The fact of a next step does not hold the gains itself: its figures are other facts, such as its reason, whose
-    figures may be facts again. One of these may be the advice to lower gains, so that all of them are searched.
+def _gains_to_lower(next_step: Fact) -> dict[str, Gain]:
+    """Returns the gains that a next step advises to lower, each with its value now and the value to set.
 
     Args:
-        fact: next step (a coded finding), or a fact among its figures, which advises to lower gains.
+        next_step: what to do next, a coded finding. The advice to lower gains is this fact or one that it contains,
+            such as its reason.
+
+    Returns:
+        The gains by the autopilot's names; empty if the next step is something else.
     """
-    if fact.code in LOWERING:
-        for name, present_value, new_value in fact.figures["changes"]:
-            yield name, Gain(present_value, new_value)
+    gains = {}
+    for fact in _fact_and_contained_facts(next_step):
+        if fact.code in LOWERING:
+            for name, present_value, new_value in fact.figures["changes"]:
+                gains[name] = Gain(present_value, new_value)
+    return gains
+
+
+def _fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
+    """Yields a fact (coded finding), the facts among its figures, and in turn those among their figures."""
+    yield fact
     for figure in fact.figures.values():
         # A figure is a value or a tuple of values.
         values = figure if isinstance(figure, tuple) else (figure,)
         for value in values:
             if isinstance(value, Fact):
-                yield from _gains_to_lower(value)
+                yield from _fact_and_contained_facts(value)

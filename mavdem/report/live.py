@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
@@ -322,56 +322,62 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
 
 
 def headline_reason(judgement: Judgement) -> list[Sentence]:
-    """Returns the sentence below the headline of a live page that says what shows it.
-
-    It is the evidence of sensors, as on the page of a log. Without that, it is the part of the fact's own sentence that
-    the short headline leaves out, such as how much harder a weak motor works. After a lost link, a sentence before it
-    says where the vehicle was last.
+    """Returns the sentences below the headline of a live page: where a lost vehicle was, and why an alarm was raised.
 
     Args:
         judgement: headline, next step and status lights of the vehicle in a live session.
 
     Returns:
-        A list with one sentence, or two after a lost link; empty if nothing more is known, and if the headline warns of
-        nothing.
+        - After a lost link in flight, the last known position.
+        - If a fault is the reason for the headline, what shows the fault.
+
+        Empty in other cases.
     """
-    last_seen: list[Sentence] = []
+    sentences: list[Sentence] = []
     if judgement.headline.code is LinkFact.LOST_IN_FLIGHT:
-        last_seen = render_section("live_last_seen", loss=judgement.headline.figures)
-    return [*last_seen, *_reason_of_alarm(judgement)]
+        sentences += render_section("live_last_seen", loss=judgement.headline.figures)
+    fault = cause_of_alarm(judgement.headline)
+    # An all-clear is amber where a fault of an earlier flight may not be repaired, which the next step says.
+    is_fault = fault.is_watch_or_bad and fault.code not in HEADLINES_WITHOUT_ALARM
+    if is_fault and fault.code is not LinkFact.LOST_IN_FLIGHT:
+        sentences += _what_shows_fault(fault, judgement.lights)
+    return sentences
 
 
-def _reason_of_alarm(judgement: Judgement) -> list[Sentence]:
-    """Returns what shows the fact that a headline states: the evidence of sensors, or the rest of its own sentence.
+def _what_shows_fault(fault: Fact, lights: NamedFacts) -> list[Sentence]:
+    """Returns the sentence that says what shows a fault: the measurements of sensors or, without any, its details.
 
     Args:
-        judgement: headline, next step and status lights of the vehicle in a live session.
+        fault: the fault that the headline of a live page states in short, a coded finding.
+        lights: status lights by name, each the judgement of one part of the vehicle with a level.
 
     Returns:
-        A list with one sentence; empty if nothing more is known, and if the headline warns of nothing.
+        A list with one sentence; empty if the headline has the most important detail already.
     """
-    fact = cause_of_alarm(judgement.headline)
-    if fact.code is LinkFact.LOST_IN_FLIGHT:
-        return []
-    if not fact.is_watch_or_bad or fact.code in HEADLINES_WITHOUT_ALARM:
-        # An all-clear is amber where a fault of an earlier flight may not be repaired, which the next step says.
-        return []
-    evidence = headline_evidence(fact, judgement.lights)
-    if evidence:
-        return evidence
-    # The details of a sentence follow a colon. A sentence without one is repeated as a whole.
-    _, _, details = fact.sentence.partition(": ")
-    if not details:
-        details = f"{as_clause(fact)}."
-    if details.startswith("it ") and fact.subject:
-        # The sentence before the colon, which is left out, says what "it" is.
-        details = f"{fact.subject} {details.removeprefix('it ')}"
-    # Details are separated by semicolons. The headline may have the first and most important one already.
+    measurements = headline_evidence(fault, lights)
+    if measurements:
+        return measurements
+    details = _details_of_fault(fault)
+    # Details are separated by semicolons, the most important one first.
     first_detail, _, _ = without_full_stop(details).partition(";")
-    is_in_headline = first_detail.lower() in headline(fact).lower()
-    if is_in_headline:
+    if first_detail.lower() in headline(fault).lower():
         return []
     return [Sentence(details, lead="Why:")]
+
+
+def _details_of_fault(fault: Fact) -> str:
+    """Returns the part of a fault's sentence after the colon, such as "motor 2 works 12 % harder than the others.".
+
+    Args:
+        fault: the fault, a coded finding. If its sentence has no colon, the whole sentence is returned.
+    """
+    _, _, details = fault.sentence.partition(": ")
+    if not details:
+        return f"{as_clause(fault)}."
+    if details.startswith("it ") and fault.subject:
+        # The part before the colon, which is left out, says what "it" is.
+        return f"{fault.subject} {details.removeprefix('it ')}"
+    return details
 
 
 def unrepaired_fault_text(status: SessionStatus) -> str:

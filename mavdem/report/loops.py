@@ -325,7 +325,7 @@ def tune_blocks(
             continue
         has_gains = axis not in axes_with_stated_gains
         facts = _facts_on_axis(tuning, axis, has_gains=has_gains, is_page=is_page)
-        report = _report_below(headline_above, facts)
+        report = _joined_sentences(facts, headline_above)
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
         stated_remedies.update(remedies)
         blocks += _report_sentences(axes, report, remedies, has_no_gains=bool(advice.refusals))
@@ -338,15 +338,16 @@ def tune_blocks(
     return blocks
 
 
-def _report_below(headline_above: str, facts: Iterable[Fact]) -> str:
-    """Returns the sentences of some facts (coded findings) as one text, without the headline that stands above it.
+def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
+    """Joins the sentences of a report on one axis to a text that does not begin by repeating the headline above it.
 
     Args:
-        headline_above: the headline; empty without one.
-        facts: the facts, of which the first one may be that of the headline.
+        facts: coded findings, each with its sentence.
+        headline_above: sentence at the top of the page or of the terminal's report; empty without one. The first of the
+            facts may have the same sentence, which is then left out.
     """
-    report = " ".join(str(fact) for fact in facts)
-    return report.removeprefix(headline_above).strip()
+    text = " ".join(str(fact) for fact in facts)
+    return text.removeprefix(headline_above).strip()
 
 
 def _sentences_on_gains(
@@ -388,7 +389,7 @@ def _sentences_without_loop(
     assert isinstance(reason, Fact)
     if len(axes) > 1:
         reason = _fact_on_axes(reason, listed(axes))
-    report = _report_below(headline_above, [reason])
+    report = _joined_sentences([reason], headline_above)
     if not report:
         # The headline above says why: a repair is needed.
         return render_section("tune_repair", axes=axes)
@@ -688,7 +689,7 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
 
 
 def _group_key(tuning: Tuning, axis: str) -> str:
-    """Returns the text by which axes are grouped: axes with the same text share one report on their gains.
+    """Returns a text that is the same for axes which share one report on their gains.
 
     Args:
         tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact (coded
@@ -696,30 +697,41 @@ def _group_key(tuning: Tuning, axis: str) -> str:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The name of an axis with an identified loop, which has a report of its own. Otherwise the text of the report:
-        the reason why no loop was identified, and the remedies.
+        The name of an axis with an identified loop, which has a report of its own. Otherwise why no loop was
+        identified, without the name of the axis, and what to do about it.
     """
-    advice_or_reason = tuning.axes[axis]
-    if isinstance(advice_or_reason, Advice):
+    reason = tuning.axes[axis]
+    if isinstance(reason, Advice):
         return axis
-    report = advice_or_reason.sentence_and_remedy
-    further_remedies = ""
-    for remedy in _remedies_besides_tuning(tuning, axis):
-        # The reason may state the remedy already.
-        if remedy not in report:
-            further_remedies += f" {remedy}"
-    is_axis_replaceable = axis not in _fact_on_axes(advice_or_reason, "").sentence_and_remedy
-    if is_axis_replaceable:
-        # The report on several axes names all of them in the place of this one.
-        report = report.replace(axis, "")
-    return report + further_remedies
+    remedies = _remedies_besides_tuning(tuning, axis)
+    # The reason may state a remedy already.
+    further_remedies = [remedy for remedy in remedies if remedy not in reason.sentence_and_remedy]
+    return " ".join([_text_without_axis(reason, axis), *further_remedies])
+
+
+def _text_without_axis(reason: Fact, axis: str) -> str:
+    """Returns the sentence and remedy of a fact without the name of its axis, to be compared with those of other axes.
+
+    Args:
+        reason: a coded finding, which says why the loop of this axis is not known.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        The text without the name. It keeps the name if the sentence of the fact on several axes would still name this
+        axis alone, so that no sentence on several axes can stand for it.
+    """
+    text = reason.sentence_and_remedy
+    text_without_axis_figure = _fact_on_axes(reason, "").sentence_and_remedy
+    if axis in text_without_axis_figure:
+        return text
+    return text.replace(axis, "")
 
 
 def _fact_on_axes(fact: Fact, axis_names: str) -> Fact:
-    """Returns a fact on one axis as a fact on several ones.
+    """Returns a fact on one axis as a fact on several axes.
 
     Args:
-        fact: a coded finding. The axis is its figure "axis", and that of the facts among its figure "reasons".
+        fact: a coded finding. Its figure "axis" names the axis, and so does that of each fact in its figure "reasons".
         axis_names: names of all axes, such as "roll and pitch".
 
     Returns:

@@ -230,9 +230,7 @@ def test_the_closing_list_of_a_live_flight_has_the_event_of_its_headline():
         Event(40.0, Fact(ReportedEvent.MOTORS_DISARMED, time=40.0), reception=0.0),
     )
     events = _numbered_live_events(history, unjudged(HIT), ())
-    listed = [
-        (one.fault_or_fact.code, one.total) for one in Head(Level.BAD, {}, events).brief_events
-    ]
+    listed = [(one.finding.code, one.total) for one in Head(Level.BAD, {}, events).brief_events]
     assert listed == [
         (MotionEvent.CLIPPED, 4),
         (MotionEvent.ATTITUDE_LOST, 1),

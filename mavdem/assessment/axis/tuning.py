@@ -152,14 +152,14 @@ class Tuning(NamedTuple):
 
     @property
     def refusal(self) -> Fact | None:
-        """Why no gains are advised; None if some are."""
+        """The fact (coded finding) why no gains are advised on any axis; None if some are."""
         if self.no_loop is not None:
             return self.no_loop
         if any(advice.gains for advice in self.advice):
             return None
-        # Each axis has its own conclusion why its gains stay. That on the first one stands for all.
-        first_advice = self.advice[0]
-        return first_advice.conclusion
+        # The gains of each axis stay for a reason of its own. The reason on the first axis is stated for all.
+        reason_on_first_axis = self.advice[0].conclusion
+        return reason_on_first_axis
 
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the contents of the parameter files that set the advised gains, to be loaded by a ground station.

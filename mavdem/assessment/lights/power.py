@@ -129,9 +129,14 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact with the largest ``voltage`` of a battery, V, None without any battery; whether all voltages are
-        constant; the constant voltage of the board, V; the largest ``current``, A, if one changes; and for its advice
-        the ``parameter`` that chooses the power module, and what recorded the log as ``recorder``.
+        A fact (coded finding) with these figures:
+
+        - ``voltage``: the largest voltage of a battery, V; None without any battery.
+        - ``is_constant``: whether the voltage of no battery changes.
+        - ``voltage_usual``: the supply voltage of the board, V, if it is constant.
+        - ``current``: the largest current of a battery, A; only if that of one changes.
+        - ``parameter`` and ``recorder`` for the advice: which parameter chooses the power module, and what recorded the
+          log.
     """
     voltages = [battery.voltage.values for battery in evidence.signals.batteries]
     unmeasured_fact = Fact(

@@ -473,22 +473,22 @@ def rate_title(axis: str) -> str:
 
 
 def _lines_with_setpoint(name: str, signal: FollowedSetpoint) -> list[Line]:
-    """Returns the lines of a measured angle or rate and, before it, of the setpoint that it follows, in degrees.
+    """Returns the lines of a setpoint and of the measured angle or rate that follows it, in degrees over time.
 
     Args:
         name: name of the measured signal in the legend.
-        signal: the measured signal with its setpoint.
+        signal: the measured signal with its setpoint, in radians.
 
     Returns:
-        Two lines over time; only the line of the measured signal if the setpoint was not recorded.
+        The line of the setpoint and that of the measured signal; only the latter if the setpoint was not recorded.
     """
-    scale = display_unit(signal.unit).scale
+    degrees_per_radian = display_unit(signal.unit).scale
     time = signal.measured.time
-    lines = []
-    if signal.setpoint is not None:
-        lines.append(Line("setpoint", TRUTH, time, scale * signal.setpoint))
-    lines.append(Line(name, PREDICTED, time, scale * signal.measured.values))
-    return lines
+    measured_line = Line(name, PREDICTED, time, degrees_per_radian * signal.measured.values)
+    if signal.setpoint is None:
+        return [measured_line]
+    setpoint_line = Line("setpoint", TRUTH, time, degrees_per_radian * signal.setpoint)
+    return [setpoint_line, measured_line]
 
 
 def _lines_of_columns(

@@ -188,8 +188,8 @@ class PageEvent(NamedTuple):
     """When a bad event of a log was in UTC, by which it is found in other records; None of others, and if not known."""
 
     @property
-    def fault_or_fact(self) -> Fact:
-        """What happened, a coded finding: of an alarm of a live session the fault that raised it."""
+    def finding(self) -> Fact:
+        """The coded finding that the event reports; for an alarm of a live session, the fault that raised the alarm."""
         fact = self.event.fact
         if fact.code is SessionFact.ALARM:
             fault: Fact = fact.figures["reason"]
@@ -198,27 +198,26 @@ class PageEvent(NamedTuple):
 
     @property
     def brief(self) -> str:
-        """What happened, for a short list of events.
-
-        Some events stand elsewhere on the page in full: in the headline, in a status light (one of eight judgements on
-        a flight), or in the evidence of the headline. Of these the list has the first clause only.
-        """
-        if self.is_headline and self.fault_or_fact.code is SessionFact.FLIGHT_VERDICT:
-            # Its first clause is only the number of the flight.
-            sentence = headline(self.fault_or_fact)
-        elif self.is_headline:
-            # The clause of an alarm is that of its fault, which follows the word "Alarm".
-            sentence = first_clause(str(self.fault_or_fact))
-        elif self.is_light:
-            sentence = first_clause(str(self.event.fact))
-        elif self.is_cause_of_headline:
-            sentence = headline(self.event.fact)
-        else:
-            sentence = str(self.event.fact)
-        sentence = self._without_time(sentence)
+        """What happened, for a short list of events, in which one event may stand for several of its kind."""
+        sentence = self._without_time(self._brief_sentence)
         if self.total == 1:
             return sentence
-        return f"{without_full_stop(sentence)}{count_text(self.fault_or_fact, self.total)}."
+        return f"{without_full_stop(sentence)}{count_text(self.finding, self.total)}."
+
+    @property
+    def _brief_sentence(self) -> str:
+        """The sentence of the event, which is shortened if another part of the page states the event in full.
+
+        Such a part is the headline, the sentence about the cause of the headline, or a status light (the judgement of
+        one part of the vehicle).
+        """
+        # The first clause of the judgement of a whole flight is only the number of the flight.
+        is_judgement_of_flight = self.finding.code is SessionFact.FLIGHT_VERDICT
+        if (self.is_headline or self.is_light) and not is_judgement_of_flight:
+            return first_clause(str(self.finding))
+        if self.is_headline or self.is_cause_of_headline:
+            return headline(self.finding)
+        return str(self.event.fact)
 
     @property
     def sentence(self) -> str:
@@ -454,7 +453,7 @@ class Head(NamedTuple):
         # Of an alarm that a live session repeated, the first report is the headline's event.
         headline_index = headline_indices[0] if headline_indices else None
         stated = StatedEvents(headline_index, cause_indices, light_indices)
-        facts = [page_event.fault_or_fact for page_event in events_of_flight]
+        facts = [page_event.finding for page_event in events_of_flight]
         brief_events = []
         for index, total in short_list(facts, stated):
             brief_events.append(events_of_flight[index]._replace(total=total))
