@@ -222,11 +222,11 @@ def _downloads_of_sets(
     changed_names: list[str] = []
     for parameter_set in sets:
         changed_names += parameter_set.parameters
-        stage = _stage_of_set(parameter_set, sets)
         suffix, label = "", ""
-        if stage is not None:
+        if parameter_set.stage is not None:
+            # Files on a disk are still recognised by their names, as those that the command writes.
             suffix = parameter_set.suffix
-            label = f"Stage {stage:d}:"
+            label = f"Gains of stage {parameter_set.stage:d}:"
         files = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
         yield from parameter_downloads(files, log_stem + suffix, label)
     if changed_names:

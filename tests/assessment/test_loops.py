@@ -1,5 +1,6 @@
 """Loops of a log whose gains change: the part with one set of gains, the longest, with these."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -15,7 +16,7 @@ from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.loops import LoopFact
+from mavdem.facts.loops import ControllerFact, LoopFact
 from mavdem.facts.model import NoPhysical
 from mavdem.plant import NotIdentifiable
 
@@ -128,3 +129,30 @@ def test_without_a_rate_setpoint_the_reason_includes_what_inputs_and_outputs_sho
     monkeypatch.setattr(loops, "physical", lambda flights: unmoved)
     reason = loops.identified_loop_or_reason(Signals(telemetry), log_of(telemetry))
     assert reason.figures["reasons"] == (not_logged.fact.replace(recorder=""), unmoved.reason)
+
+
+@mark.parametrize(
+    "firmware, advice",
+    [
+        ("PX4 v1.9.0", "Update to PX4 v1.14 or newer."),
+        ("PX4 v1.15.0", "Record all parameters"),
+        ("", "With PX4 v1.14 or newer record all parameters"),
+    ],
+)
+def test_a_mixer_that_is_not_logged_is_advised_by_the_version_of_px4(monkeypatch, firmware, advice):
+    telemetry = replace(Hover().telemetry(), autopilot="PX4", firmware=firmware)
+    missing = NotLearnable(ControllerFact.MIXER_IN_FILE)
+    monkeypatch.setattr(loops, "loop_of_axis", Mock(side_effect=missing))
+    reason = loops.identified_loop_or_reason(Signals(telemetry), log_of(telemetry))
+    assert reason.remedy.startswith(advice)
+    assert ("cannot be tuned" in reason.sentence) is (firmware == "PX4 v1.9.0")
+
+
+def test_an_arducopter_with_the_older_thrust_curve_is_not_asked_for_newer_parameters(monkeypatch):
+    telemetry = Hover().telemetry(parameters={"MOT_TCRV_ENABLE": 1.0})
+    telemetry = replace(telemetry, firmware="ArduCopter V3.2.1")
+    missing = NotLearnable(ControllerFact.PARAMETERS_MISSING, names=("MOT_THST_EXPO",))
+    monkeypatch.setattr(loops, "loop_of_axis", Mock(side_effect=missing))
+    reason = loops.identified_loop_or_reason(Signals(telemetry), log_of(telemetry))
+    assert "ArduCopter V3.2.1 has no MOT_THST_EXPO" in reason.sentence
+    assert "--params" not in reason.remedy

@@ -106,7 +106,15 @@ def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatc
     assert "after a flight with the gains of stage 1" in waiting.text
     names = [download.name for download in changes.downloads]
     assert names == ["a.stage1.param", "a.stage1.params", "a.stage2.param", "a.stage2.params"]
+    assert changes.downloads[1].label == "Gains of stage 1: .params (QGroundControl)"
     assert stage_to_load(advice.values()) is Stage.RATE
+    # Where nothing waits, a file still has the name of its stage, and is loaded at once.
+    assert "load after a flight" in unquote(changes.downloads[3].address)
+    alone = gain_changes(
+        "a.ulg", Hover().telemetry(), {"yaw": advice["yaw"]}, Fact(NextStep.KEEP_MODEL)
+    )
+    assert [download.name for download in alone.downloads] == ["a.stage2.param", "a.stage2.params"]
+    assert "load, hover one minute" in unquote(alone.downloads[1].address)
 
 
 def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():

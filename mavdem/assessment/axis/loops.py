@@ -19,10 +19,11 @@ from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_o
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.loops import LoopFact
+from mavdem.facts.loops import ControllerFact, LoopFact
 from mavdem.facts.model import NoPhysical
 from mavdem.flight import Flights
 from mavdem.ingest import Log
+from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
@@ -147,6 +148,16 @@ REASONS_WITH_RATES = (
 )
 """Reasons for no loop that advise another flight, recorded faster if this one was recorded slowly."""
 
+REASONS_OF_FIRMWARE = (ControllerFact.MIXER_IN_FILE, ControllerFact.PARAMETERS_MISSING)
+"""Reasons for no loop that another file of parameters mends only if the firmware has the missing ones."""
+
+FIRST_PX4_WITH_MIXER_PARAMETERS = (1, 14)
+"""First version of PX4, major and minor, that always has the mixer in parameters (``CA_ROTORn_*``)."""
+
+OLDER_THRUST_CURVE = "MOT_TCRV_ENABLE"
+"""Parameter of the thrust curve that ``MOT_THST_EXPO`` replaced in ArduCopter 3.3, with the filters of the gains: a
+firmware that has it has none of these, which the model of the controller needs."""
+
 
 def _with_recording(reason: Fact, signals: Signals) -> Fact:
     """Adds to the reason why a loop is unknown how the flight was recorded, so that advice can name what to log.
@@ -157,7 +168,8 @@ def _with_recording(reason: Fact, signals: Signals) -> Fact:
 
     Returns:
         The reason, with the ``recorder`` (such as "DataFlash"; empty for telemetry) if the rate setpoint is missing,
-        or with the rates of messages (:func:`_with_rates`) if another flight is advised.
+        with the rates of messages (:func:`_with_rates`) if another flight is advised, or with the firmware
+        (:func:`_with_firmware`) if parameters are missing.
     """
     if reason.code is LoopFact.NO_LOOP:
         reasons = [_with_recording(each, signals) for each in reason.figures["reasons"]]
@@ -166,7 +178,31 @@ def _with_recording(reason: Fact, signals: Signals) -> Fact:
         return reason.replace(recorder=signals.telemetry.translated_from)
     if reason.code in REASONS_WITH_RATES:
         return _with_rates(reason, signals)
+    if reason.code in REASONS_OF_FIRMWARE:
+        return _with_firmware(reason, signals.telemetry)
     return reason
+
+
+def _with_firmware(reason: Fact, telemetry: Telemetry) -> Fact:
+    """Adds the name of the ``firmware`` to a reason, and whether it ``is_too_old`` for the parameters that are missing.
+
+    Args:
+        reason: the fact (coded finding) that the log lacks parameters of the mixer or of the rate controller.
+        telemetry: autopilot, firmware and parameters of the vehicle.
+
+    Returns:
+        The reason with both figures; unchanged if the log does not show whether the firmware has the parameters.
+    """
+    if reason.code is ControllerFact.MIXER_IN_FILE:
+        version = firmware_version(telemetry)
+        if version is None:
+            return reason
+        is_too_old = version < FIRST_PX4_WITH_MIXER_PARAMETERS
+    elif OLDER_THRUST_CURVE in telemetry.parameters:
+        is_too_old = True
+    else:
+        return reason
+    return reason.replace(firmware=telemetry.firmware, is_too_old=is_too_old)
 
 
 def _with_rates(reason: Fact, signals: Signals) -> Fact:

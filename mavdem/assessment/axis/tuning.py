@@ -35,9 +35,11 @@ from mavdem.loops.gain_design import SURE_SHARE, Stage
 
 STAGE_HEADINGS = {
     Stage.RATE: "First stage of two, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
-    Stage.ANGLE: "Second stage of two, angle P, after the first: load, hover one minute, fly ten doublets, mavdem tune",
+    Stage.ANGLE: "Second stage of two, angle P: load, hover one minute, fly ten doublets, mavdem tune",
 }
-"""First line of the parameter files of each stage."""
+"""First line of the parameter files of each stage that is the next to be loaded."""
+WAITING_HEADING = "Second stage of two, angle P: load after a flight with the first, if its log advises them again"
+"""First line of the parameter files of the second stage, if those of the first are to be flown before."""
 NOTCH_HEADING = "Notch filter, with the gains of the log"
 """First line of the parameter files of a notch filter alone."""
 PRESENT_HEADING = "The values of the log, to go back to"
@@ -96,7 +98,7 @@ def parameter_sets(
         advice_on_loops: the advice on each axis whose loops are known.
         notch_parameters: parameters that set a notch filter; empty without one.
     """
-    sets = []
+    sets = list[ParameterSet]()
     notch_to_set = notch_parameters
     for stage, heading in STAGE_HEADINGS.items():
         parameters_of_stage = dict[str, float]()
@@ -106,7 +108,9 @@ def parameter_sets(
         if parameters_of_stage:
             parameters_of_stage |= notch_to_set
             notch_to_set = {}
-            sets.append(ParameterSet(parameters_of_stage, heading, stage))
+            # Gains of the second stage wait only if there are some of the first.
+            heading_of_set = WAITING_HEADING if sets else heading
+            sets.append(ParameterSet(parameters_of_stage, heading_of_set, stage))
     if notch_to_set:
         sets.append(ParameterSet(notch_to_set, NOTCH_HEADING))
     return sets
