@@ -81,7 +81,7 @@ def recorded_spans(signals: Signals) -> Segments:
             messages.append(columns)
             last_boot = int(columns["boot"].max(initial=0))
             boot_count = max(boot_count, last_boot + 1)
-    # Both arrays are indexed by the number of the boot.
+    # The earliest and the latest stamp of each boot so far, by the number of the boot.
     first_stamps = np.full(boot_count, np.inf)
     last_stamps = np.full(boot_count, -np.inf)
     for columns in messages:
@@ -92,8 +92,8 @@ def recorded_spans(signals: Signals) -> Segments:
         np.maximum.at(last_stamps, boots, stamps)
     spans = []
     for boot in range(boot_count):
-        # A boot without messages keeps the infinite stamp.
-        if np.isfinite(first_stamps[boot]):
+        has_messages = np.isfinite(first_stamps[boot])
+        if has_messages:
             spans.append(Segment(boot, float(first_stamps[boot]), float(last_stamps[boot])))
     return tuple(spans)
 

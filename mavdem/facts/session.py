@@ -184,7 +184,7 @@ class SessionFact(Code):
 
 
 class TimeUse(StrEnum):
-    """What the seconds of a session were, the first that holds but for those learned from."""
+    """How each second of a session was used: learned from, or else the first of the other values that applies."""
 
     LEARNED = "learned"
     UNSETTLED = "unsettled"

@@ -233,9 +233,9 @@ class FlightLearning:
     def _keep_model(self, row: AlignedRow, model: Learned | None) -> None:
         """Keeps the learner's model, if it is new and of settled flight, with the time at which it was learned.
 
-        These times show after a landing which models were learned from it, so that they can be withdrawn. A model from
-        the climb after take-off is only remembered. So it is not taken for a new one when settled flight begins, before
-        the learner has another.
+        After a landing, these times show which models were learned from the landing itself, so that they can be
+        withdrawn. A model of the climb after take-off is noted, but not kept: the learner still has it when settled
+        flight begins.
 
         Args:
             row: the sample, of one time, that the learner was updated with.

@@ -692,7 +692,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def further_alarms(self) -> Facts:
-        """The active alarms that the headline does not state, with these figures or with newer ones."""
+        """The active alarms about other faults than the headline's, which may state its own with older figures."""
         headline_fault = cause_of_alarm(self.session_judgement.headline)
         further_alarms = []
         for alarm in self.active_alarms:
@@ -924,26 +924,25 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
 
     def _qualified_headline(self, headline: Fact, lights: NamedFacts) -> Fact:
-        """Adds to a headline in flight that states no fault what is not known of the flight.
+        """Adds to a headline in flight what is not known of the flight, unless the headline states a fault.
 
-        That is what was not judged so far, and how long no messages came earlier in the flight.
+        That is for how long no messages came, and which parts of the vehicle were not judged so far.
 
         Args:
             headline: the headline. One that states a fault is returned as it is.
             lights: the judgement of each part of the vehicle, by the name of the part.
         """
         if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
-            # The pilot flew without alarms meanwhile, which is not over with the outage.
+            # Meanwhile the pilot flew without alarms, and what would have been one is still not known.
             headline = headline.replace(outage=self.link_outage)
         if headline.code is HeadlineCode.NOTHING_WRONG:
-            # The pilot of a vehicle in flight asks first whether there is an alarm. The flight is called sound only
-            # once all is judged.
-            missing = list(headline.figures["missing"])
-            level = Level.UNKNOWN if missing else headline.level
-            if missing and lights[Light.WIND].level is Level.UNKNOWN:
-                # The wind alone does not withhold the all-clear, but it is counted among the lights that read unknown.
-                missing.append(str(Light.WIND))
-            headline = headline.replace(level, is_in_flight=True, missing=missing)
+            # The flight is called sound only once all parts of the vehicle are judged.
+            unjudged_parts = list(headline.figures["missing"])
+            level = Level.UNKNOWN if unjudged_parts else headline.level
+            if unjudged_parts and lights[Light.WIND].level is Level.UNKNOWN:
+                # An unknown wind alone does not make the headline unknown, but is counted with the unknown parts.
+                unjudged_parts.append(str(Light.WIND))
+            headline = headline.replace(level, is_in_flight=True, missing=unjudged_parts)
         return headline
 
     def _judgement_with_recording(self, judgement: Judgement) -> Judgement:
@@ -1116,14 +1115,8 @@ class SessionStatus(ImmutableResult):
 
         1. The battery is getting empty: to land soon.
         2. Alarms come later than ``MAX_ALARM_DELAY``: to watch the vehicle itself.
-        3. The headline warns: to follow its advice after the landing, and until then to let the vehicle land if it
-           lands by itself, to land soon if the headline is bad, or to fly on.
-        4. The vehicle lands by itself: to let it land.
-        5. Whether it oscillates, or a motor loses thrust, is not watched yet: to hover until then. So under 3, in the
-           place of flying on.
-        6. A model was judged, or there is none for a reason without a remedy: to fly on.
-        7. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
-        8. Otherwise: what has to happen before a model can be learned, which is the next step of ``judgement``.
+        3. The headline warns: to follow its advice after the landing, and until then :meth:`_step_until_landing`.
+        4. Nothing warns: :meth:`_step_without_warning`.
 
         Args:
             judgement: judgement of the flight so far.
@@ -1138,6 +1131,22 @@ class SessionStatus(ImmutableResult):
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
             step = self._step_until_landing(headline)
             return Fact(step, reason=advice_after_landing, awaits_motors=self.are_motors_awaited)
+        return self._step_without_warning(judgement.next_step)
+
+    def _step_without_warning(self, step_to_model: Fact) -> Fact:
+        """Returns what the pilot of a vehicle in flight should do as long as nothing warns.
+
+        The first of these conditions that applies decides:
+
+        1. The vehicle lands by itself: to let it land.
+        2. Whether it oscillates, or a motor loses thrust, is not watched yet: to hover until then.
+        3. A model was judged, or there is none for a reason without a remedy: to fly on.
+        4. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
+        5. Otherwise: what has to happen before a model can be learned.
+
+        Args:
+            step_to_model: what has to happen before a model can be learned.
+        """
         if self._lands_by_itself:
             return Fact(NextStep.LET_LAND, reason=None)
         if self.is_hover_awaited:
@@ -1146,8 +1155,8 @@ class SessionStatus(ImmutableResult):
         if self.model_judgement is not None or not reason.remedy:
             return Fact(NextStep.FLY_ON, reason=None)
         if reason.code in TOO_FEW_MESSAGES:
-            return Fact(NextStep.FLY_ON, reason=judgement.next_step)
-        return judgement.next_step
+            return Fact(NextStep.FLY_ON, reason=step_to_model)
+        return step_to_model
 
     def _step_until_landing(self, warning: Fact) -> NextStep:
         """Returns what the pilot should do in flight about a fault whose advice can wait until after the landing.

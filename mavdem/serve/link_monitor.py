@@ -983,11 +983,10 @@ class LinkMonitor:
     def _fault_of_earlier_flight(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str = ""
     ) -> Fact | None:
-        """Returns what the library has against another flight with a vehicle: a fault, or that its end is not known.
+        """Returns the latest fault that the library found in earlier flights of a vehicle, and that still counts.
 
-        A take-off repairs nothing, so that a verdict that forbids to fly stands however many flights follow. Another
-        bad verdict, such as too little margin, stands in the next flight only, and so does that the end of a flight was
-        not received: a vehicle that lands after that is sound, or has a verdict of its own.
+        A take-off repairs nothing, so that a fault that forbids to fly counts however many flights follow. Anything
+        else counts in the next flight only (:func:`_fault_of_flight_before`).
 
         Two vehicles may have the same ids on the link. Unless the names by which their logs are recognised are equal,
         the figure "may_be_other_vehicle" makes the warning conditional. Names that differ do not rule the vehicle out:
@@ -999,25 +998,16 @@ class LinkMonitor:
             shown_entry_id: id in the library of the flight that is shown now; empty while its session runs.
 
         Returns:
-            The latest verdict of the library that forbids to fly. Without one, the fact that the end of the flight
-            before was not received, or the verdict on that flight if it is bad; None without both. All are about
-            flights since the server started, and the latest one before. The figure "address" leads to its page.
+            The fact that states the fault, with the figure "address" of the flight's page; None without a fault. Of the
+            flights before the start of the server, only the latest one is considered.
         """
         earlier_flights = self._earlier_flights(vehicle, session, shown_entry_id)
         for flight in reversed(earlier_flights):
             if flight.forbids_flight and flight.verdict is not None:
                 return _fault_for_session(flight.verdict, flight, session)
-        # Of flights before the one that was stored last, the rest is no longer asked.
-        flight_before = self._stored_flight
-        if flight_before is None or flight_before not in earlier_flights:
+        if self._stored_flight is None or self._stored_flight not in earlier_flights:
             return None
-        verdict = flight_before.verdict
-        if flight_before.is_end_unknown:
-            end_unknown = Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict)
-            return _fault_for_session(end_unknown, flight_before, session)
-        if verdict is not None and verdict.is_bad:
-            return _fault_for_session(verdict, flight_before, session)
-        return None
+        return _fault_of_flight_before(self._stored_flight, session)
 
     def _earlier_flights(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str
@@ -1051,6 +1041,25 @@ class LinkMonitor:
             # The title names the vehicle already.
             vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
             self._summary = f"{title}: {vehicle_state}"
+
+
+def _fault_of_flight_before(flight: _StoredFlight, session: LiveSession) -> Fact | None:
+    """Returns the fact that the end of the flight before was not received, or that it had a bad fault; otherwise None.
+
+    A fault such as too small a stability margin counts until the next landing: after it the vehicle is sound, or that
+    flight has a verdict of its own.
+
+    Args:
+        flight: the flight before, with the library's verdict on it.
+        session: the session that is shown, of the same vehicle.
+    """
+    verdict = flight.verdict
+    if flight.is_end_unknown:
+        end_unknown = Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict)
+        return _fault_for_session(end_unknown, flight, session)
+    if verdict is not None and verdict.is_bad:
+        return _fault_for_session(verdict, flight, session)
+    return None
 
 
 def _is_end_unknown(status: SessionStatus) -> bool:
