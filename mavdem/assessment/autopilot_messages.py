@@ -236,8 +236,8 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
         telemetry: messages of the vehicle.
 
     Returns:
-        A fact for each report. It has the figures ``boot`` and ``basis``, the names of the messages that it rests on.
-        Facts of texts have the ``text`` itself and the name of its ``severity`` too.
+        A fact (coded finding) for each report. It has the figures ``boot`` and ``basis``, the names of the messages
+        that it rests on. Facts of texts have the ``text`` itself and the name of its ``severity`` too.
     """
     problems = [
         *_problems_of_texts(telemetry),
@@ -278,7 +278,7 @@ def reports_failsafe(alarm: Fact) -> bool:
 
 
 def _is_close(earlier_fact: Fact, later_fact: Fact) -> bool:
-    """Returns whether two facts are of one boot, and begin within ``REPEAT_SECONDS`` of each other."""
+    """Returns whether two facts (coded findings) are of one boot, and begin within ``REPEAT_SECONDS`` of each other."""
     is_same_boot = earlier_fact.figures["boot"] == later_fact.figures["boot"]
     distance = abs(earlier_fact.start_time - later_fact.start_time)
     return is_same_boot and distance <= REPEAT_SECONDS
@@ -360,7 +360,7 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
         warns: whether its severity is a warning or worse. Such a text is quoted if no pattern fits.
 
     Returns:
-        The fact; None for a text that reports no problem, or the end of one.
+        The fact (coded finding); None for a text that reports no problem, or the end of one.
     """
     pattern = _first_pattern(message)
     if pattern is None:
@@ -386,7 +386,7 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
 
 
 def _subject_of_text(groups: Mapping[str, str | None]) -> str:
-    """Returns what a text is about, such as "motor 2" or "watchdog", in lower case; empty if it does not say so.
+    """Returns what a text is about, such as "motor 2" or "watchdog", in lower case; empty if it names nothing.
 
     Args:
         groups: named groups of the pattern that fits the text (:attr:`TextPattern.expression`); None for a group that
@@ -405,43 +405,47 @@ def _subject_of_text(groups: Mapping[str, str | None]) -> str:
 
 
 def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
-    """Yields the problems that ArduPilot logs as ERR messages, each as a fact with its start and end.
+    """Yields the problems that ArduPilot logs as ERR messages, each as a fact (coded finding) with its start and end.
 
     An ERR message has the number of a subsystem and an error code. The code 0 means that an error of this subsystem is
     over, so a problem lasts until the same subsystem logs 0 in the same boot. One subsystem is different: it reports
     which lane (instance) of the EKF is the primary one, with the number of the lane as code. There 0 is a lane too, and
-    the change has no end. A subsystem that the table of meanings lacks reports a general error of the autopilot, whose
-    subject is the number of the subsystem.
+    the change has no end.
 
     Args:
         telemetry: messages of the vehicle.
     """
     messages = _error_messages(telemetry)
     for message in messages:
-        is_lane_change = message.subsystem == PRIMARY_FILTER_SUBSYSTEM
-        if message.error_code == 0 and not is_lane_change:
-            continue
-        event_code = ReportedEvent.AUTOPILOT_ERROR
-        subject = f"{message.subsystem}"
-        subsystem = _known_subsystem(message.subsystem)
-        if subsystem is not None:
-            event_code = ReportedEvent(subsystem.event_code)
-            subject = subsystem.subject
-        if is_lane_change:
-            subject = f"lane {message.error_code}"
-            end_time = None
-        else:
-            end_time = _end_of_error(message, messages)
-        yield Fact(
-            event_code,
-            time=message.time,
-            end_time=end_time,
-            subject=subject,
-            error_code=message.error_code,
-            boot=message.boot,
-            basis=("ERR",),
-            severity=ERROR_SEVERITY,
-        )
+        problem = _problem_of_error(message)
+        if message.subsystem == PRIMARY_FILTER_SUBSYSTEM:
+            yield problem.replace(subject=f"lane {message.error_code}")
+        elif message.error_code != 0:
+            yield problem.replace(end_time=_end_of_error(message, messages))
+
+
+def _problem_of_error(message: _ErrorMessage) -> Fact:
+    """Returns the problem that an ERR message of ArduPilot reports, without its end.
+
+    Args:
+        message: the message. If the table of meanings lacks its subsystem, the problem is a general error of the
+            autopilot, whose subject is the number of the subsystem.
+    """
+    event_code = ReportedEvent.AUTOPILOT_ERROR
+    subject = f"{message.subsystem}"
+    subsystem = _known_subsystem(message.subsystem)
+    if subsystem is not None:
+        event_code = ReportedEvent(subsystem.event_code)
+        subject = subsystem.subject
+    return Fact(
+        event_code,
+        time=message.time,
+        subject=subject,
+        error_code=message.error_code,
+        boot=message.boot,
+        basis=("ERR",),
+        severity=ERROR_SEVERITY,
+    )
 
 
 def _error_messages(telemetry: Telemetry) -> list[_ErrorMessage]:
@@ -532,18 +536,18 @@ def _rows_of_message(telemetry: Telemetry, message: str, *fields: str) -> Iterat
 
 
 def in_time_order(facts: Iterable[Fact]) -> list[Fact]:
-    """Returns the facts sorted by boot and, within a boot, by time."""
+    """Returns the facts (coded findings) sorted by boot and, within a boot, by time."""
     return sorted(facts, key=lambda fact: (fact.figures["boot"], fact.time))
 
 
 def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
     """Merges the repetitions of a report into its first fact.
 
-    Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts are one
-    report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary subjects, and follow
-    each other within ``REPEAT_SECONDS``. If one of them is a failsafe or has an end of its own, such as a loss of GPS
-    with its return, they must follow within ``ACTIVATION_PAUSE``: else the merged state would last through the pause.
-    The merged fact has the number of reports as ``count``, and ends with the last of them.
+    Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts (coded
+    findings) are one report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary
+    subjects, and follow each other within ``REPEAT_SECONDS``. If one of them is a failsafe or has an end of its own,
+    such as a loss of GPS with its return, they must follow within ``ACTIVATION_PAUSE``: else the merged state would
+    last through the pause. The merged fact has the number of reports as ``count``, and ends with the last of them.
 
     Args:
         facts: facts that report messages of the autopilot, in any order.
@@ -613,8 +617,8 @@ def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
         repetition: a later fact of the same code, with ``basis``.
 
     Returns:
-        A fact with the time of the first one, the later end, the worse level, the messages of both, a subject if either
-        has one, and a count that is one higher. All other figures are taken from the first fact.
+        A fact (coded finding) with the time of the first one, the later end, the worse level, the messages of both, a
+        subject if either has one, and a count that is one higher. All other figures are taken from the first fact.
     """
     # Levels are defined in the order good, watch, bad, unknown.
     levels = list(Level)

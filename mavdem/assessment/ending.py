@@ -1,6 +1,7 @@
 """How a flight was lost, as a fact (a coded finding): the last event that may lose a vehicle, and what failed first."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.first_failure import CAUSES_OF_ALL_MOTORS, first_failure
@@ -60,9 +61,9 @@ def find_ending(
         collective: mean output of all motors in the hover, as a fraction of their range; None if it is not known.
 
     Returns:
-        A fact with the figures ``cause`` (the fact about what failed first, or None), ``word`` (what the autopilot
-        reported of a motor, if the cause does not contain it) and, without a cause, the flight ``mode`` in which it
-        happened. Its subject is the motor, if cause and report agree on one.
+        A fact (coded finding) with the figures ``cause`` (the fact about what failed first, or None), ``word`` (what
+        the autopilot reported of a motor, if the cause does not contain it) and, without a cause, the flight ``mode``
+        in which it happened. Its subject is the motor, if cause and report agree on one.
     """
     bad_events = in_time_order(event for event in events if event.is_bad)
     losses = [
@@ -81,32 +82,43 @@ def find_ending(
         return None
     boot = loss.figures["boot"]
     motor_report = _motor_report(signals, bad_events, boot)
-    # A report on the motor that the cause names already says nothing new.
-    adds_to_cause = motor_report is not None and (
-        cause is None or cause.subject != motor_report.subject
-    )
-    figures = {name: loss.figures.get(name) for name in FIGURES_OF_LOSS}
-    for name in OPTIONAL_FIGURES:
-        if name in loss.figures:
-            figures[name] = loss.figures[name]
+    subject = _failed_motor(cause, motor_report)
+    if cause is not None and motor_report is not None and cause.subject == motor_report.subject:
+        # A report on the motor that the cause names already says nothing new.
+        motor_report = None
     return Fact(
         ENDINGS.get(loss.code, Ending.LOSS_REPORTED),
         time=loss.time,
         end_time=loss.end_time,
-        subject=_failed_motor(cause, motor_report),
+        subject=subject,
         cause=cause,
-        word=motor_report if adds_to_cause else None,
+        word=motor_report,
         mode="" if cause is not None else signals.mode_at(boot, loss_onset(loss) or 0.0),
         witnesses=loss.figures.get("witnesses", ()),
-        **figures,
+        **_figures_of_loss(loss),
     )
+
+
+def _figures_of_loss(loss: Fact) -> dict[str, Any]:
+    """Returns the figures by name that the fact on a lost flight takes over from the event of the loss.
+
+    Args:
+        loss: the event, a coded finding. A figure of ``FIGURES_OF_LOSS`` that it lacks becomes None, and one of
+            ``OPTIONAL_FIGURES`` is left out.
+    """
+    figures = {name: loss.figures.get(name) for name in FIGURES_OF_LOSS}
+    for name in OPTIONAL_FIGURES:
+        if name in loss.figures:
+            figures[name] = loss.figures[name]
+    return figures
 
 
 def _failed_motor(cause: Fact | None, motor_report: Fact | None) -> str:
     """Returns the name of the one motor that cause and report blame; empty if they blame none, or two different ones.
 
     Args:
-        cause: the fact about what failed first; None if it is not known. If it concerns all motors, none is named.
+        cause: the fact (coded finding) about what failed first; None if it is not known. If it concerns all motors,
+            none is named.
         motor_report: report of the autopilot that a motor failed; None without one.
     """
     if cause is not None and cause.code in CAUSES_OF_ALL_MOTORS:
@@ -139,7 +151,7 @@ def _cause_of_loss(
 
 
 def _throttle_closed_before(loss: Fact) -> Fact | None:
-    """Returns the fact that a vehicle toppled because the pilot had closed the throttle.
+    """Returns the fact (coded finding) that a vehicle toppled because the pilot had closed the throttle.
 
     The throttle must be closed at most ``FIRST_RESPONSE_SECONDS`` after the vehicle began to topple. Most pilots close
     it later, when they see that the vehicle topples: that is a reaction and no cause.
@@ -197,8 +209,8 @@ def _checked_crash_report(report: Fact, signs_of_crash: Facts) -> Fact:
         signs_of_crash: facts of the sensors about the time of the report.
 
     Returns:
-        A copy of the report, whose figure ``witnesses`` has the fact that the autopilot reported the crash, and the
-        facts of the sensors.
+        A copy of the report, whose figure ``witnesses`` has the fact (coded finding) that the autopilot reported the
+        crash, and the facts of the sensors.
     """
     # The fact about the report contains the report itself, whose text its sentence quotes, but no further witnesses.
     report_as_witness = supporting_fact(
@@ -245,9 +257,9 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
 def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
     """Collects what the sensors show at the time of a reported crash: facts that support the report or contradict it.
 
-    If the motion shows that the vehicle was lost at that time, these are the sensor facts of that loss, its figure
-    ``witnesses``. Otherwise each sensor is examined: whether the accelerometer measured a knock, the gyro a tumble, the
-    height sensors a fast descent, and whether the vehicle came to rest on its side.
+    If the motion shows that the vehicle was lost at that time, these are the sensor facts (coded findings) of that
+    loss, its figure ``witnesses``. Otherwise each sensor is examined: whether the accelerometer measured a knock, the
+    gyro a tumble, the height sensors a fast descent, and whether the vehicle came to rest on its side.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -308,8 +320,8 @@ def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fa
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        A fact with the full name of the motor, such as "motor 2 (rear left)", if the autopilot only says "motor 2";
-        None without such a report.
+        A fact (coded finding) with the full name of the motor, such as "motor 2 (rear left)", if the autopilot only
+        says "motor 2"; None without such a report.
     """
     if signals.motors is None:
         return None

@@ -65,7 +65,7 @@ def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
     control was lost; then the light shows the loss instead.
 
     Args:
-        lights: the facts of the eight lights, by name.
+        lights: the facts (coded findings) of the eight lights, by name.
         headline: fact that the first sentence of a result states: an event or a status light.
 
     Returns:

@@ -244,7 +244,7 @@ class _Contact:
             record_end: time of the last attitude of the boot, s since boot.
 
         Returns:
-            The fact; None if the vehicle did not rest and the log continues.
+            The fact (coded finding); None if the vehicle did not rest and the log continues.
         """
         if rest is not None:
             return rest.rest_fact
@@ -302,8 +302,8 @@ class _Contact:
             rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
 
         Returns:
-            A fact each, as far as they were recorded: a knock of the accelerometer or none, a tumble, a fast descent,
-            the pose at rest, an attitude far from its setpoint, and the autopilot's report of a crash.
+            A fact (coded finding) each, as far as they were recorded: a knock of the accelerometer or none, a tumble, a
+            fast descent, the pose at rest, an attitude far from its setpoint, and the autopilot's report of a crash.
         """
         # The sensors show the contact from shortly before it on, since its time is not exact.
         earliest_time = time - MAX_SETPOINT_DELAY
@@ -346,7 +346,7 @@ class _Contact:
             time: time when the vehicle touched the ground, s since boot.
 
         Returns:
-            One fact for each of them; empty if the vehicle did not sink so fast.
+            One fact (coded finding) for each of them; empty if the vehicle did not sink so fast.
         """
         interval = (time - DESCENT_SECONDS, time)
         speed = self.sensors.sink_rate(interval)

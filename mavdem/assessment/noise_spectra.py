@@ -76,7 +76,7 @@ class MeasuredNoise(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """The facts about the noise of the gyro, or the one fact that there is no spectrum of it.
+        """The facts (coded findings) about the noise of the gyro, or the one fact that there is no spectrum of it.
 
         They are the spectrum, its lines, the fraction of each motor line that the gyro's filters remove, and the notch
         filter to set. The spectrum before the filters is preferred, since it shows all lines. The removed shares are
@@ -121,7 +121,7 @@ class MeasuredNoise(NamedTuple):
 
 
 def _spectrum_fact(spectrum: Spectrum) -> Fact:
-    """Returns the fact that says which spectrum was measured, and how far it reaches.
+    """Returns the fact (coded finding) that says which spectrum was measured, and how far it reaches.
 
     Args:
         spectrum: an averaged power spectrum of a sensor.
@@ -146,9 +146,9 @@ def _line_fact(line: SpectralLine) -> Fact:
         line: a peak of a spectrum.
 
     Returns:
-        A fact with the ``frequency``, Hz; the ``ratio`` of its power to that around it; its ``harmonics``; the
-        ``exponent`` p if the frequency is proportional to throttle or motor speed to the power p; and the ``order``,
-        the frequency over the frequency of the motors' rotation.
+        A fact (coded finding) with the ``frequency``, Hz; the ``ratio`` of its power to that around it; its
+        ``harmonics``; the ``exponent`` p if the frequency is proportional to throttle or motor speed to the power p;
+        and the ``order``, the frequency over the frequency of the motors' rotation.
     """
     return Fact(
         LINE_CODES[line.cause],

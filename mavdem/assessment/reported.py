@@ -156,27 +156,38 @@ def _events_of_boot(
         Facts with the figure ``height``, m; a failsafe has its trigger as ``cause``. A fault of a disarmed vehicle is
         at most to be watched.
     """
-    flights = flights_in_boot(signals, recorded_span.boot)
-    # Faults shortly before arming and after disarming belong to the flight too.
-    intervals_around_armed = [
-        (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
-        for start, end in armed_intervals(signals, recorded_span.boot)
-    ]
+    boot = recorded_span.boot
+    flights = flights_in_boot(signals, boot)
+    armed_periods = armed_intervals(signals, boot)
     state_changes = [
         *_arming_events(signals, recorded_span),
         *_take_offs_and_landings(signals, recorded_span),
         *_mode_changes(signals, recorded_span, faults),
     ]
-    for fact in in_time_order([*state_changes, *faults]):
-        time = fact.start_time
-        trigger = _failsafe_trigger(fact, faults)
+    for event in in_time_order([*state_changes, *faults]):
+        trigger = _failsafe_trigger(event, faults)
         if trigger is not None:
-            fact = fact.replace(cause=trigger)
+            event = event.replace(cause=trigger)
+        if event.is_bad and _is_harmless_on_ground(event, armed_periods):
+            event = event.replace(Level.WATCH)
+        yield event.replace(height=_height_at(signals, boot, flights, event.start_time))
+
+
+def _is_harmless_on_ground(event: Fact, armed_periods: Intervals) -> bool:
+    """Returns whether an event happened while the motors were disarmed, so that it is not bad for the vehicle.
+
+    Args:
+        event: an event that the autopilot reports, a coded finding.
+        armed_periods: start and end of each time in which the motors were armed, s since boot.
+    """
+    if event.code is ReportedEvent.RESTARTED_IN_FLIGHT:
         # A restart in flight is bad even if the motors are off after it.
-        is_restart = fact.code is ReportedEvent.RESTARTED_IN_FLIGHT
-        if fact.is_bad and not is_restart and not in_intervals(time, intervals_around_armed):
-            fact = fact.replace(Level.WATCH)
-        yield fact.replace(height=_height_at(signals, recorded_span.boot, flights, time))
+        return False
+    # Faults shortly before arming and after disarming belong to the flight too.
+    intervals_around_armed = [
+        (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS) for start, end in armed_periods
+    ]
+    return not in_intervals(event.start_time, intervals_around_armed)
 
 
 def _faults_of_boot(
@@ -237,7 +248,7 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
 
 
 def _is_watchdog_report(fact: Fact) -> bool:
-    """Returns whether a fact is a text of the autopilot about its watchdog."""
+    """Returns whether a fact (coded finding) is a text of the autopilot about its watchdog."""
     return fact.code is ReportedEvent.AUTOPILOT_ERROR and fact.subject == "watchdog"
 
 
@@ -361,7 +372,8 @@ def _reported_event(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
-        message: name of the message; the fact has its name in the log's own format, as the figure ``basis``.
+        message: name of the message; the fact (coded finding) has its name in the log's own format, as the figure
+            ``basis``.
         code: what happened.
         time: time on the boot clock, s.
         level: how serious it is; None for the usual level of the code.
@@ -407,18 +419,8 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     """
     if signals.telemetry.vehicle in SURFACE_VEHICLES:
         return
+    yield from _false_ground_reports(signals, recorded_span)
     boot = recorded_span.boot
-    for contradicted_landing in contradicted_landings(signals, boot):
-        start, end = contradicted_landing.interval
-        yield _reported_event(
-            signals,
-            recorded_span,
-            LAND_DETECTOR_MESSAGE,
-            ReportedEvent.GROUND_REPORTED_IN_FLIGHT,
-            start,
-            end_time=end,
-            largest_height=contradicted_landing.rise,
-        )
     detector_changes = _land_detector_changes(signals, boot)
     for flight in flights_off_ground(signals, boot):
         take_off, _ = flight
@@ -433,6 +435,26 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
                 end_time=end,
             )
         yield from _ends_of_flight(signals, recorded_span, flight, height, detector_changes.time)
+
+
+def _false_ground_reports(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
+    """Yields an event for each time that the land detector reports the ground while height and motors show a flight.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        recorded_span: recorded time of one boot, which lasts from one start of the autopilot to the next.
+    """
+    for contradicted_landing in contradicted_landings(signals, recorded_span.boot):
+        start, end = contradicted_landing.interval
+        yield _reported_event(
+            signals,
+            recorded_span,
+            LAND_DETECTOR_MESSAGE,
+            ReportedEvent.GROUND_REPORTED_IN_FLIGHT,
+            start,
+            end_time=end,
+            largest_height=contradicted_landing.rise,
+        )
 
 
 def _ends_of_flight(
@@ -586,27 +608,18 @@ def _mode_changes(
     """Yields changes of the flight mode in one boot, with their cause if the log contains it.
 
     The level of an event is the level of its cause: a mode that the pilot chose is good, one of a failsafe is to be
-    watched. ArduPilot's reasons are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to
-    CURRENT_MODE.
+    watched.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
         faults: reports of the autopilot in this boot, in any order.
     """
-    columns = signals.telemetry.messages.get("CURRENT_MODE", {})
-    message = "CURRENT_MODE" if columns else "HEARTBEAT"
-    # The number of ArduPilot's reason for the change at each time.
-    reason_by_time = {}
-    if "Rsn" in columns:
-        is_in_boot = columns["boot"] == recorded_span.boot
-        times = columns["time"][is_in_boot].tolist()
-        reason_numbers = columns["Rsn"][is_in_boot]
-        reason_by_time = dict(zip(times, reason_numbers, strict=True))
-    for time, mode in signals.mode_changes(recorded_span.boot):
-        cause, level = mode_change_cause(
-            signals, recorded_span.boot, time, reason_by_time.get(time), faults
-        )
+    boot = recorded_span.boot
+    message = "CURRENT_MODE" if signals.telemetry.messages.get("CURRENT_MODE") else "HEARTBEAT"
+    reason_by_time = _ardupilot_reasons_by_time(signals, boot)
+    for time, mode in signals.mode_changes(boot):
+        cause, level = mode_change_cause(signals, boot, time, reason_by_time.get(time), faults)
         yield _reported_event(
             signals,
             recorded_span,
@@ -617,6 +630,24 @@ def _mode_changes(
             subject=mode,
             cause=cause,
         )
+
+
+def _ardupilot_reasons_by_time(signals: Signals, boot: int) -> dict[float, float]:
+    """Returns the numbers of ArduPilot's reasons for changes of the flight mode in one boot, by time in s since boot.
+
+    They are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to CURRENT_MODE. Without this field
+    the result is empty.
+
+    Args:
+        signals: logged time series of the vehicle, with its messages.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+    """
+    columns = signals.telemetry.messages.get("CURRENT_MODE", {})
+    if "Rsn" not in columns:
+        return {}
+    is_in_boot = columns["boot"] == boot
+    times = columns["time"][is_in_boot].tolist()
+    return dict(zip(times, columns["Rsn"][is_in_boot].tolist(), strict=True))
 
 
 def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
@@ -685,18 +716,13 @@ def _lasting_faults(
         fault_flags: for each fault, whether the samples of its message report it, of all boots.
 
     Yields:
-        A fact with start and end for each interval. The end may be after the motors are disarmed; a fault that is still
-        there when the record ends has none, and is marked as ``is_permanent``.
+        A fact (coded finding) with start and end for each interval. The end may be after the motors are disarmed; a
+        fault that is still there when the record ends has none, and is marked as ``is_permanent``.
     """
     recorded_interval = [(recorded_span.start, recorded_span.end)]
     armed_spans = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
     for fault in fault_flags:
-        if not len(fault.is_faulty):
-            continue
-        columns = fault.columns_of(signals)
-        is_in_boot = columns["boot"] == recorded_span.boot
-        faulty_intervals = true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])
-        for faulty_interval in faulty_intervals:
+        for faulty_interval in _faulty_intervals(fault, signals, recorded_span.boot):
             _, end = faulty_interval
             is_permanent = end == inf
             # The event of a fault that began before the arming begins with the arming.
@@ -711,3 +737,19 @@ def _lasting_faults(
                     subject=fault.subject,
                 )
                 yield event.replace(is_permanent=True) if is_permanent else event
+
+
+def _faulty_intervals(fault: FaultSignal, signals: Signals, boot: int) -> Intervals:
+    """Returns start and end of each time in which a fault lasted, s since boot; an infinite end if it did not end.
+
+    Args:
+        fault: for each sample of a message, whether it reports the fault, of all boots.
+        signals: logged time series of the vehicle, with its messages.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+    """
+    if not len(fault.is_faulty):
+        # The message was not recorded.
+        return []
+    columns = fault.columns_of(signals)
+    is_in_boot = columns["boot"] == boot
+    return true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])

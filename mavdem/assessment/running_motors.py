@@ -35,7 +35,7 @@ class _MotorRun(NamedTuple):
 
 
 def motors_left_running(signals: Signals, crash: Fact) -> Fact | None:
-    """Returns the fact that motors ran on after a crash, although the vehicle lay still.
+    """Returns the fact (coded finding) that motors ran on after a crash, although the vehicle lay still.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

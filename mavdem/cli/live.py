@@ -724,7 +724,7 @@ def _final_model(session: LiveSession, session_end: ExitStack) -> tuple[Learned 
         session_end: Restores the rates, and ends the recording of the stream, when it is closed.
 
     Returns:
-        The model, None if there is none; and then a sentence that says why, otherwise an empty one.
+        The model and an empty text; or None and a sentence that says why there is no model.
     """
     with ThreadPoolExecutor(max_workers=1) as learning_thread:
         learning = learning_thread.submit(session.final_model)

@@ -80,7 +80,7 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
     Args:
         event: what was found, and when.
         has_remedy: whether the line says what to do about it, too.
-        ends_alarm: whether it is the end of an alarm, although its fact does not say so.
+        ends_alarm: whether the event ends an alarm, although its fact (coded finding) is about something else.
     """
     fact = without_basis_of_phase(event.fact)
     marker = _marker(event)
@@ -119,7 +119,7 @@ def _ends_an_alarm(fact: Fact) -> bool:
     """Returns whether a fact (coded finding) says that a fault is over which was an alarm, and not only to be watched.
 
     Args:
-        fact: the fact of an event, whose figure "reason" is the fault if it says so.
+        fact: the fact of an event. If it is the end of an alarm, its figure "reason" is the fault that was the alarm.
     """
     return fact.code is WatchFact.ALARM_OVER and fact.figures["reason"].is_bad
 
@@ -130,12 +130,13 @@ def _sentence_after_marker(fact: Fact) -> str:
     Args:
         fact: what the event reports, a coded finding.
     """
-    # The sentence of an alarm begins with "Alarm:" or "Warning:".
+    # The sentence of an alarm begins with "Alarm:" or "Warning:", as its line does.
     is_alarm = fact.code is SessionFact.ALARM
-    # That of an alarm that is over says so, and at a landing also why.
-    is_only_over = _ends_an_alarm(fact) and not fact.figures.get("is_at_landing")
-    if is_alarm or is_only_over:
-        return fact.figures["reason"].sentence
+    # The sentence on the end of an alarm says that it is over. At a landing it also says why, and is not shortened.
+    is_end_without_reason = _ends_an_alarm(fact) and not fact.figures.get("is_at_landing")
+    if is_alarm or is_end_without_reason:
+        fault = fact.figures["reason"]
+        return fault.sentence
     return fact.sentence
 
 
@@ -166,7 +167,7 @@ def print_line(
 
 
 def style_of_facts(*facts: Fact) -> str:
-    """Returns the style for Rich of a text about facts: that of the worst level that warns; empty if none warns.
+    """Returns the style in which Rich prints a text about facts: by the worst level that warns; empty if none warns.
 
     Args:
         *facts: coded findings, each with its level.

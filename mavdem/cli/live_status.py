@@ -471,7 +471,7 @@ class StatusLines:
         it is not watched once more later, that is printed again.
 
         Args:
-            watch_facts: a fact on each quantity, by vehicle and quantity.
+            watch_facts: a fact (coded finding) on each quantity, by vehicle and quantity.
         """
         unwatched_facts = {}
         for quantity, fact in watch_facts.items():
@@ -495,14 +495,7 @@ class StatusLines:
         if status.vehicle is None and self._no_vehicle_event is not None:
             # Messages come, and their sender is mostly known a moment later.
             return
-        reason = status.no_model_reason
-        state = PrintedState(
-            status.vehicle,
-            is_waiting=reason is not None,
-            is_alarmed=any(fact.is_bad for fact in status.alarms),
-            is_late=status.delay_fact is not None,
-            is_motion_missing=reason is not None and reason.code is RowsFact.NOTHING_RECEIVED,
-        )
+        state = _state_to_print(status)
         now = monotonic()
         is_new = state != self._printed_state
         if not is_new and now - self._print_time < UNCHANGED_STATE_PERIOD:
@@ -615,6 +608,22 @@ class StatusLines:
         self._print(stamped_line(text, boot_clock=status.boot_clock, boot=status.boot))
 
 
+def _state_to_print(status: SessionStatus) -> PrintedState:
+    """Returns what a printed line says of a status; a new line is printed when this changes.
+
+    Args:
+        status: State of the live session: vehicle, learning, alarms, lights and next step.
+    """
+    reason = status.no_model_reason
+    return PrintedState(
+        status.vehicle,
+        is_waiting=reason is not None,
+        is_alarmed=any(fact.is_bad for fact in status.alarms),
+        is_late=status.delay_fact is not None,
+        is_motion_missing=reason is not None and reason.code is RowsFact.NOTHING_RECEIVED,
+    )
+
+
 def _fault_of_earlier_flight(status: SessionStatus) -> str:
     """Returns a sentence on a fault that an earlier flight of the session has shown; empty without one.
 
@@ -637,7 +646,7 @@ def _watch_facts_to_print(status: SessionStatus) -> Facts:
 
 
 def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:
-    """Returns the facts on watched quantities that may be printed, by vehicle and quantity.
+    """Returns the facts (coded findings) on watched quantities that may be printed, by vehicle and quantity.
 
     Args:
         watch_facts: A fact for each quantity: since when it is watched, or why it is not. Those with
@@ -652,7 +661,7 @@ def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:
 
 
 def _is_watched(watch_fact: Fact) -> bool:
-    """Returns whether a fact on a quantity says that it is watched: then it has no reason why not."""
+    """Returns whether a fact (coded finding) on a quantity says that it is watched: then it has no reason why not."""
     return watch_fact.figures.get("reason") is None
 
 
@@ -666,7 +675,8 @@ def _unwatched_names(watch_facts: Facts) -> list[str]:
     """Returns the names of the quantities of the followed vehicle that cannot be watched for a lasting reason.
 
     Args:
-        watch_facts: A fact for each quantity, such as the vibration: since when it is watched, or why it is not.
+        watch_facts: A fact (coded finding) for each quantity, such as the vibration: since when it is watched, or why
+            it is not.
     """
     names = []
     for fact in watch_facts:
@@ -749,7 +759,8 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     A table of lights stands beside them, which has battery, wind and margins.
 
     Args:
-        status: The status. Its ``no_model_reason`` is the fact that says why no model is learned now, if none is.
+        status: The status. Its ``no_model_reason`` is the fact (coded finding) that says why no model is learned now,
+            if none is.
     """
     judgement = status.session_judgement
     headline, next_step = _headline_and_next_step(judgement)

@@ -428,7 +428,7 @@ class GainReduction(NamedTuple):
 
     @property
     def figures(self) -> JsonValues:
-        """The figures of a fact that advises this: ``changes`` and, if there are any, ``changed``."""
+        """The figures of a fact (coded finding) that advises this: ``changes`` and, if there are any, ``changed``."""
         figures: JsonValues = {"changes": self.changes}
         if self.changed:
             figures["changed"] = self.changed

@@ -202,9 +202,9 @@ class StepResponse(ImmutableResult):
             predicted: predicted response of the closed loop (F′,).
 
         Returns:
-            Which of the three holds, as a fact: they agree, the prediction is in doubt, or the measurement is. Its
-            figures are the share of the frequencies at which they disagree, the frequency of the predicted peak, Hz,
-            and whether the step is of the identified loop, so that only the gain is measured.
+            Which of the three holds, as a fact (coded finding): they agree, the prediction is in doubt, or the
+            measurement is. Its figures are the share of the frequencies at which they disagree, the frequency of the
+            predicted peak, Hz, and whether the step is of the identified loop, so that only the gain is measured.
         """
         subject = f"{self.axis} {self.loop}"
         predicted_gain = abs(predicted)
@@ -713,7 +713,7 @@ def _described_response(
 
     Returns:
         The step response. If fewer than two frequencies are known or the interval of the step is too wide, the fact
-        that setpoints varied too little.
+        (coded finding) that setpoints varied too little.
     """
     # Angle setpoints may not have their own time stamps, so that only the lower half of the usual band is used.
     nyquist_frequency = estimate.sampling_rate / 2

@@ -173,15 +173,12 @@ def _flight_bounds(
         take_offs = _indices_of(events, (ReportedEvent.MOTORS_ARMED,))
     ends = _indices_of(events, TOUCHDOWNS)
     if headline_index is not None:
-        earlier_take_offs = [index for index in take_offs if index <= headline_index]
-        later_ends = [index for index in ends if index >= headline_index]
-        take_off = earlier_take_offs[-1] if earlier_take_offs else None
-        return take_off, later_ends[0] if later_ends else None
-    take_off = take_offs[0] if take_offs else None
+        take_offs_before = [index for index in take_offs if index <= headline_index]
+        ends_after = [index for index in ends if index >= headline_index]
+        return max(take_offs_before, default=None), min(ends_after, default=None)
     # The motors are disarmed after the landing, which ends the flight.
     landings = [index for index in ends if events[index].code is not ReportedEvent.MOTORS_DISARMED]
-    ends = landings or ends
-    return take_off, ends[-1] if ends else None
+    return min(take_offs, default=None), max(landings or ends, default=None)
 
 
 def _bounds_between(
@@ -262,10 +259,9 @@ def _is_stated(events: Sequence[Fact], index: int, stated: StatedEvents) -> bool
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     """Selects the notable events of a flight: one event of each kind, with the number of its kind.
 
-    Notable ones are those of :func:`is_notable`. Events of one kind have the same code, level and subject, and the
-    longest of them is selected; of events without a duration, the first. An event of the motion, such as a tumble, is
-    left out if the flight ended at the same time by what ``ENDINGS`` lists for it, since that ending states more. So is
-    a motor's stay at its limit if it was found saturated from the same time on.
+    An event is notable if it is bad, to be watched, or one of the motion, such as a swing. Events of one kind have the
+    same code, level and subject, and the longest of them is selected; of events without a duration, the first. Events
+    that another one includes are left out.
 
     Args:
         events: events of a log, in the order of time, each a coded finding.
@@ -273,19 +269,11 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     Returns:
         The selected events, the worst kind first (``severity_rank``); kinds that are as bad are in the order of time.
     """
-    codes_and_times = {(event.code, event.time) for event in events}
-    saturated_motors = {
-        (event.subject, event.time)
-        for event in events
-        if event.code is MotorWatchFact.MOTOR_SATURATED
-    }
+    included_indices = _included_in_others(events)
     counts: Counter[tuple[str, str, str]] = Counter()
     longest_indices: dict[tuple[str, str, str], int] = {}
     for index, event in enumerate(events):
-        has_ending = (ENDINGS.get(event.code), event.time) in codes_and_times
-        is_at_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP
-        is_saturation = is_at_limit and (event.subject, event.time) in saturated_motors
-        if not is_notable(event) or has_ending or is_saturation:
+        if not is_notable(event) or index in included_indices:
             continue
         kind = (str(event.code), str(event.level), event.subject)
         counts[kind] += 1
@@ -296,6 +284,30 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     # The sort is stable, so that events that are as bad stay in the order of time.
     counted_events.sort(key=lambda counted: severity_rank(events[counted.event_index]))
     return counted_events
+
+
+def _included_in_others(events: Sequence[Fact]) -> set[int]:
+    """Returns the indices of events that another event of the same time includes and says more about.
+
+    - An event of the motion, such as a tumble, is included in the loss of the flight that it became.
+    - A motor at its output limit is included in the event that this motor was saturated.
+
+    Args:
+        events: events of a log, each a fact: a coded finding with a time and a subject.
+    """
+    codes_and_times = {(event.code, event.time) for event in events}
+    saturations = set()
+    for event in events:
+        if event.code is MotorWatchFact.MOTOR_SATURATED:
+            saturations.add((event.subject, event.time))
+    included_indices = set()
+    for index, event in enumerate(events):
+        became_loss = (ENDINGS.get(event.code), event.time) in codes_and_times
+        is_at_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP
+        is_in_saturation = is_at_limit and (event.subject, event.time) in saturations
+        if became_loss or is_in_saturation:
+            included_indices.add(index)
+    return included_indices
 
 
 def is_notable(event: Fact) -> bool:

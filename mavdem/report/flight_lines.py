@@ -121,8 +121,8 @@ def file_name(flight: AxisRows) -> str:
 def _vehicle(flight: AxisRows) -> str:
     """Returns the cell with the vehicle of a flight in a fleet's list: its name in the logs.
 
-    If the logs have nothing but a MAVLink system id, the vehicle is described instead, as in "unnamed PX4 quadrotor".
-    A simulated flight says so.
+    If the logs have nothing but a MAVLink system id, the vehicle is described instead, as in "unnamed PX4 quadrotor",
+    or for a simulated flight "unnamed PX4 quadrotor, simulated".
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.

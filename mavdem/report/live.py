@@ -164,9 +164,10 @@ def _wrapped_light(light: Fact) -> Fact:
 def light_rows(status: SessionStatus) -> list[LightRow]:
     """Returns the rows of the table of status lights of a live flight, one for each part of the vehicle.
 
-    A light is the judgement of one part as a fact with a level. Its row has the level and one figure, such as the
-    battery's voltage. In the place of the figure, a light that warns without one has the beginning of its sentence; one
-    that is not judged, what it waits for or lacks; and after the link was lost, one that was good, how long ago.
+    A light is the judgement of one part as a fact (coded finding) with a level. Its row has the level and one figure,
+    such as the battery's voltage. In the place of the figure, a light that warns without one has the beginning of its
+    sentence; one that is not judged, what it waits for or lacks; and after the link was lost, one that was good, how
+    long ago.
 
     Args:
         status: state of the session.
@@ -190,7 +191,7 @@ def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_fligh
 
     Args:
         name: name of the light.
-        light: the fact with the judgement.
+        light: the fact (coded finding) with the judgement.
         status: state of the session.
         figure_in_flight: its figure by the latest messages of the flight; empty for none.
 
@@ -220,7 +221,7 @@ def _text_without_figure(light: Fact) -> str:
     """Returns what stands in the place of a figure that a light (judgement of one part) does not have.
 
     Args:
-        light: the fact with the judgement.
+        light: the fact (coded finding) with the judgement.
 
     Returns:
         The beginning of the sentence of a light that warns; what a light that is not judged waits for or lacks; empty
@@ -446,7 +447,8 @@ def moment_text(event: Event) -> str:
 def without_basis_of_phase(fact: Fact) -> Fact:
     """Returns a fact that the vehicle left the ground or is on it, without the names of the messages that show it.
 
-    Whoever watches a flight sees where the vehicle is, and need not know these names. Other facts stay as they are.
+    Whoever watches a flight sees where the vehicle is, and need not know these names. Other facts (coded findings) stay
+    as they are.
 
     Args:
         fact: what an event of a live session reports.

@@ -239,7 +239,7 @@ def margins_in_short(rating: Fact) -> str:
 
 @cache
 def sentence_templates() -> dict[str, dict[str, str]]:
-    """Loads the templates of all facts from ``mavdem/report/sentences``.
+    """Loads the templates of all facts (coded findings) from ``mavdem/report/sentences``.
 
     Returns:
         By the value of the fact's code, the templates by "sentence", "remedy" and so on.
@@ -295,7 +295,8 @@ def _advises_flight(code: Code, template_name: str) -> bool:
 def _template_values(fact: Fact) -> dict[str, Any]:
     """Returns the values that the templates of a fact use by name: its figures and attributes, and the medium.
 
-    Templates must not use undefined names, so that figures which most facts do not have get a default here.
+    Templates must not use undefined names, so that figures which most facts (coded findings) do not have get a default
+    here.
 
     Args:
         fact: the fact. Its figure ``is_grounded`` means that the vehicle must not fly
@@ -728,7 +729,7 @@ def _baseline_flights(count: int, are_chosen: bool) -> str:
 
 
 def forbids_flight(fact: Fact) -> bool:
-    """Returns whether the remedy of a fact, the advice that follows its sentence, says not to fly.
+    """Returns whether the remedy of a fact (coded finding), the advice that follows its sentence, says not to fly.
 
     A text with several facts then says so only once. In the file of sentence templates a code may have one of these
     rules under the key ``forbids_flight``; without a rule, its remedy does not forbid to fly.

@@ -60,7 +60,8 @@ def loops_of_axes(
         known_loops: loops by axis, or why they are not known, if they were identified before.
 
     Returns:
-        By axis the identified loop, or the fact that says why it was not identified; and the facts about AutoTune.
+        By axis the identified loop, or the fact (coded finding) that says why it was not identified; and the facts
+        about AutoTune.
     """
     loops = dict[str, Loop | Fact]()
     autotune_facts = []
@@ -78,7 +79,7 @@ def loops_of_axes(
 
 
 def _fact_about_autotune(signals: Signals, loop: Loop | Fact) -> Fact | None:
-    """Returns the fact that AutoTune changed the gains of an axis; None if it did not.
+    """Returns the fact (coded finding) that AutoTune changed the gains of an axis; None if it did not.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -331,7 +332,7 @@ def loop_of_parameters_or_reason(estimates: AxisEstimates, record: Record | None
         record: the data from which these parameters were learned; None if there are no parameters.
 
     Returns:
-        The loops of rate and attitude; or the fact that says why they are not known.
+        The loops of rate and attitude; or the fact (coded finding) that says why they are not known.
     """
     plant = estimates.physical
     if plant is None or record is None:

@@ -64,7 +64,7 @@ def flight_overrides(
     Of the first four of these only the worst is returned, since each explains the ones after it:
 
     1. A limit cycle (``Override.OSCILLATION``).
-    2. Motors that lost thrust, with a fact for each (``Override.MOTORS``).
+    2. Motors that lost thrust, with a fact (coded finding) for each (``Override.MOTORS``).
     3. A motor at its upper limit in the hover (``Override.SATURATION``).
     4. Motors whose commands in the hover differ much from their mean (``Override.TRIM``).
     5. Recorded body rates that do not match the angles (``Override.DATA``): a fault of the data, which is independent
@@ -106,8 +106,8 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
         oscillation: the limit cycle, an oscillation that the control loops keep up.
 
     Returns:
-        A fact with the ``duration`` of the limit cycle, s, whether its amplitude was ``growing``, the ``share`` of the
-        time with a motor at a limit, and the figures of the oscillation itself, such as its frequency.
+        A fact (coded finding) with the ``duration`` of the limit cycle, s, whether its amplitude was ``growing``, the
+        ``share`` of the time with a motor at a limit, and the figures of the oscillation itself, such as its frequency.
     """
     return Fact(
         Override.OSCILLATION,
@@ -121,7 +121,7 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
 def _loss_override(loss: Fact) -> Fact:
     """Returns the fact that a motor lost thrust in flight, which overrides the grades of any model of the flight.
 
-    The fact is made of the loss: it says that no grade of a model holds, because a motor lost thrust.
+    The fact (coded finding) is made of the loss: it says that no grade of a model holds, because a motor lost thrust.
 
     Args:
         loss: the loss of one motor's thrust, from :func:`mavdem.motors.motor_changes.thrust_losses`.

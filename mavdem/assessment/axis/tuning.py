@@ -152,7 +152,7 @@ class Tuning(NamedTuple):
     doubtful_axes: frozenset[str] = frozenset()
     """The axes whose measured response contradicts the identified loop, so that its margins may be wrong."""
     no_loop: Fact | None = None
-    """Why the loop of no axis is known; None if that of one is."""
+    """Why the loops of no axis are known; None if those of at least one axis are."""
 
     @property
     def refusal(self) -> Fact | None:
@@ -291,7 +291,7 @@ def _judgement_with_tuning_step(
 
     Args:
         judgement: judgement of the vehicle before tuning.
-        advice_by_axis: the advice on each requested axis, or the fact that its loop is not known.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
         has_new_gains: whether the advice changes any gain.
         is_written: whether the gains will be written to a file.
@@ -368,7 +368,7 @@ def _advice_on_axes(
         raises_sound_gains: whether the gains of loops that have enough margin are raised.
 
     Returns:
-        For each axis the advice, or the fact that its loop is not known, with the reasons.
+        For each axis the advice, or the fact (coded finding) that its loop is not known, with the reasons.
     """
     # A vehicle that is tuned was judged, and so has evidence.
     assert assessment.evidence is not None
@@ -402,7 +402,7 @@ def _advice_on_axes(
 def _reason_for_no_loop(
     evidence: Evidence, judgement: Judgement, refusals: Mapping[str, Fact]
 ) -> Fact:
-    """Returns the fact that the loop of no axis is known, with the reasons.
+    """Returns the fact (coded finding) that the loop of no axis is known, with the reasons.
 
     A bad headline is the first reason, unless it is a need of repair, which the refusals name already.
 
@@ -464,8 +464,8 @@ def _next_step_with_new_gains(
         is_written: whether the gains are written to a file.
 
     Returns:
-        The fact ``FLY_BEFORE_GAINS`` if the flight is not a basis for the new gains of any axis (``Advice.is_sound``),
-        and otherwise ``LOAD_GAINS``.
+        The fact (coded finding) ``FLY_BEFORE_GAINS`` if the flight is not a basis for the new gains of any axis
+        (``Advice.is_sound``), and otherwise ``LOAD_GAINS``.
     """
     changed_loops = _advice_on_changed_loops(advice_on_loops)
     if any(advice.is_sound for advice in changed_loops):
@@ -483,9 +483,9 @@ def _step_to_fly_before_gains(judgement: Judgement, changed_loops: Sequence[Advi
         changed_loops: advice on the loops that change. The flight is a basis for the new gains of none.
 
     Returns:
-        The fact ``FLY_BEFORE_GAINS``. Its ``reason`` names all axes and says which flight is needed, as the advice does
-        that is the most certain of a change: because most models of the vehicle have their margins with the new gains,
-        or because most lack them with the present ones.
+        The fact (coded finding) ``FLY_BEFORE_GAINS``. Its ``reason`` names all axes and says which flight is needed, as
+        the advice does that is the most certain of a change: because most models of the vehicle have their margins with
+        the new gains, or because most lack them with the present ones.
     """
 
     def certainty(advice: Advice) -> float:
@@ -566,7 +566,7 @@ def _step_to_load_gains(
         is_written: whether the gains are written to a file.
 
     Returns:
-        The fact ``LOAD_GAINS`` with these figures, among others:
+        The fact (coded finding) ``LOAD_GAINS`` with these figures, among others:
 
         - ``share``: the fraction of the models that fit the flight with which the gains to load have the required
           margins with 20 % more or less thrust, too, the lowest of all loops, and ``share_as_flown`` with the thrust of
@@ -672,7 +672,8 @@ def _next_step_without_new_gains(
     3. Without a remedy it is the conclusion on the first axis, such as to keep its gains.
 
     Args:
-        advice_by_axis: the advice on each requested axis, or the fact that its loop is not known. None has new gains.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known. None
+            has new gains.
         other_axes: axes that were not requested, but whose gains should change.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
     """
@@ -698,7 +699,8 @@ def _next_step_towards_gains(judgement: Judgement, advice_by_axis: AdviceByAxis)
 
     Args:
         judgement: headline, next step and status lights of the flight, and decisions on its loops.
-        advice_by_axis: the advice on each requested axis, or the fact that its loop is not known. None advises gains.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known. None
+            advises gains.
     """
     for axis, advice in advice_by_axis.items():
         decision = judgement.loop_decisions.get(axis)
@@ -792,9 +794,10 @@ def _allows_new_gains(headline: Fact) -> bool:
 def _reasons_against_higher_gains(evidence: Evidence, judgement: Judgement) -> Facts:
     """Returns why the gains may not be raised on any axis: repairs that the vehicle needs, or a limit cycle.
 
-    A limit cycle is a lasting oscillation of the loops. Three facts may be about the same one: a repair, the reason of
-    the decision on the axis that oscillates, and the gains to lower. A reader needs one of them: if an axis is known to
-    oscillate, the reason of its decision replaces the repair. Otherwise the gains to lower are added.
+    A limit cycle is a lasting oscillation of the loops. Three facts (coded findings) may be about the same one: a
+    repair, the reason of the decision on the axis that oscillates, and the gains to lower. A reader needs one of them:
+    if an axis is known to oscillate, the reason of its decision replaces the repair. Otherwise the gains to lower are
+    added.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -825,8 +828,8 @@ def _joined_by_reason(refusals: Mapping[str, Fact]) -> list[Fact]:
         refusals: why the loop is not known, by axis, at least one.
 
     Returns:
-        One fact for each reason: the fact of the first axis with this reason. Its figure ``names`` are the axes with
-        this reason; it is absent if all axes have the same.
+        One fact (coded finding) for each reason: the fact of the first axis with this reason. Its figure ``names`` are
+        the axes with this reason; it is absent if all axes have the same.
     """
     axes_by_text = group_by(refusals, lambda axis: refusals[axis].sentence_and_remedy)
     reasons = []

@@ -83,8 +83,8 @@ def power_light(evidence: Evidence) -> Fact:
     """Judges the power in flight by the worst fact about it; unknown if no voltage and no charge was measured.
 
     Judged are the voltages of the batteries, their charge, the supply voltage of the board, and the autopilot's reports
-    on them. If several batteries were measured, the fact names the one that it is about, and has the voltages of the
-    others as the figure ``batteries``: a tuple of facts, the worst first.
+    on them. If several batteries were measured, the fact (coded finding) names the one that it is about, and has the
+    voltages of the others as the figure ``batteries``: a tuple of facts, the worst first.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -187,8 +187,8 @@ def with_supply_before_open_end(evidence: Evidence) -> tuple[Fact, ...]:
         evidence: events of the vehicle, and its voltages in flight.
 
     Returns:
-        All events of the evidence in the same order. The event that the log ends in the air has the fact about the
-        supply as its figure ``suspect``, if the supply was low or fell.
+        All events of the evidence in the same order. The event that the log ends in the air has the fact (coded
+        finding) about the supply as its figure ``suspect``, if the supply was low or fell.
     """
     events = []
     for event in evidence.events:
@@ -275,8 +275,8 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     The samples are averaged over 2 s and sorted. The voltage below which they were for ``LOW_VOLTAGE_SECONDS`` in total
     is compared with the limits, so that a short sag under a burst of thrust has no effect.
 
-    If the flight was lost, the voltage is judged until the loss, and the fact ends there. If the voltage was too low,
-    the fact has the time at which the average first was below the limit.
+    If the flight was lost, the voltage is judged until the loss, and the fact (coded finding) ends there. If the
+    voltage was too low, the fact has the time at which the average first was below the limit.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -309,23 +309,31 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         # The limit is 0: neither parameters nor the number of cells are known, and the voltage cannot be judged.
         code = PowerLight.CELLS_UNKNOWN
     ending = evidence.ending
-    # Only where it may be unclear which battery is meant, the fact names it.
-    battery_figures: dict[str, Any] = {}
-    if len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY:
-        battery_figures = {"subject": battery_name(battery.number), "battery": battery.number}
     return Fact(
         code,
         level,
         time=start.time,
         **start.optional_figures,
         end_time=None if ending is None else loss_onset(ending),
-        **battery_figures,
+        **_figures_naming_battery(evidence, battery),
         voltage=averages[0],
         cells=cells,
         current=load.max_current,
         resistance=load.resistance,
         voltage_limit=voltage_limit,
     )
+
+
+def _figures_naming_battery(evidence: Evidence, battery: Battery) -> dict[str, Any]:
+    """Returns the subject and figure by which a fact (coded finding) names a battery; empty if there is no other one.
+
+    Args:
+        evidence: signals of the vehicle, with all its batteries.
+        battery: the battery that the fact is about. If its number is not that of the first one, it is always named.
+    """
+    if len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY:
+        return {"subject": battery_name(battery.number), "battery": battery.number}
+    return {}
 
 
 def _lasting_voltage(voltage: TimeSeries, sorted_averages: Array) -> float:
@@ -361,7 +369,7 @@ class _StartBelow(NamedTuple):
 
     @property
     def optional_figures(self) -> dict[str, Any]:
-        """The figure of a fact that says so; empty if the voltage fell in flight."""
+        """The figure by which a fact (coded finding) says that it was low from the start; empty if it fell later."""
         return {"is_low_from_start": True} if self.is_start_of_flight else {}
 
 
@@ -382,7 +390,7 @@ def _start_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> _Star
 
 
 def _charge_facts(evidence: Evidence, batteries: Sequence[Battery]) -> list[Fact]:
-    """Returns a fact for each battery whose charge fell to the autopilot's limits in flight.
+    """Returns a fact (coded finding) for each battery whose charge fell to the autopilot's limits in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -412,7 +420,7 @@ def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
         battery: a battery that was measured in flight.
 
     Returns:
-        A fact with these figures:
+        A fact (coded finding) with these figures:
 
         - ``share``: the lowest charge, as a fraction of the full one.
         - ``share_limit``: the limit that it fell to, as such a fraction; None if it is empty without a limit.
@@ -557,17 +565,12 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
         evidence: signals, events and measurements of the vehicle.
 
     Yields:
-        At most one fact, with the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the
-        limit, all in V. In the first two cases it has the time at which the average first was so low, and
-        ``is_low_from_start`` if that was when the flight began. For the advice to measure a battery it has the
-        ``parameter`` that chooses the power module.
+        At most one fact (coded finding), with the lowest average over 2 s as ``voltage``, the median as
+        ``voltage_usual``, and the limit, all in V. In the first two cases it has the time at which the average first
+        was so low, and ``is_low_from_start`` if that was when the flight began. For the advice to measure a battery it
+        has the ``parameter`` that chooses the power module.
     """
-    # The first voltage that varies is used: a constant one was not measured.
-    measured_voltage = None
-    for volts in _board_voltages(evidence):
-        if np.ptp(volts.values) > 0:
-            measured_voltage = volts
-            break
+    measured_voltage = _measured_board_voltage(evidence)
     averages = evidence.averages_in_flight(measured_voltage)
     if measured_voltage is None or not len(averages):
         return
@@ -598,6 +601,18 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
         voltage_limit=voltage_limit,
         parameter=_power_module_parameter(evidence.signals.telemetry),
     )
+
+
+def _measured_board_voltage(evidence: Evidence) -> TimeSeries | None:
+    """Returns the first supply voltage of the board that varies, (N,) V: a constant one was not measured.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+    """
+    for volts in _board_voltages(evidence):
+        if np.ptp(volts.values) > 0:
+            return volts
+    return None
 
 
 def _board_voltages(evidence: Evidence) -> Iterator[TimeSeries]:

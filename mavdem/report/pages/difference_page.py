@@ -370,7 +370,7 @@ class _ReasonOfAxes(NamedTuple):
 
     @classmethod
     def from_fact(cls, fact: JsonValues, axis: str, loop_name: str) -> Self:
-        """Returns the reason that a fact in a review document states.
+        """Returns the reason that a fact (coded finding) in a review document states.
 
         Args:
             fact: the fact, with its sentence and its subject.

@@ -480,7 +480,7 @@ def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
 
     Args:
         chapter: the chapter. If it has sections, ``chapter.level`` is the worst of their levels.
-        lights: the lights by name, each a fact with a level.
+        lights: the lights by name, each a fact (coded finding) with a level.
 
     Returns:
         The levels; empty for a chapter that nothing judges.

@@ -101,8 +101,9 @@ def responses_chapter(
     """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
 
     Args:
-        responses: measured response or the fact why there is none, and the prediction, by axis and loop. Loops without
-            a response for the same reason share one sentence; a prediction that does not agree gives a caution.
+        responses: measured response or the fact (coded finding) why there is none, and the prediction, by axis and
+            loop. Loops without a response for the same reason share one sentence; a prediction that does not agree
+            gives a caution.
         advised_steps_by_loop: predicted step responses with the advised gains, by axis and loop.
         light: fact of the light of the margins, whose axis a phone shows first; None where there is none.
     """
