@@ -45,26 +45,24 @@ from mavdem.witnesses.boot_sensors import BootSensors
 
 
 def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
-    """Returns the events that the motion shows, in order of boot and time.
+    """Returns what went wrong in a log as its motion shows it, such as a loss of attitude, a fall or a ground contact.
 
-    They are losses of attitude, spins about yaw, falls, dives, flips, contacts with the ground and motors that run on
-    after one, losses of height and position estimates, drift in wind, attitudes that are not numbers, barometers that
-    drift, motors at their limit or off, clipping of the accelerometers, and a log that ends in the air.
-
-    A boot in which the vehicle did not fly has a single event, which says so. Of vehicles that are not multirotors only
-    clipping and losses of the position are events, since a plane banks and dives on purpose.
+    Each boot of the autopilot (the time from one start of it to the next) is judged by itself. If the vehicle did not
+    fly in one, a single event says so. Vehicles other than multirotors have fewer kinds of events, since a plane banks
+    and dives on purpose.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         reports: events that the autopilot reports, which support or contradict the events of the motion.
 
     Returns:
-        The events; empty if the attitude was not recorded.
+        The events in order of boot and time; empty if the attitude was not recorded.
     """
     if not signals.tilts:
         return ()
     is_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
     events: list[Fact] = []
+    # A boot's trust says which of its sensors can be relied on.
     for trust in trust_of_boots(signals):
         boot = trust.boot
         if not is_multirotor:

@@ -224,15 +224,15 @@ def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
 
 
 def _with_logging_ability(fact: Fact, telemetry: Telemetry) -> Fact:
-    """Adds to a fact what its advice to log the gyro faster depends on: how, and whether, this autopilot can do so.
+    """Adds to a finding whether the autopilot can log its gyro faster, so that the advice fits the autopilot.
 
     Args:
-        fact: a coded finding: that the gyro has no spectrum, or one that ends below the motors' frequencies.
+        fact: the finding that the gyro has no spectrum, or one that ends below the motors' frequencies.
         telemetry: autopilot and firmware of the vehicle.
 
     Returns:
-        The fact with two more figures: the name of the ``autopilot``, and ``can_log``, whether its version logs the
-        gyro at a rate that is high enough for a spectrum.
+        The finding with two more figures: the name of the ``autopilot``, and as ``can_log``, whether its firmware can
+        log the gyro fast enough for such a spectrum. PX4 always can; ArduCopter can from some version on.
     """
     can_log_fast_gyro = _is_from_version(telemetry, FIRST_VERSION_WITH_BATCHES)
     return fact.replace(autopilot=telemetry.autopilot, can_log=can_log_fast_gyro)

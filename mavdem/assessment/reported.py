@@ -706,18 +706,19 @@ def _without_passing_lanes(faults: Sequence[Fact]) -> list[Fact]:
 def _lasting_faults(
     signals: Signals, recorded_span: Segment, fault_flags: Sequence[FaultSignal]
 ) -> Iterator[Fact]:
-    """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
+    """Yields an event for each time in which the autopilot reports a fault, such as of a sensor, while it is armed.
 
-    Before arming, faults mean nothing, since sensors are starting and radios may be off.
+    Faults while it is disarmed mean nothing, since sensors may be starting and radios off. A fault that began before
+    the arming begins with it.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
-        fault_flags: for each fault, whether the samples of its message report it, of all boots.
+        fault_flags: for each kind of fault the samples, of all boots, that say whether it is there.
 
     Yields:
-        A fact (coded finding) with start and end for each interval. The end may be after the motors are disarmed; a
-        fault that is still there when the record ends has none, and is marked as ``is_permanent``.
+        Events with start and end. The end may be after the disarming. If a fault is still there when the record ends,
+        its event has no end and is marked as ``is_permanent``.
     """
     recorded_interval = [(recorded_span.start, recorded_span.end)]
     armed_spans = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
@@ -725,7 +726,6 @@ def _lasting_faults(
         for faulty_interval in _faulty_intervals(fault, signals, recorded_span.boot):
             _, end = faulty_interval
             is_permanent = end == inf
-            # The event of a fault that began before the arming begins with the arming.
             for start, _ in intersection([faulty_interval], armed_spans):
                 event = _reported_event(
                     signals,

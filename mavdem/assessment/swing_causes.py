@@ -29,33 +29,44 @@ def with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
 
 
 def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
-    """Adds to a swinging attitude how far it was from its setpoint, and which motors had no reserve of thrust.
-
-    An attitude swings if roll or pitch goes to and fro by tens of degrees. A swing far from the setpoint is bad even if
-    the vehicle recovered, since the autopilot did not control the attitude.
+    """Adds to the event of an attitude oscillation its attitude error and the motors that were saturated in it.
 
     Args:
-        swing: the event that the attitude swung.
-        concurrent_events: events at the same time. Among them may be losses of attitude from which the vehicle
-            recovered (``ATTITUDE_CAUGHT``), and motors at their upper limit (``MOTOR_AT_ITS_STOP``).
+        swing: the event: roll or pitch oscillated by tens of degrees.
+        concurrent_events: other events at the same time, such as a loss of attitude or a motor at its upper limit.
+    """
+    return _with_saturated_motors(_with_attitude_error(swing, concurrent_events), concurrent_events)
+
+
+def _with_attitude_error(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
+    """Makes an attitude oscillation bad if the attitude was far from its setpoint in it.
+
+    It is bad even if the vehicle recovered, since the autopilot did not control the attitude.
 
     Returns:
-        The event, changed in two cases. If the attitude was lost from a known setpoint, it is bad and has the largest
-        error of roll or pitch as ``angle_error``, rad. If motors stayed at their upper limit while the pilot did not
-        give full throttle, it has their ``names``, and as ``least_duration``, s, how long each of them stayed there at
-        once at least.
+        The event with the largest error of roll or pitch, rad, as ``angle_error``; unchanged if there is none.
     """
     angle_errors = [
         event.figures["angle"] for event in concurrent_events if _is_lost_from_setpoint(event)
     ]
-    limited_motors = [event.subject for event in concurrent_events if _has_no_reserve(event)]
-    if angle_errors:
-        swing = swing.replace(Level.BAD, angle_error=max(angle_errors))
-    if limited_motors:
-        # Each motor is named once, in the order of its first event.
-        names = tuple(dict.fromkeys(limited_motors))
-        swing = swing.replace(names=names, least_duration=LASTING_SECONDS)
-    return swing
+    if not angle_errors:
+        return swing
+    return swing.replace(Level.BAD, angle_error=max(angle_errors))
+
+
+def _with_saturated_motors(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
+    """Adds to an attitude oscillation the motors that stayed at their upper limit without full throttle of the pilot.
+
+    Returns:
+        The event with their ``names`` and with ``least_duration``, s, the time that each of them stayed there at least;
+        unchanged if there are no such motors.
+    """
+    saturated_motors = [event.subject for event in concurrent_events if _has_no_reserve(event)]
+    if not saturated_motors:
+        return swing
+    # Each motor is named once, in the order of its first event.
+    names = tuple(dict.fromkeys(saturated_motors))
+    return swing.replace(names=names, least_duration=LASTING_SECONDS)
 
 
 def _is_lost_from_setpoint(event: Fact) -> bool:

@@ -63,17 +63,16 @@ URGENCY_OF_HEALTHS = {
 
 
 def light_level(flight: AxisRows, light: Light) -> Level:
-    """Returns the level of one status light of a flight on pages of a fleet; unknown if the log has no such light.
+    """Returns how one part of a vehicle did in a flight: "good", "watch", "bad", or "unknown" if it was not judged.
 
-    A status light is the judgement of one part of the vehicle, such as its motors, from the log alone. The motors are
-    also compared with other flights of the vehicle, which shows smaller losses of thrust. Their light gets the worse
-    level of both judgements.
+    Most parts are judged by the log of the flight alone. The motors are also compared with other flights of the
+    vehicle, which shows smaller losses of thrust. The worse of both judgements counts for them.
 
     Args:
         flight: rows of the flight in the fleet's table, one for each axis.
-        light: name of the status light, such as "motors".
+        light: the part that is judged (its status light on the page), such as the motors.
     """
-    # Each light has a field of the row, such as "light_motors", which is the same in the rows of all axes.
+    # The level of each part is a field of the row, such as "light_motors". It is the same in the rows of all axes.
     level_of_log = Level(getattr(log_row(flight), f"light_{light}") or Level.UNKNOWN)
     if light is not Light.MOTORS:
         return level_of_log
@@ -82,12 +81,12 @@ def light_level(flight: AxisRows, light: Light) -> Level:
 
 
 def level_beside_other_flights(level_of_log: Level, health_level: Level) -> Level:
-    """Returns the worse of two levels of a flight: by its log alone, and of its motors beside other flights.
+    """Returns the worse of two levels of a flight: by its log alone, and by comparing its motors with other flights.
 
     Args:
-        level_of_log: level of the headline, or of the motors' status light, by the log alone.
-        health_level: level of the motors' health in comparison with other flights. It counts only if it is "bad" or
-            "watch": sound health does not make a warning of the log better.
+        level_of_log: level by the log alone, of the whole flight or of its motors.
+        health_level: level of the motors by the comparison. It counts only if it is "bad" or "watch", since motors as
+            good as in other flights do not disprove a warning of the log.
     """
     if level_of_log is Level.BAD or health_level not in (Level.BAD, Level.WATCH):
         return level_of_log
@@ -95,10 +94,10 @@ def level_beside_other_flights(level_of_log: Level, health_level: Level) -> Leve
 
 
 def is_headline_replaced(level_of_log: Level) -> bool:
-    """Returns whether weak motors, found by comparison with other flights, replace the headline of a flight's own log.
+    """Returns whether weak motors, found by comparison with other flights, come before what a flight's own log shows.
 
-    Something bad that the log alone shows, such as a crash, stays the headline, with its own next step. Pages, lists,
-    searches and documents of flights follow this one rule.
+    They become the headline (the most serious finding) of the flight, unless the log shows something bad, such as a
+    crash. Pages, lists, searches and documents of flights follow this one rule.
 
     Args:
         level_of_log: level of the headline by the log alone.
@@ -138,19 +137,18 @@ def is_serial(name: str) -> bool:
 
 
 def short_name(name: str) -> str:
-    """Returns the name of a vehicle; a serial number is shortened to its first and last characters, as a line needs.
-
-    Of the hash of a calibration, which names a vehicle without a serial number, only the last characters are shown. The
-    frame that may follow the number is left out, since it stands beside the short name.
+    """Returns the name of a vehicle, short enough for a line of text, such as "3A00…0B2B37" for a serial number.
 
     Args:
-        name: name of the vehicle in its logs.
+        name: name of the vehicle in its logs. A type of frame may follow a serial number; the short name leaves it out,
+            since pages show it beside the name.
     """
     if not is_serial(name):
         return name
     number = name_without_frame(name)
     if is_calibration_name(number):
-        # The hash of a calibration follows the name of the sensor, which many vehicles have in common.
+        # The hash of a calibration names a vehicle without a serial number. Its beginning is the name of the sensor,
+        # which many vehicles have in common.
         return f"…{number[-SERIAL_END_LENGTH:]}"
     return f"{number[:SERIAL_START_LENGTH]}…{number[-SERIAL_END_LENGTH:]}"
 
@@ -204,21 +202,22 @@ def vehicle_name_or_type(
 
 
 def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
-    """Returns the name of a vehicle that tells it from others, such as "Quadrotor 3A0041…2B37" for a serial number.
+    """Returns what a page calls a vehicle, which tells it from others, such as "Quadrotor 3A00…0B2B37".
 
     Args:
-        name: name of the vehicle in its logs, which may be a serial number or made of a system id.
+        name: how the logs identify the vehicle: by a name, a serial number, a hash of its calibration or a system id.
         frame: type of the frame, such as "QUADROTOR"; empty where it is not known.
         names: names that owners gave to vehicles, which come before all others.
-        is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
+        is_shared: whether ``name`` is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        The name or, if the logs have only a serial number, the type with a part of that number. A log without either is
-        named by the hash of its calibration, as in "Quadrotor (unnamed, …6f6923)".
+        The name. A vehicle without one is called by its type and a part of its serial number or of the hash, as in
+        "Quadrotor (unnamed, …6f6923)" for a hash.
     """
     name_or_type = vehicle_name_or_type(name, frame, names, is_shared=is_shared)
     has_name_of_owner = name in names.vehicles
-    if has_name_of_owner or is_shared or not is_serial(name):
+    is_identified_by_number = is_serial(name) and not is_shared
+    if has_name_of_owner or not is_identified_by_number:
         return name_or_type
     # Several vehicles have the same type, so that a part of the number follows it.
     if is_calibration_name(name):
@@ -282,10 +281,10 @@ def badge(flights: Flights) -> str:
 
 
 def badge_level(flights: Flights) -> Level:
-    """Returns the level of a vehicle: the worse one of its latest headline and of its motors beside other flights.
+    """Returns how well a vehicle is: "good", "watch" or "bad"; "unknown" if its latest log could not be analysed.
 
-    A flight without a headline (its most serious finding) has the level of the motors; a log that was not used has the
-    level "unknown".
+    The worse of two levels counts: that of the most serious finding in the latest flight (its headline), and that of
+    the motors' health in comparison with other flights. If the flight has no headline, only the motors count.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date.
@@ -302,8 +301,8 @@ def badge_level(flights: Flights) -> Level:
 def urgency_and_age(flights: Flights) -> UrgencyAndAge:
     """Returns the key by which vehicles are sorted, so that a list begins with the one that needs attention most.
 
-    The more urgent of two judgements counts: the headline of the latest flight, and the health of the motors. Of
-    vehicles that are as urgent the one with the latest flight comes first.
+    The more urgent of two findings counts: the most serious one of the latest flight (its headline), and the health of
+    the motors. If two vehicles are equally urgent, the one that flew last comes first.
 
     Args:
         flights: flights of the vehicle in order of date, at least one.
@@ -374,11 +373,10 @@ def _latest_anomalous_row(flights: Flights) -> FlightRow | None:
 
 
 def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
-    """Returns what to do next about a vehicle, in sentences; an empty text where nothing is wrong with it.
+    """Returns what to do next about a vehicle, in sentences; an empty text if nothing is wrong with it.
 
-    There are two sources. The step that the log of the latest flight advises comes first. It is left out if that flight
-    was good, or if it is only to be watched while the motors need repair, which matters more. The second source is the
-    comparison of the motors with other flights of the vehicle, if it shows a fault or a drift.
+    The first step is the one that the log of the latest flight advises, if the flight was bad. If it was only "watch",
+    that step is left out when the motors need repair, which matters more. The step about the motors comes second.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date; at least one flight.

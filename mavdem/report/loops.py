@@ -469,17 +469,16 @@ def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
 def _unstated_remedies(
     tuning: Tuning, axis: str, report: str, stated_remedies: Collection[str]
 ) -> list[str]:
-    """Returns the remedies for the control loops of one axis that the user has not read already.
-
-    There are up to two sentences: what to do about the gains, and what to do about the loops. If one of them contains
-    the other, it stands alone.
+    """Returns the sentences that say what to do about one axis, without those that the user has read already.
 
     Args:
-        tuning: for each axis its advice, or the fact (coded finding) that says why there is none; and the decision on
-            its loops.
+        tuning: for each axis the advice on its gains, or the finding that says why there is none.
         axis: "roll", "pitch" or "yaw".
-        report: text on the axis, which the remedies will follow.
-        stated_remedies: remedies in the next step and in the text on other axes.
+        report: text on the axis, which the sentences will follow.
+        stated_remedies: sentences of this kind in the next step and in the text on other axes.
+
+    Returns:
+        Up to two sentences: what to do about the gains, and what else to do about the loops. None is part of the other.
     """
     advice = tuning.axes[axis]
     advice_on_gains = advice if isinstance(advice, Fact) else _conclusion(tuning, advice)
@@ -490,13 +489,12 @@ def _unstated_remedies(
     for remedy in dict.fromkeys(candidates):
         if remedy not in stated_remedies and remedy not in report:
             new_remedies.append(remedy)
-    if len(new_remedies) == 2:
-        remedy_of_gains, remedy_of_loops = new_remedies
-        if remedy_of_gains in remedy_of_loops:
-            return [remedy_of_loops]
-        if remedy_of_loops in remedy_of_gains:
-            return [remedy_of_gains]
-    return new_remedies
+    return _without_contained_texts(new_remedies)
+
+
+def _without_contained_texts(texts: list[str]) -> list[str]:
+    """Returns those of some different texts that are not part of another one, in their order."""
+    return [text for text in texts if not any(text in other for other in texts if other != text)]
 
 
 def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
@@ -1266,11 +1264,15 @@ def _loops_to_compare(tuning: Tuning) -> _ComparedLoops:
 
 
 def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
-    """Returns the rows of a table with a loop's stability margins and its crossover, each with its interval.
+    """Returns table rows with the stability margins and the crossover of a control loop, each with its interval.
 
     Args:
-        loops: loops with the present and, if gains change, with the new gains, which have a cell each.
-        loop_name: "rate" or "attitude".
+        loops: the identified loops of an axis, by header of the table's column: with the present gains and, if gains
+            change, with the new ones.
+        loop_name: which loop of the axis the rows are about, "rate" or "attitude".
+
+    Returns:
+        A row for each figure, such as the phase margin: its name, and then its value in each column.
     """
     rows = []
     for figure_name in TUNED_FIGURES:

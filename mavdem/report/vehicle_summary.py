@@ -379,14 +379,14 @@ def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
 
 
 def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
-    """Returns the rows of logs that hold no flight which can be analysed, for the list of why logs were not used.
+    """Returns the rows of a fleet's table without a flight that can be analysed, each with its log and the reason.
 
     Args:
-        rows: all rows of the fleet's table under one name.
+        rows: all rows of the table under the name of one vehicle. A log may have several rows.
 
     Returns:
-        Rows with file and reason, by date, those of logs without a date last. A log may have several rows; the first
-        one is marked, so that logs can be counted.
+        The rows by date, those of logs without a date last. The first one of each log is marked, so that logs can be
+        counted.
     """
     unused_rows = []
     rows_without_flight = [row for row in rows if not row.has_flight]

@@ -307,7 +307,9 @@ def _judgement_with_tuning_step(
             other_axes_to_tune.append(axis)
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
     is_refused = not any(advice.gains for advice in advice_on_loops)
-    if has_new_gains and _only_raises_gains_beside(judgement, advice_on_loops, other_axes_to_tune):
+    if has_new_gains and _raises_gains_while_others_lack_margin(
+        judgement, advice_on_loops, other_axes_to_tune
+    ):
         # The axes that lack margin come first, with a run that does not raise the gains of others.
         next_step = Fact(
             NextStep.TUNE_OTHER_AXES,
@@ -330,22 +332,25 @@ def _judgement_with_tuning_step(
     return replace(judgement, next_step=next_step)
 
 
-def _only_raises_gains_beside(
+def _raises_gains_while_others_lack_margin(
     judgement: Judgement, advice_on_loops: Sequence[Advice], other_axes: Sequence[str]
 ) -> bool:
-    """Returns whether new gains are only for axes with enough margin, while the flight shows too little on others.
+    """Returns whether new gains are only for axes with enough stability margin, while another axis has too little.
+
+    The other axis is then to be tuned first.
 
     Args:
-        judgement: decisions on the loops of all axes.
+        judgement: judgement of the flight, with the decision on the loops of each axis and the reason for it.
         advice_on_loops: advice on the loops of the requested axes.
         other_axes: axes that were not requested, but whose gains should change.
     """
-    lacks_margin = any(
+    other_axis_lacks_margin = any(
         judgement.loop_decisions[axis].reason.code is MarginsLight.LOOP_MARGINS
         for axis in other_axes
     )
-    has_margins = not any(advice.rating.is_bad for advice in advice_on_loops if advice.parameters)
-    return lacks_margin and has_margins
+    changed_loops = [advice for advice in advice_on_loops if advice.parameters]
+    changed_loops_have_margin = not any(advice.rating.is_bad for advice in changed_loops)
+    return other_axis_lacks_margin and changed_loops_have_margin
 
 
 def _advice_on_axes(
@@ -402,14 +407,15 @@ def _advice_on_axes(
 def _reason_for_no_loop(
     evidence: Evidence, judgement: Judgement, refusals: Mapping[str, Fact]
 ) -> Fact:
-    """Returns the fact (coded finding) that the loop of no axis is known, with the reasons.
+    """Returns the finding that no control loop could be identified, with the reasons.
 
-    A bad headline is the first reason, unless it is a need of repair, which the refusals name already.
+    If the flight went badly, the first reason is its most serious finding (headline). If the vehicle must be repaired,
+    the reasons on the axes say so already.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        judgement: judgement of the vehicle, with its headline and status lights.
-        refusals: why the loop of each axis is not known.
+        judgement: judgement of the vehicle, with its headline and what was found about its motors.
+        refusals: for each axis the reason why its loop is not known.
     """
     reasons = _joined_by_reason(refusals)
     must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
@@ -476,31 +482,34 @@ def _next_step_with_new_gains(
 
 
 def _step_to_fly_before_gains(judgement: Judgement, changed_loops: Sequence[Advice]) -> Fact:
-    """Returns the next step to make a flight that is to confirm new gains before they are loaded.
+    """Returns the advice to fly once more, since this flight is too uncertain a basis for new gains on any axis.
 
     Args:
-        judgement: headline and status lights of the flight.
-        changed_loops: advice on the loops that change. The flight is a basis for the new gains of none.
+        judgement: the flight's most serious finding (headline), and what was found about its motors, power and so on.
+        changed_loops: for each axis whose gains should change, the advice with the new gains.
 
     Returns:
-        The fact (coded finding) ``FLY_BEFORE_GAINS``. Its ``reason`` names all axes and says which flight is needed, as
-        the advice does that is the most certain of a change: because most models of the vehicle have their margins with
-        the new gains, or because most lack them with the present ones.
+        The finding ``FLY_BEFORE_GAINS``. Its ``reason`` says which flight is needed, and names all these axes.
     """
-
-    def certainty(advice: Advice) -> float:
-        """Returns the fraction of the models of the vehicle that speak for new gains."""
-        return max(advice.sure, advice.fraction_without_margins_before)
-
-    most_certain = max(changed_loops, key=certainty)
+    # One flight serves all axes. The advice with the strongest case for new gains describes it.
+    advice_with_strongest_case = max(changed_loops, key=_certainty_of_change)
     axes = tuple(advice.before.axis for advice in changed_loops)
-    flight = most_certain.flight_before_gains.replace(names=axes)
+    needed_flight = advice_with_strongest_case.flight_before_gains.replace(names=axes)
     return Fact(
         NextStep.FLY_BEFORE_GAINS,
         judgement.headline.level,
-        reason=flight,
+        reason=needed_flight,
         also=_faults_before_gains(judgement),
     )
+
+
+def _certainty_of_change(advice: Advice) -> float:
+    """Returns the fraction, 0 to 1, of the posterior models of a vehicle that speak for new gains on one axis.
+
+    A model speaks for them if it has its stability margins with the new gains, or if it lacks them with the present
+    ones. The larger of both fractions counts.
+    """
+    return max(advice.sure, advice.fraction_without_margins_before)
 
 
 def faults_besides_loops(judgement: Judgement) -> list[Fact]:

@@ -325,11 +325,16 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
 
 
 def _figures_naming_battery(evidence: Evidence, battery: Battery) -> dict[str, Any]:
-    """Returns the subject and figure by which a fact (coded finding) names a battery; empty if there is no other one.
+    """Returns the figures by which a finding about a battery says which battery it means, such as "battery 2".
+
+    The only battery of a vehicle needs no name, so that its figures are empty, unless its number is unusual.
 
     Args:
         evidence: signals of the vehicle, with all its batteries.
-        battery: the battery that the fact is about. If its number is not that of the first one, it is always named.
+        battery: the battery that the finding is about.
+
+    Returns:
+        The ``subject`` of the finding's sentence, which is the battery's name, and the number of the ``battery``.
     """
     if len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY:
         return {"subject": battery_name(battery.number), "battery": battery.number}
@@ -339,8 +344,8 @@ def _figures_naming_battery(evidence: Evidence, battery: Battery) -> dict[str, A
 def _lasting_voltage(voltage: TimeSeries, sorted_averages: Array) -> float:
     """Returns the voltage, V, below which a battery was for ``LOW_VOLTAGE_SECONDS`` of the flight in total.
 
-    If the battery was measured once a second, and these are 10 s, the ten lowest samples last that long. The voltage is
-    then the eleventh lowest, or the highest if there are fewer.
+    If the battery was measured once a second, and that time is 10 s, it is the eleventh lowest sample. If the flight is
+    shorter, it is the highest one.
 
     Args:
         voltage: (N,) the measured voltage, V, of which only the times are used. The median of the steps between samples

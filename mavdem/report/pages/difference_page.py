@@ -322,10 +322,13 @@ def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapte
 
 
 def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
-    """Returns why step responses are missing that only the other flight has: a sentence for each flight without some.
+    """Returns why step responses were measured in one flight of a comparison and not in the other one.
 
     Args:
-        reviews_by_side: review documents of both logs, by side, "A" and "B".
+        reviews_by_side: review documents of both flights, by side, "A" and "B".
+
+    Returns:
+        For each flight that lacks responses of the other one, all reasons in one text under "Not measured in A:".
     """
     sentences = []
     for side in reviews_by_side:
@@ -336,9 +339,9 @@ def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
 
 
 def _reasons_for_missing_steps(reviews_by_side: Reviews, side: str) -> list[str]:
-    """Returns why step responses are missing in one flight that the other one has.
+    """Returns why one flight of a comparison lacks step responses that were measured in the other one.
 
-    Each reason stands once, with all axes that it is about: a log that is too slow is so on all.
+    A reason that is the same on several axes, such as a log that is too slow, is stated once and names all of them.
 
     Args:
         reviews_by_side: review documents of both logs, by side, "A" and "B".
@@ -370,18 +373,20 @@ class _ReasonOfAxes(NamedTuple):
 
     @classmethod
     def from_fact(cls, fact: JsonValues, axis: str, loop_name: str) -> Self:
-        """Returns the reason that a fact (coded finding) in a review document states.
+        """Returns the reason that a finding states, without the axis if it is about one loop of this axis.
 
         Args:
-            fact: the fact, with its sentence and its subject.
-            axis: "roll", "pitch" or "yaw", of the response that is missing.
-            loop_name: "rate" or "attitude", of the same.
+            fact: a finding of a review document: its sentence and, if it is about one loop, the subject of the
+                sentence, such as "roll rate".
+            axis: axis of the missing step response, "roll", "pitch" or "yaw".
+            loop_name: loop of the missing step response, "rate" or "attitude".
         """
-        # Words such as "controller" contain the name of an axis, so that the whole subject is looked for.
-        if fact.get("subject") == f"{axis} {loop_name}":
-            sentence = fact["sentence"].replace(fact["subject"], SUBJECT_PLACEHOLDER)
-            return cls(sentence, loop_name)
-        return cls(fact["sentence"], "")
+        loop_of_axis = f"{axis} {loop_name}"
+        if fact.get("subject") != loop_of_axis:
+            return cls(fact["sentence"], "")
+        # The axis alone cannot be replaced: words such as "controller" contain its name.
+        sentence = fact["sentence"].replace(loop_of_axis, SUBJECT_PLACEHOLDER)
+        return cls(sentence, loop_name)
 
     def text(self, axes: Sequence[str]) -> str:
         """Returns the reason for some axes, as in "The roll and pitch rate is logged too slowly."."""

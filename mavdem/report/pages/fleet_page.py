@@ -365,13 +365,8 @@ def _vehicle_sections(
 ) -> list[VehicleSection]:
     """Makes the sections of a fleet's page: one for each vehicle, with its flights, status, next step and charts.
 
-    The most urgent vehicle comes first; urgency follows from the headline of the latest flight and the health of the
-    motors.
-
-    Flights whose logs do not identify their vehicle may be of several vehicles, and have no section, unless they were
-    compared with a baseline. To keep the page small, charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles
-    with more than one flight. Sections are folded, so that all vehicles that need a look can be seen at once. If it is
-    only one, its section is unfolded.
+    Sections are folded, so that all vehicles that need a look can be seen at once. If it is only one, its section is
+    unfolded.
 
     Args:
         summaries: summary of the flights under each name.
@@ -385,8 +380,11 @@ def _vehicle_sections(
     vehicles = _vehicles_told_apart(summaries)
     summaries_by_name = {summary.name: summary for summary in summaries}
     names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name))
-    names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1]
-    names_with_charts = names_with_charts[:MAX_DRAWN]
+    names_with_several_flights = [
+        name for name in names_by_urgency if vehicles[name].flight_count > 1
+    ]
+    # Charts make the page large, so that only the most urgent vehicles have them.
+    names_with_charts = names_with_several_flights[:MAX_DRAWN]
     bar_count = _bar_count(vehicles)
     urgent_count = sum(vehicle.needs_look for vehicle in vehicles.values())
     sections = []
@@ -403,13 +401,13 @@ def _vehicle_sections(
 
 
 def _vehicles_told_apart(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
-    """Returns the vehicles whose logs, or whose user, tell them from others: those with a section on a fleet's page.
+    """Returns the vehicles that have a section on a fleet's page, by their name.
+
+    A name that is a MAVLink system id may be shared by several vehicles. It counts as one vehicle only if its flights
+    were compared with a baseline.
 
     Args:
         summaries: summary of the flights under each name.
-
-    Returns:
-        Summary of the flights by the name of the vehicle.
     """
     shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     vehicles = {}
@@ -463,8 +461,8 @@ def _identification(logged_name: str, given_names: GivenNames, *, is_shared: boo
         is_shared: whether the name in the logs is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        "by its system id only" for a shared name, and the name in the logs, a serial number shortened, beside a given
-        one; otherwise empty.
+        "by its system id only" for a shared name. For a vehicle with a given name, the name in its logs; a serial
+        number is shortened. Empty for other vehicles, since the label has the name in the logs already.
     """
     if is_shared:
         return "by its system id only"
@@ -526,31 +524,45 @@ class UnnamedFlight(NamedTuple):
 
 
 def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
-    """Returns the bad real flights of vehicles that cannot be told apart, for a list of their own; the newest first.
+    """Returns the real flights that went badly, of vehicles whose logs do not name them, the newest flight first.
 
-    The names of such vehicles are made of MAVLink system ids, which several vehicles may have. If the motors of the
-    flights under such a name have a fault or drift, the name has a section of its own, which shows its latest flight.
-    This flight is left out here.
+    Such a log is filed under its MAVLink system id, which several vehicles may share. The page lists these flights one
+    by one, since it cannot say which vehicle made them. It leaves out those that it shows elsewhere already.
 
     Args:
         summaries: summary of the flights under each name, with the line of each flight in the table of all flights.
     """
-    vehicles = vehicles_with_section(summaries)
     summaries_of_shared_names = [summary for summary in summaries if summary.has_shared_name]
-    lines_in_sections = []
-    for summary in summaries_of_shared_names:
-        vehicle = vehicles.get(summary.name)
-        if vehicle is not None and vehicle.health in ANOMALOUS_HEALTHS:
-            lines_in_sections.append(_latest_line(summary))
+    lines_shown_elsewhere = _latest_lines_with_motor_anomaly(summaries)
     flights = []
     for line in _newest_first(summaries_of_shared_names):
         cells = dict(zip(COLUMNS, line.cells, strict=True))
         is_bad = BADGE_LEVELS[cells["health"]] is Level.BAD
-        if is_bad and not line.simulated and line not in lines_in_sections:
-            # The first note on a flight is its headline.
+        if is_bad and not line.simulated and line not in lines_shown_elsewhere:
+            # The first note on a flight is its headline, the most serious finding.
             headline = cells["notes"].split("\n")[0]
             flights.append(UnnamedFlight(line.link, cells["flight"], cells["date"], headline))
     return flights
+
+
+def _latest_lines_with_motor_anomaly(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
+    """Returns the latest flight under each shared name with a fault or drift of its motors.
+
+    The page has a section about each of these names, which shows that flight.
+
+    Args:
+        summaries: summary of the flights under each name. A shared name is a MAVLink system id.
+    """
+    vehicles = vehicles_with_section(summaries)
+    latest_lines = []
+    for summary in summaries:
+        vehicle = vehicles.get(summary.name) if summary.has_shared_name else None
+        if vehicle is None or vehicle.health not in ANOMALOUS_HEALTHS:
+            continue
+        latest_line = _latest_line(summary)
+        if latest_line is not None:
+            latest_lines.append(latest_line)
+    return latest_lines
 
 
 def _labels_of_serial_numbers(
