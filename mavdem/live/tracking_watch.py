@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from mavdem.dataset.setpoints import SETPOINT_MESSAGE, recorded_setpoints
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.live_signals import LiveSignals, live_evidence
 from mavdem.live.messages import MESSAGE_FIELDS, Message
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
@@ -38,14 +40,22 @@ class TrackingWatch:
             name: deque(maxlen=round(MEMORY_SECONDS / SAMPLE_PERIOD))
             for name in (*ATTITUDE_MESSAGES, SETPOINT_MESSAGE)
         }
+        # Time of the latest attitude or setpoint, and of the first one after the latest gap, s of the boot clock.
+        self._latest_time = inf
+        self._gap_end = -inf
 
     def add_message(self, message: Message, time: float) -> None:
         """Keeps an attitude or a setpoint, unless it follows another one within ``SAMPLE_PERIOD``.
+
+        It also notes the end of a gap: the first of these messages after ``SILENCE_SECONDS`` without any.
 
         Args:
             message: Decoded ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
             time: time on the boot clock, s.
         """
+        if time - self._latest_time > SILENCE_SECONDS:
+            self._gap_end = time
+        self._latest_time = time
         samples = self._samples[message.name]
         follows_too_soon = bool(samples) and time - samples[-1].time < SAMPLE_PERIOD
         if not follows_too_soon:
@@ -84,6 +94,8 @@ class TrackingWatch:
     def judge(self, now: float, vehicle: Telemetry, settled_start: float) -> Fact | None:
         """Judges how roll, pitch and yaw follow their setpoints, by the rules for logs.
 
+        Only messages after the latest gap are judged: across it, a turn and its setpoint are known only in part.
+
         Args:
             now: present time on the boot clock, s.
             vehicle: identity and parameters of the vehicle, without messages.
@@ -91,10 +103,10 @@ class TrackingWatch:
                 clock.
 
         Returns:
-            The fact that they follow well or badly; None before ``MIN_SETTLED_SECONDS`` of settled flight, where no
-            setpoint comes, or if the setpoints show too little.
+            The fact that they follow well or badly; None before ``MIN_SETTLED_SECONDS`` of settled flight since the
+            latest gap, where no setpoint comes, or if the setpoints show too little.
         """
-        start_time = max(settled_start, now - MEMORY_SECONDS)
+        start_time = max(settled_start, now - MEMORY_SECONDS, self._gap_end)
         duration = now - start_time
         has_setpoints = bool(self._samples[SETPOINT_MESSAGE])
         if duration < MIN_SETTLED_SECONDS or not has_setpoints:

@@ -6,11 +6,26 @@ from pytest import mark
 
 from mavdem.facts import Level
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import Message
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS, TrackingWatch
 
 VEHICLE = Telemetry(1, component=1, vehicle="QUADROTOR", autopilot="ARDUPILOTMEGA", messages={})
+
+
+def add_flight(watch, start, end, error):
+    """Adds attitudes and setpoints from start to end, s, at 50 Hz; roll deviates by a constant error, rad."""
+    for row in range(round(50 * (end - start))):
+        time = start + row / 50
+        roll = 0.05 * sin(time)
+        quaternion = (cos(roll / 2), sin(roll / 2), 0.0, 0.0)
+        watch.add_message(
+            Message("ATTITUDE_TARGET", time, inf, (7, quaternion, 0.0, 0.0, 0.0)), time
+        )
+        watch.add_message(
+            Message("ATTITUDE", time, inf, (roll + error, 0.0, 0.0, 0.0, 0.0, 0.0)), time
+        )
 
 
 @mark.parametrize(
@@ -25,18 +40,25 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
     """Roll deviates from its setpoint by a constant error, rad; after too few seconds it is not judged."""
     watch = TrackingWatch(RecentMessages())
     assert not watch.has_setpoints(0.0)
-    for row in range(round(50 * seconds)):
-        time = row / 50
-        roll = 0.05 * sin(time)
-        quaternion = (cos(roll / 2), sin(roll / 2), 0.0, 0.0)
-        watch.add_message(
-            Message("ATTITUDE_TARGET", time, inf, (7, quaternion, 0.0, 0.0, 0.0)), time
-        )
-        watch.add_message(
-            Message("ATTITUDE", time, inf, (roll + error, 0.0, 0.0, 0.0, 0.0, 0.0)), time
-        )
+    add_flight(watch, 0.0, seconds, error)
     assert watch.has_setpoints(seconds)
     light = watch.judge(seconds, VEHICLE, 0.0)
+    assert (None if light is None else light.level) is level
+
+
+@mark.parametrize(
+    "seconds_after_gap, level", [(1.0, None), (2.0 * MIN_SETTLED_SECONDS, Level.GOOD)]
+)
+def test_the_tracking_is_judged_anew_after_a_gap_of_messages(seconds_after_gap, level):
+    """Roll deviates from its setpoint before the gap, and follows it afterwards."""
+    watch = TrackingWatch(RecentMessages())
+    gap_start = 2.0 * MIN_SETTLED_SECONDS
+    gap_end = gap_start + 2.0 * SILENCE_SECONDS
+    add_flight(watch, 0.0, gap_start, error=0.3)
+    assert watch.judge(gap_start, VEHICLE, 0.0).is_bad
+    end = gap_end + seconds_after_gap
+    add_flight(watch, gap_end, end, error=0.0)
+    light = watch.judge(end, VEHICLE, 0.0)
     assert (None if light is None else light.level) is level
 
 
