@@ -1427,7 +1427,8 @@ def _lights_of_recording(
 
     The session has judged the parts in flight; later the library judges the recording of the flight. Where the
     recording judges a part, its light replaces that of the session, even one of the same level, so that all figures on
-    the page are those of the recording. Where it leaves a part unknown, the light of the session stays.
+    the page are those of the recording. Where it leaves a part unknown, the light of the session stays; a good one then
+    also says that the recording does not show it, and why.
 
     Args:
         lights_in_flight: the judgement of each part by the session, by the name of the part.
@@ -1438,9 +1439,14 @@ def _lights_of_recording(
     lights = dict(lights_in_flight)
     for part, light_in_flight in lights_in_flight.items():
         level = recorded_levels[part]
+        sentence = recorded_sentences.get(part, "")
+        if level == Level.UNKNOWN and light_in_flight.is_good and sentence:
+            # The headline of the recording counts this part as unknown: the light says why it is good all the same.
+            unknown = Fact(SessionFact.LIGHT_OF_RECORDING, Level.UNKNOWN, statement=sentence)
+            lights[part] = Fact(WatchFact.GOOD_IN_FLIGHT, light=light_in_flight, reason=unknown)
+            continue
         if level in ("", Level.UNKNOWN):
             continue
-        sentence = recorded_sentences.get(part, "")
         is_same_level_only = not sentence and level == light_in_flight.level
         if is_same_level_only:
             # The light of the session has the same level, and figures too.

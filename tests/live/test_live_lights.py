@@ -216,6 +216,16 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     assert by_recording.lights[Light.POWER].level is Level.WATCH
     assert str(by_recording.lights[Light.POWER]) == "The battery sagged to 3.1 V."
     assert by_recording.lights[Light.MOTORS] == weak
+    # Where the headline of the recording counts a part as unknown, a light that was good in flight says why it is not.
+    unknown = "Too little of the hover was recorded."
+    figures = {**judged.figures, "light_sentences": {Light.MOTORS: unknown}}
+    even = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
+    unlike = replace(
+        landed, worst_lights={Light.MOTORS: even}, recording_verdict=judged.replace(**figures)
+    )
+    motors = unlike.overall_judgement.lights[Light.MOTORS]
+    assert motors.is_good and str(motors).startswith(f"{even.sentence} That was judged in flight")
+    assert as_clause(unknown) in str(motors)
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
 
 

@@ -843,8 +843,8 @@ def test_the_headline_counts_lights_that_need_no_model():
     flying = replace(waiting, is_flying=True)
     told = str(flying.overall_judgement.headline)
     assert told == (
-        "No alarm now, but 5 lights are not judged: motors were checked; "
-        "margins, tracking, vibration, power and estimator unknown."
+        "No alarm now, but 6 lights are not judged: motors were checked; "
+        "margins, tracking, vibration, power, estimator and wind unknown."
     )
     for status_on_ground in (waiting, replace(flying, is_over=True)):
         assert str(status_on_ground.overall_judgement.headline).startswith("Too little was checked")
