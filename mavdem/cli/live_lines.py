@@ -96,11 +96,13 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
 def _marker(event: Event) -> str:
     """Returns the word at the start of an event's line, such as "ALARM", by which other programs find such lines.
 
+    Alarms, their ends, warnings and judgements of a whole flight have such a word.
+
     Args:
-        event: what was found, and when.
+        event: what was found, and when. Its fact (coded finding) says what it is.
 
     Returns:
-        The word; empty for an ordinary event.
+        The word; empty for all other events, such as a take-off.
     """
     code = event.fact.code
     if _ends_an_alarm(event.fact):
@@ -108,7 +110,7 @@ def _marker(event: Event) -> str:
     if event.is_alarm:
         return ALARM_MARKER
     if code is SessionFact.ALARM:
-        # It is only to be watched.
+        # A fault of the level "watch" has the code of an alarm, but is only a warning.
         return WARNING_MARKER
     if code in (SessionFact.FLIGHT_VERDICT, SessionFact.RECORDING_JUDGED):
         return VERDICT_MARKER

@@ -226,7 +226,7 @@ class StatusLines:
         # Number of the boot, and time on its clock, s, of the latest line, which the lines at the end have too.
         self._latest_moment = (0, nan)
         # The event that no vehicle has been found, which is printed if it still holds after a while, and when it came,
-        # s of the monotonic clock.
+        # s of the monotonic clock. There is none before it comes, and once it was printed or does not hold any more.
         self._no_vehicle_event: Event | None = None
         self._no_vehicle_time = inf
         # Whether the latest report on the link was an alarm.
@@ -396,16 +396,23 @@ class StatusLines:
         self.stop_in_place()
         STDERR.clear()
         self.start_in_place()
-        # The status, which follows, needs room below these lines.
-        available_rows = STDERR.height // 2
-        shown_lines: list[tuple[str, str]] = []
+        # The status, which follows, needs the other half of the terminal.
+        for line, style in self._latest_lines_in_rows(STDERR.height // 2):
+            print_line(line, STDERR, style)
+
+    def _latest_lines_in_rows(self, available_rows: int) -> list[tuple[str, str]]:
+        """Returns as many of the latest lines as the terminal has room for, with their styles, the oldest line first.
+
+        Args:
+            available_rows: Rows of the terminal for them; a line that is wider than the terminal takes several.
+        """
+        fitting_lines: list[tuple[str, str]] = []
         for line, style in reversed(self._latest_lines):
             available_rows -= ceil(len(line) / STDERR.width)
             if available_rows < 0:
                 break
-            shown_lines.append((line, style))
-        for line, style in reversed(shown_lines):
-            print_line(line, STDERR, style)
+            fitting_lines.append((line, style))
+        return fitting_lines[::-1]
 
     def _update_link_alarm(self, event: Event) -> None:
         """Stores whether the alarm of a lost link lasts: from its loss in flight until messages come again.
@@ -419,16 +426,19 @@ class StatusLines:
             self._is_link_alarmed = False
 
     def update_in_place(self, status: SessionStatus) -> None:
-        """Updates the status on a terminal; does nothing elsewhere.
+        """Shows a status on the terminal in the place of the one before; does nothing if lines are printed instead.
+
+        Nothing is shown on a terminal that was closed, which raises ``OSError``: the operating system then sends a
+        signal, by which the session ends in order.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, headline and next step.
         """
         if self.terminal_text is None:
             return
-        # A terminal that was closed takes no text any more; the session ends by its signal, and in order.
         with suppress(OSError):
             self._redraw_after_resizing()
+        # ``show_if_new`` compares these with the alarms and the vehicle of a newer status.
         self._shown_alarms = status.alarms
         self._shown_vehicle = status.vehicle
         status_block = _status_block(status)
@@ -527,23 +537,25 @@ class StatusLines:
     def _print_no_vehicle_event(self, status: SessionStatus) -> None:
         """Prints the event that no vehicle has been found once it is ``SEARCH_SECONDS`` old, if it still holds then.
 
-        At the start of a session this event is mostly soon out of date: a vehicle is found with its next HEARTBEAT, or
-        nothing at all is received, which is an event of its own.
+        The event was held back when it came. At the start of a session it is mostly soon out of date: a vehicle is
+        found with its next HEARTBEAT, or nothing at all is received, which is an event of its own.
 
         Args:
             status: State of the live session.
         """
-        event = self._no_vehicle_event
-        if event is None:
+        held_back_event = self._no_vehicle_event
+        if held_back_event is None:
             return
         reason = status.no_model_reason
-        still_holds = reason is not None and reason.code is event.fact.code
-        if not still_holds:
-            self._no_vehicle_event = None
-        elif monotonic() - self._no_vehicle_time >= SEARCH_SECONDS:
-            self._no_vehicle_event = None
-            # It is printed some seconds late, and the times of the lines must not run backwards.
-            self._print(event_line(event._replace(reception=clock.unix_time())))
+        still_holds = reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET
+        age = monotonic() - self._no_vehicle_time
+        if still_holds and age < SEARCH_SECONDS:
+            return
+        self._no_vehicle_event = None
+        if still_holds:
+            # The line gets the present time, since the times of the lines must not run backwards.
+            event_now = held_back_event._replace(reception=clock.unix_time())
+            self._print(event_line(event_now))
 
     def print_closing_line(self, line: str) -> None:
         """Prints a line of the judgement at the end of a session: what to do next, or how a flight was judged.
@@ -672,18 +684,22 @@ def _has_reported_reason(watch_fact: Fact) -> bool:
 
 
 def _unwatched_names(watch_facts: Facts) -> list[str]:
-    """Returns the names of the quantities of the followed vehicle that cannot be watched for a lasting reason.
+    """Returns the names of quantities, such as the vibration, in which the session cannot notice a fault.
+
+    Only those with a lasting reason are named, such as a message that never comes, and not those that merely wait, for
+    instance for the take-off (``UNREPORTED_REASONS``).
 
     Args:
-        watch_facts: A fact (coded finding) for each quantity, such as the vibration: since when it is watched, or why
-            it is not.
+        watch_facts: A fact (coded finding) for each quantity, which is its subject: since when the session watches it
+            for faults, or why it does not. Facts on other vehicles than the followed one have the figure "vehicle".
     """
-    names = []
+    unwatched_names = []
     for fact in watch_facts:
         is_of_other_vehicle = "vehicle" in fact.figures
         if not is_of_other_vehicle and _has_reported_reason(fact):
-            names.append(str(fact.subject))
-    return names
+            quantity = str(fact.subject)
+            unwatched_names.append(quantity)
+    return unwatched_names
 
 
 def _status_block(status: SessionStatus) -> Group:
@@ -693,7 +709,6 @@ def _status_block(status: SessionStatus) -> Group:
         status: State of the live session. Before a vehicle is found, there is no table of lights.
     """
     texts = _status_texts(status)
-    alarm_style = style_of_facts(*status.alarms)
     headline_style = style_of_facts(*status.alarms, status.session_judgement.headline)
     parts: list[RenderableType] = [texts.vehicle, Text(texts.headline, headline_style)]
     if texts.next_step:
@@ -705,15 +720,25 @@ def _status_block(status: SessionStatus) -> Group:
     if status.vehicle is not None:
         table_width = min(STDERR.width, MAX_COLUMNS)
         parts.append(_table_of_lights(light_rows(status), table_width))
-    last_line = Text(texts.learning)
+    parts.append(_learning_line(status, texts))
+    return Group(*parts)
+
+
+def _learning_line(status: SessionStatus, texts: StatusTexts) -> Text:
+    """Returns the last line of a status on a terminal: what the session learns, what is wrong, what is not watched.
+
+    Args:
+        status: State of the live session.
+        texts: The same status in sentences.
+    """
+    line = Text(texts.learning)
     if texts.problems:
-        last_line.append(f" {' '.join(texts.problems)}", alarm_style)
+        line.append(f" {' '.join(texts.problems)}", style_of_facts(*status.alarms))
     # Only names: why a quantity is not watched was printed when that began.
     unwatched_text = unwatched_quantities_text(_unwatched_names(status.watch_facts))
     if unwatched_text:
-        last_line.append(f" {unwatched_text}")
-    parts.append(last_line)
-    return Group(*parts)
+        line.append(f" {unwatched_text}")
+    return line
 
 
 def _table_of_lights(lights: Sequence[LightRow], width: int) -> Table:
@@ -744,13 +769,17 @@ def _table_of_lights(lights: Sequence[LightRow], width: int) -> Table:
     for first_of_line in range(0, len(lights), lights_per_line):
         cells: list[RenderableType] = []
         for light in lights[first_of_line : first_of_line + lights_per_line]:
-            level_text = str(light.level)
-            if light.level is Level.BAD:
-                level_text = level_text.upper()
-            level = Text(level_text, LEVEL_STYLES[light.level])
-            cells += [light.name, level, escape_unprintable(light.figure)]
+            cells += [light.name, _level_text(light.level), escape_unprintable(light.figure)]
         table.add_row(*cells)
     return table
+
+
+def _level_text(level: Level) -> Text:
+    """Returns a level as a word in its colour; "BAD" has capitals, so that it is seen without colours, too."""
+    word = str(level)
+    if level is Level.BAD:
+        word = word.upper()
+    return Text(word, LEVEL_STYLES[level])
 
 
 def _status_texts(status: SessionStatus) -> StatusTexts:

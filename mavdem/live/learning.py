@@ -383,14 +383,17 @@ class FlightLearning:
             return latest_model
 
     def latest_model(self, parameters: Parameters) -> Learned | None:
-        """Returns the latest model of settled flight so far, without learning another one; None before any.
+        """Returns the newest of the models that were learned so far, complete with names and units; None before any.
+
+        Nothing is learned by this call, so that it is quick.
 
         Args:
-            parameters: parameters of the autopilot, whose gains are kept in the model.
+            parameters: all parameters of the autopilot, by name; the gains among them are kept in the model.
         """
         if not self._models:
             return None
-        return self.named_model(self._models[-1].learned, parameters)
+        newest_model = self._models[-1].learned
+        return self.named_model(newest_model, parameters)
 
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:
         """Returns a learner's model with what it needs to be judged, and written to a file.

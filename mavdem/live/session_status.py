@@ -741,53 +741,49 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _judgement_with_all_lights(self) -> Judgement:
-        """The judgement by the model, in which worse lights that need no model replace the model's.
+        """The judgement by the learned model and by the checks that need no model, such as those for alarms.
 
-        The lights are the judgements of the parts of the vehicle. The headline then follows from all of them.
+        A light is the judgement of one part of the vehicle; the worse one of the model and of the checks counts. The
+        headline, the sentence that matters most, then agrees with these lights:
+
+        - If a light is bad, the headline is a fault.
+        - If there is no model yet, the headline sums up the lights.
+        - If the model shows no fault, but some light is not the model's, the headline also sums up the lights.
+        - Otherwise the headline of the model stays.
         """
         by_model = self._judgement_by_model
         lights = self._combined_lights(by_model.lights, self._lights_without_model)
         lights = self._lights_after_landing(lights)
         lights = self._lights_during_oscillation(lights)
         judgement = self._without_vain_request(replace(by_model, lights=lights))
-        is_light_replaced = judgement.lights != by_model.lights
-        return self._judgement_with_headline_by_lights(
-            judgement, is_light_replaced=is_light_replaced
-        )
-
-    def _judgement_with_headline_by_lights(
-        self, judgement: Judgement, *, is_light_replaced: bool
-    ) -> Judgement:
-        """Returns a judgement with the headline that follows from its lights, where that of the model does not suffice.
-
-        The first rule that applies decides:
-
-        1. If a light is bad, :func:`_judgement_with_bad_lights` decides which fault is the headline.
-        2. Before a model is judged, the headline sums up the lights, if a part of the vehicle is judged without one.
-        3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
-        4. Otherwise the headline of the model stays.
-
-        Args:
-            judgement: headline and next step by the model, or why there is none, and the lights by all checks.
-            is_light_replaced: whether a light is not that of the model.
-        """
         if any(light.is_bad for light in judgement.lights.values()):
             return _judgement_with_bad_lights(judgement)
-        if self._shows_lights_before_model:
-            # While messages come, the next step says what has to happen before a model can be learned.
-            return _judgement_by_lights(judgement, keeps_next_step=self._is_vehicle_received)
-        # Headlines with codes of this enumeration are not about a fault.
+        if self._is_judged_without_model:
+            return self._judgement_before_model(judgement)
+        # Headlines with codes of this enumeration are not about a fault, so that a worse light may contradict them.
         is_without_fault = isinstance(judgement.headline.code, HeadlineCode)
-        if is_without_fault and is_light_replaced:
-            return _judgement_by_lights(judgement, keeps_next_step=True)
+        if is_without_fault and judgement.lights != by_model.lights:
+            return _judgement_with_summary(judgement)
         return judgement
 
-    @property
-    def _shows_lights_before_model(self) -> bool:
-        """Whether there is no model yet, but a part of the vehicle is judged without one, which the headline sums up.
+    def _judgement_before_model(self, judgement: Judgement) -> Judgement:
+        """Returns a judgement whose headline sums up what was checked without a learned model, as there is none yet.
 
-        If the messages stop in flight, the headline is that instead. Once the flight or the session is over, no message
-        need come any more, and the lights still judge what was received.
+        Args:
+            judgement: the judgement of each part of the vehicle, and a next step that says what has to happen before a
+                model can be learned. This step stays while messages come; without them nothing can be learned.
+        """
+        if self._is_vehicle_received:
+            return _judgement_with_summary(judgement)
+        headline = headline_by_lights(judgement.lights)
+        return _judgement_with_headline(headline, judgement.lights)
+
+    @property
+    def _is_judged_without_model(self) -> bool:
+        """Whether no learned model is judged yet, but a part of the vehicle is judged by checks that need none.
+
+        False while no messages come from a vehicle in flight: how it flies is not known then. After the flight or the
+        session no message need come any more, and the checks still judge what was received.
         """
         is_part_judged = any(part in self._lights_without_model for part in VEHICLE_LIGHTS)
         is_silent_in_flight = not (
@@ -1019,7 +1015,8 @@ class SessionStatus(ImmutableResult):
         age = self._missing_age(reason)
         if age is not None:
             age = max(age, self.analysis_delay)
-        lights = lights_during_silence(self._lights_of_last_message(judgement), age, missing)
+        lights_at_last_message = self._lights_at_last_message(judgement.lights)
+        lights = lights_during_silence(lights_at_last_message, age, missing)
         most_urgent_fact = self._most_urgent_headline(judgement.headline)
         is_urgent = self._is_urgent(most_urgent_fact)
         link_loss = self.link_loss
@@ -1034,21 +1031,22 @@ class SessionStatus(ImmutableResult):
         next_step = Fact(step, reason=headline)
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
-    def _lights_of_last_message(self, judgement: Judgement) -> dict[str, Fact]:
-        """Returns the lights of a silent vehicle, of which those that were good at the last message still are.
+    def _lights_at_last_message(self, present_lights: NamedFacts) -> dict[str, Fact]:
+        """Returns how the parts of a vehicle that sends nothing any more were judged when its last message came.
 
-        Lights that need no model state what the messages show now, so that in a silence they only say that none come.
+        During the silence, the judgement of many parts only says that no messages come. If such a part was good at the
+        last message, that judgement is returned instead. A part that is judged as bad or to be watched stays so.
 
         Args:
-            judgement: judgement of the flight, with the lights in the silence.
+            present_lights: the judgement of each part of the vehicle during the silence, by the name of the part.
         """
-        lights = dict(judgement.lights)
+        lights = dict(present_lights)
         if self.status_before_silence is None:
             return lights
         lights_before_silence = self.status_before_silence._judgement_with_all_lights.lights
-        for name, light in lights_before_silence.items():
-            if light.is_good and not lights[name].is_watch_or_bad:
-                lights[name] = light
+        for part, light_before_silence in lights_before_silence.items():
+            if light_before_silence.is_good and not lights[part].is_watch_or_bad:
+                lights[part] = light_before_silence
         return lights
 
     def _missing_age(self, reason: Fact) -> float | None:
@@ -1477,19 +1475,20 @@ def _judgement_with_bad_lights(judgement: Judgement) -> Judgement:
     return _judgement_with_headline(most_important_light, judgement.lights)
 
 
-def _judgement_by_lights(judgement: Judgement, *, keeps_next_step: bool) -> Judgement:
+def _judgement_with_summary(judgement: Judgement) -> Judgement:
     """Replaces the headline of a judgement by one that sums up its lights: the worst of them, or that all are good.
+
+    A headline that warns brings its own next step. With any other headline the next step stays, such as how to get a
+    model.
 
     Args:
         judgement: headline, next step (what the pilot should do), and lights: the judgement of each part of the vehicle
             as a fact with a level.
-        keeps_next_step: whether the next step stays, such as how to get a model, if the new headline does not warn. A
-            headline that warns always brings its own next step.
     """
     headline = headline_by_lights(judgement.lights)
-    if keeps_next_step and not headline.is_watch_or_bad:
-        return replace(judgement, headline=headline)
-    return _judgement_with_headline(headline, judgement.lights)
+    if headline.is_watch_or_bad:
+        return _judgement_with_headline(headline, judgement.lights)
+    return replace(judgement, headline=headline)
 
 
 def _judgement_with_headline(headline: Fact, lights: NamedFacts) -> Judgement:

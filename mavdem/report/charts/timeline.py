@@ -777,7 +777,8 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     columns = columns._replace(time=columns.time - offset)
     broken_columns = _columns_broken_at_segments(history.table)
     broken_columns = broken_columns._replace(time=broken_columns.time - offset)
-    charts = _with_known_lines(_live_charts(history.motor_names, axis, broken_columns))
+    charts = _charts_with_values(_live_charts(history.motor_names, axis, broken_columns))
+    charts = _charts_with_slow_lines(charts)
     voltage_lines = _live_voltage_lines(history)
     if voltage_lines:
         charts.append(over_time("Battery", "V", voltage_lines))
@@ -811,27 +812,40 @@ def _columns_broken_at_segments(table: Array) -> _LiveColumns:
     return _LiveColumns.from_table(broken_table)._replace(time=time)
 
 
-def _with_known_lines(charts: Iterable[Chart]) -> list[Chart]:
-    """Returns the charts of a live flight that have a finite value, without those lines that have none.
+def _charts_with_values(charts: Iterable[Chart]) -> list[Chart]:
+    """Returns the charts without lines that have no finite value, and without charts that have no other lines.
 
-    A setpoint that does not come has no line then, and no entry in the legend.
+    A setpoint that is not received has no line then, and no entry in the legend.
 
     Args:
         charts: charts over time, with NaN where nothing is known.
     """
+    charts_with_values = []
+    for chart in charts:
+        lines = tuple(line for line in chart.lines if np.isfinite(line.y).any())
+        if lines:
+            charts_with_values.append(chart._replace(lines=lines))
+    return charts_with_values
+
+
+def _charts_with_slow_lines(charts: Iterable[Chart]) -> list[Chart]:
+    """Returns the charts of a live flight, whose lines are not interrupted where samples are ``SAMPLE_PERIOD`` apart.
+
+    The history has a sample for each row of the learner, many a second. Where there are no rows, as after a landing, it
+    has samples at this longer period, which would look like gaps otherwise.
+
+    Args:
+        charts: charts over time.
+    """
     # Imported here: the timeline of a log needs nothing of live sessions.
     from mavdem.live.history import SAMPLE_PERIOD
 
-    charts_with_lines = []
+    longest_bridged_gap = MAX_GAP_STEPS * SAMPLE_PERIOD
+    slow_charts = []
     for chart in charts:
-        lines = []
-        for line in chart.lines:
-            if np.isfinite(line.y).any():
-                # Where messages come too slowly for rows, or a landing has ended them, the slower samples are no gap.
-                lines.append(line._replace(bridged_gap=MAX_GAP_STEPS * SAMPLE_PERIOD))
-        if lines:
-            charts_with_lines.append(chart._replace(lines=tuple(lines)))
-    return charts_with_lines
+        lines = tuple(line._replace(bridged_gap=longest_bridged_gap) for line in chart.lines)
+        slow_charts.append(chart._replace(lines=lines))
+    return slow_charts
 
 
 def _live_voltage_lines(history: LiveHistory) -> list[Line]:
