@@ -415,7 +415,7 @@ class LiveSession:
         Args:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
             arrival_time: when the latest ones arrived, s of the monotonic clock.
-            former_time: time of the history before these, s.
+            former_time: time of the vehicle up to which the charts went before the latest ones, s.
         """
         self._report_resumed_messages(silence, arrival_time, former_time)
         self._report_resumed_motion()

@@ -285,7 +285,10 @@ def live_alarm(status: SessionStatus) -> str:
 
 
 def _reason_to_land(next_step: Fact) -> Fact | None:
-    """Returns what is wrong with a vehicle that must land now, even if its link was lost since; None otherwise.
+    """Returns the fact (coded finding) on the vehicle for which it must land now.
+
+    If its link was lost since, this is what was wrong before. None if it need not land now, or only since its link is
+    lost.
 
     Args:
         next_step: what the pilot is to do next.

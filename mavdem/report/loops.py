@@ -750,8 +750,8 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool)
         tuning: advice on the gains of each axis, or the fact that says why there is none.
         axis: "roll", "pitch" or "yaw".
         has_gains: whether what to do with the gains is among the facts; a sentence on several axes may say it already.
-        is_page: whether a rating of the margins is among them that only says how large they are. A terminal has them in
-            its overview.
+        is_page: whether a page has the report. Only there it rates the margins: a terminal has them in a table above,
+            and so only a rating that the axis does not follow its setpoint, which no table shows.
 
     Returns:
         Facts in the order of their sentences:
@@ -771,7 +771,7 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool)
     if _has_doubtful_margins(tuning, axis):
         ratings = [rating for rating in ratings if not rating.is_good]
     if not is_page:
-        # That the axis does not follow its setpoint stands nowhere else.
+        # Only a rating that the axis does not follow its setpoint has the figure "follows".
         ratings = [rating for rating in ratings if "follows" in rating.figures]
     return [*ratings, *facts_on_gains, *_slower_attitude(advice)]
 
