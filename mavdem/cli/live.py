@@ -60,7 +60,7 @@ from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.machine import LOOPBACK
-from mavdem.report.fleet import unnamed_vehicle
+from mavdem.report.fleet import kind_of_vehicle
 from mavdem.report.live import closing_lines
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
@@ -656,13 +656,11 @@ def _refuse_prior_of_another_vehicle(
     if state is None or is_refused_already:
         return
     if prior_drag.is_of_another_vehicle("", state.autopilot, state.frame):
-        descriptions = []
-        for autopilot, frame in (
-            (prior_drag.autopilot, prior_drag.frame),
-            (state.autopilot, state.frame),
-        ):
-            descriptions.append(unnamed_vehicle(autopilot, frame).removeprefix("unnamed "))
-        session.refuse_prior(Fact(SessionFact.PRIOR_OF_OTHER_VEHICLE, names=tuple(descriptions)))
+        kinds = (
+            kind_of_vehicle(prior_drag.autopilot, prior_drag.frame),
+            kind_of_vehicle(state.autopilot, state.frame),
+        )
+        session.refuse_prior(Fact(SessionFact.PRIOR_OF_OTHER_VEHICLE, names=kinds))
 
 
 def _refuse_silent_link(link: Link, name: str) -> None:

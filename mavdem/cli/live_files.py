@@ -17,13 +17,6 @@ from mavdem.files import reporting_write_errors, write_text_atomically
 from mavdem.live.raw_recording import RawRecording
 from mavdem.report.numbers import listed
 
-FACTS_ON_NEW_GAINS = (
-    GainFact.GAINS_ADVISED,
-    GainFact.GAINS_WRITTEN,
-    GainFact.TWIN_ANGLE_ERROR,
-)
-"""Facts of an advice that are about gains to set; all others say why gains of an axis, or all, stay as they are."""
-
 
 @dataclass(frozen=True)
 class OutputPaths:

@@ -91,6 +91,9 @@ RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
 UNNAMED = "UNKNOWN"
 """Name of a vehicle's type, or of an autopilot, that no HEARTBEAT gives."""
 
+AUTOPILOT_NAMES = {"ARDUPILOTMEGA": "ArduPilot", "PX4": "PX4"}
+"""How people call the autopilots whose logs are read, by their MAV_AUTOPILOT without its prefix."""
+
 NAMES = load_adjacent_toml(__file__, "names.toml")
 """Tables of names: MAV_TYPEs, drivers, parameters and flight modes; ``names.toml`` describes each table."""
 

@@ -193,12 +193,12 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         log = log_of_latest_flight(read_log(recording))
         assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
-        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=decisive_reason(error.fact)),))
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=_decisive_reason(error.fact)),))
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     tuning = tune_loops(assessment, AXES, is_written=True)
     if tuning.no_loop is not None:
-        gains_left = Fact(GainFact.GAINS_LEFT, reason=decisive_reason(tuning.no_loop))
+        gains_left = Fact(GainFact.GAINS_LEFT, reason=_decisive_reason(tuning.no_loop))
         return GainAdvice((gains_left,), assessment.judgement)
     facts = facts_of_tuning(tuning)
     texts: Mapping[str, str] = {}
@@ -262,7 +262,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
             continue
         # Without advice there is a fact with the reason in its place.
         conclusion = advice.conclusion if isinstance(advice, Advice) else advice
-        axes_by_reason.setdefault(decisive_reason(conclusion), []).append(axis)
+        axes_by_reason.setdefault(_decisive_reason(conclusion), []).append(axis)
     for reason, axes in _with_common_reason_to_keep_gains(axes_by_reason).items():
         facts_without_gains.append(Fact(GainFact.GAINS_LEFT, axes=tuple(axes), reason=reason))
     return (*facts_on_new_gains, *facts_without_gains)
@@ -289,7 +289,7 @@ def _with_common_reason_to_keep_gains(
     return dict(merged_axes)
 
 
-def decisive_reason(finding: Fact) -> Fact:
+def _decisive_reason(finding: Fact) -> Fact:
     """Returns the reason at the root of a finding on control loops: that of its reason, and so on to one without any.
 
     For example, no gains are advised since an axis has no loop, and it has none since the vehicle crashed: the crash is
@@ -304,9 +304,9 @@ def decisive_reason(finding: Fact) -> Fact:
     """
     if finding.code in FINDINGS_WITH_REASONS:
         reasons = finding.figures["reasons"]
-        return decisive_reason(reasons[0])
+        return _decisive_reason(reasons[0])
     if finding.code in FINDINGS_WITH_ONE_REASON:
-        return decisive_reason(finding.figures["reason"])
+        return _decisive_reason(finding.figures["reason"])
     return finding
 
 

@@ -34,7 +34,7 @@ class TrackingWatch:
     """Keeps attitudes and setpoints of the latest minute of one boot, and judges how well the angles follow."""
 
     def __init__(self, slow_messages: RecentMessages) -> None:
-        """Begins without a sample; ``recent`` has the slow messages of the boot, among them the flight mode."""
+        """Begins without a sample; ``slow_messages`` has those of the boot, among them the flight mode."""
         self._slow_messages = slow_messages
         self._samples: dict[str, deque[TimedValues]] = {
             name: deque(maxlen=round(MEMORY_SECONDS / SAMPLE_PERIOD))

@@ -14,6 +14,7 @@ from mavdem.dataset.position_fix import UNKNOWN_SATELLITES, has_fix_by_row
 from mavdem.dataset.signals import Signals
 from mavdem.facts.vehicle import Basis
 from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.vocabulary import AUTOPILOT_NAMES
 from mavdem.live.recent_messages import RecentMessages
 
 STATE_SECONDS = 20.0
@@ -77,7 +78,7 @@ def autopilot_name(autopilot: str) -> str:
     Args:
         autopilot: name of its MAV_AUTOPILOT without the prefix, such as "ARDUPILOTMEGA".
     """
-    return "ArduPilot" if autopilot == "ARDUPILOTMEGA" else autopilot
+    return AUTOPILOT_NAMES.get(autopilot, autopilot)
 
 
 def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:

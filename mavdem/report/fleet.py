@@ -22,6 +22,7 @@ from mavdem.fleet.flights import (
 )
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRow
+from mavdem.ingest.vocabulary import AUTOPILOT_NAMES
 from mavdem.report.blocks import Sentence
 from mavdem.report.templates import bans_first, first_sentence, render_section
 
@@ -46,9 +47,6 @@ SERIAL_END_LENGTH = 6
 It has the place of the processor on its wafer, which ArduPilot writes first and PX4 last, and the lot of the wafer,
 which such boards share.
 """
-
-AUTOPILOT_NAMES = {"ARDUPILOTMEGA": "ArduPilot", "PX4": "PX4"}
-"""Names of autopilots by their MAV_AUTOPILOT."""
 
 NOT_USED = "not used"
 """What is shown in the place of the health of a log without a flight."""
@@ -163,11 +161,20 @@ def unnamed_vehicle(autopilot: str, frame: str) -> str:
     Returns:
         Text such as "unnamed PX4 quadrotor", or "unnamed vehicle" if nothing is known.
     """
-    words = ["unnamed"]
-    if autopilot in AUTOPILOT_NAMES:
-        words.append(AUTOPILOT_NAMES[autopilot])
-    words.append(frame.replace("_", " ").lower() or "vehicle")
-    return " ".join(words)
+    return f"unnamed {kind_of_vehicle(autopilot, frame)}"
+
+
+def kind_of_vehicle(autopilot: str, frame: str) -> str:
+    """Returns autopilot and frame of a vehicle in words, such as "PX4 quadrotor"; "vehicle" if nothing is known.
+
+    Args:
+        autopilot: MAV_AUTOPILOT without its prefix, such as "PX4"; empty where it is not known.
+        frame: type of the frame, such as "QUADROTOR"; empty where it is not known.
+    """
+    frame_name = frame.replace("_", " ").lower() or "vehicle"
+    if autopilot not in AUTOPILOT_NAMES:
+        return frame_name
+    return f"{AUTOPILOT_NAMES[autopilot]} {frame_name}"
 
 
 def vehicle_name_or_type(

@@ -1210,14 +1210,20 @@ def _finished_page(
         recording_verdict=verdict,
         fault_in_library=fault_of_earlier_flight,
     )
-    if saved_flight is None:
-        files = []
-        if not _awaits_vehicle(session.status):
-            files.append(Fact(LinkFact.FLIGHT_SAVED, address=None, is_part=False).sentence)
-        return session_page(
-            session, final_status, names, back=LIBRARY_LINK, files=files, is_last=True
-        )
-    return session_page(session, final_status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
+    is_last = saved_flight is None
+    files = []
+    if is_last and not _awaits_vehicle(session.status):
+        # The recording has no page yet that could be linked.
+        files.append(Fact(LinkFact.FLIGHT_SAVED, address=None, is_part=False).sentence)
+    return session_page(
+        session,
+        final_status,
+        names,
+        back=LIBRARY_LINK,
+        saved_flight=saved_flight,
+        files=files,
+        is_last=is_last,
+    )
 
 
 def _final_status(session: LiveSession) -> SessionStatus:
