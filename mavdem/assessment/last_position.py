@@ -1,6 +1,5 @@
 """Where a lost flight was seen last: its last position by satellites, and how far that is from the take-off."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +8,6 @@ from mavdem.assessment.flights import flights_in_boot
 from mavdem.dataset.signals import Signals, plane_positions
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact
-from mavdem.facts.ending import Ending
 from mavdem.witnesses.ground_heights import satellite_position
 
 
@@ -35,26 +33,23 @@ class LastPosition(NamedTuple):
     """Direction from the take-off, degrees clockwise from north."""
 
 
-def last_position_of_loss(signals: Signals, events: Iterable[Fact]) -> LastPosition | None:
-    """Returns the last position of the flight that was lost, or of the last one if several were.
+def last_position_of_loss(signals: Signals, ending: Fact | None) -> LastPosition | None:
+    """Returns the last position of the flight that was lost.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        events: events of the log, each a fact (a coded finding) with its time and boot.
+        ending: the event with which the flight was lost, a fact (a coded finding) with its time and boot; None if no
+            flight was lost.
 
     Returns:
         The last position before that flight ended; None if no flight was lost, or without satellites then.
     """
-    boot, loss_time = 0, None
-    for event in events:
-        if event.code in Ending and event.time is not None:
-            boot, loss_time = int(event.figures.get("boot", 0)), event.time
-    if loss_time is None:
+    if ending is None:
         return None
-    positions = series_of_boot(satellite_position(signals), boot)
+    positions = series_of_boot(satellite_position(signals), ending.figures["boot"])
     if positions is None:
         return None
-    flown_positions = _positions_of_flight(signals, positions, loss_time)
+    flown_positions = _positions_of_flight(signals, positions, ending.start_time)
     if not len(flown_positions.time):
         return None
     latitude, longitude, altitude = flown_positions.values[-1].tolist()
@@ -88,5 +83,4 @@ def _positions_of_flight(signals: Signals, positions: TimeSeries, time: float) -
         return positions
     take_off, end = flights_before[-1]
     # A loss may be noticed a moment after the vehicle was detected as landed.
-    is_flown = (positions.time >= take_off) & (positions.time <= max(end, time))
-    return positions.select(is_flown)
+    return positions.within((take_off, max(end, time)))

@@ -35,11 +35,19 @@ SWITCH_MODE_ACTION = 5
 """PX4's ``ActionRequest.ACTION_SWITCH_MODE``: a switch, button or stick of the transmitter asks for a flight mode."""
 
 
+class ModeRequest(NamedTuple):
+    """A request for another flight mode, which PX4 received."""
+
+    time: float
+    """When PX4 received it, s since boot."""
+    sender: str
+    """Who sent it, in words."""
+
+
 def mode_change_cause(
-    signals: Signals,
-    boot: int,
     time: float,
     ardupilot_reason: float | None,
+    requests: Sequence[ModeRequest],
     faults: Sequence[Fact],
 ) -> ModeChangeReason:
     """Returns why the autopilot changed its flight mode.
@@ -48,17 +56,15 @@ def mode_change_cause(
     last request shortly before, by the transmitter or by a command. Without any of these the cause is not known.
 
     Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: time of the first message with the new mode, s since boot.
         ardupilot_reason: the field ``Rsn`` of the message MODE; None if the log has no such field.
+        requests: requests for flight modes in this boot (:func:`mode_requests`).
         faults: reports of the autopilot in this boot, in any order.
     """
     if ardupilot_reason is not None:
         return mode_change_reason(ardupilot_reason)
     if _failsafe_begins_at(faults, time):
         return ModeChangeReason("failsafe", Level.WATCH)
-    requests = [*_requests_of_pilot(signals, boot), *_requests_by_command(signals, boot)]
     earlier_requests = [
         request for request in requests if 0 <= time - request.time <= MAX_CAUSE_DELAY
     ]
@@ -77,13 +83,14 @@ def _failsafe_begins_at(faults: Sequence[Fact], time: float) -> bool:
     return False
 
 
-class ModeRequest(NamedTuple):
-    """A request for another flight mode, which PX4 received."""
+def mode_requests(signals: Signals, boot: int) -> list[ModeRequest]:
+    """Returns the requests for flight modes that PX4 received in one boot: those of the transmitter, then commands.
 
-    time: float
-    """When PX4 received it, s since boot."""
-    sender: str
-    """Who sent it, in words."""
+    Args:
+        signals: logged time series of the vehicle, with its messages.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+    """
+    return [*_requests_of_pilot(signals, boot), *_requests_by_command(signals, boot)]
 
 
 def _requests_of_pilot(signals: Signals, boot: int) -> Iterator[ModeRequest]:

@@ -15,7 +15,7 @@ from mavdem.assessment.autopilot_messages import (
 )
 from mavdem.assessment.fault_signals import FaultSignal, fault_signals
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, flights_off_ground
-from mavdem.assessment.mode_causes import mode_change_cause
+from mavdem.assessment.mode_causes import mode_change_cause, mode_requests
 from mavdem.assessment.restarts import restarts
 from mavdem.dataset.flight_states import (
     SURFACE_VEHICLES,
@@ -618,8 +618,9 @@ def _mode_changes(
     boot = recorded_span.boot
     message = "CURRENT_MODE" if signals.telemetry.messages.get("CURRENT_MODE") else "HEARTBEAT"
     reason_by_time = _ardupilot_reasons_by_time(signals, boot)
+    requests = mode_requests(signals, boot)
     for time, mode in signals.mode_changes(boot):
-        cause, level = mode_change_cause(signals, boot, time, reason_by_time.get(time), faults)
+        cause, level = mode_change_cause(time, reason_by_time.get(time), requests, faults)
         yield _reported_event(
             signals,
             recorded_span,

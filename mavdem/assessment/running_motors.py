@@ -4,11 +4,11 @@ Propellers under power injure whoever lifts the vehicle, and blocked motors burn
 the vehicle has hit the ground or toppled over.
 """
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
 from mavdem.dataset.flight_states import min_running_command
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
@@ -80,13 +80,12 @@ def _motor_run_after(signals: Signals, boot: int, crash_time: float) -> _MotorRu
     motors = signals.motors
     if motors is None:
         return None
-    commands = motors.range_fractions(boot)
-    is_after_crash = commands.time >= crash_time
-    times: Array = commands.time[is_after_crash]
+    commands = motors.range_fractions(boot).within((crash_time, inf))
+    times = commands.time
     if not len(times):
         return None
     # One motor that runs is enough.
-    highest_commands = commands.values[is_after_crash].max(axis=1)
+    highest_commands = commands.values.max(axis=1)
     is_idle = highest_commands < min_running_command(motors)
     # Where the outputs were not recorded for so long, the motors may have stopped unseen.
     is_after_gap = np.diff(times, prepend=crash_time) > MIN_RUN_SECONDS

@@ -14,7 +14,7 @@ from mavdem.arrays import Array
 from mavdem.dataset.attitude_error import recent_range, samples_to_follow
 from mavdem.dataset.axes import AXES, YAW
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import TimeInterval, in_intervals
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.setpoints import held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import HEADING_CHANGE_SECONDS, MAX_HEADING_CHANGE
@@ -101,7 +101,7 @@ def _rate_in_flight(
     rate = series_of_boot(signals.attitudes[YAW].rate_series, boot)
     if rate is None:
         return None
-    rate_in_flight = rate.select(in_intervals(rate.time, [flight_interval]))
+    rate_in_flight = rate.within(flight_interval)
     return rate_in_flight if len(rate_in_flight.time) >= 2 else None
 
 

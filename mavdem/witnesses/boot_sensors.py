@@ -342,15 +342,14 @@ class BootSensors:
         rates_at_rest = climb_rate.within(before_take_off).values
         return bool(len(rates_at_rest) and np.median(rates_at_rest) < -MAX_SINK_RATE_AT_REST)
 
-    def sink_rates(self, interval: TimeInterval) -> dict[str, float]:
+    def sink_rates(self, interval: TimeInterval) -> dict[HeightSource, float]:
         """Returns the largest speed downward in an interval, by each height sensor (:meth:`_fastest_descents`).
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            Speed downward, m/s, by the name of the sensor, "barometer" or "estimate"; negative if the vehicle climbed
-            throughout.
+            Speed downward, m/s, by the sensor, barometer and estimate; negative if the vehicle climbed throughout.
         """
         descents = self._fastest_descents(interval)
         return {source: descent.speed for source, descent in descents.items()}

@@ -34,7 +34,7 @@ def test_the_last_position_is_the_last_one_of_the_flight_that_was_lost():
     signals = flight_to_the_east(1.0)
     [(take_off, landing)] = flights_in_boot(signals, 0)
     loss = Fact(Ending.CONTROL_LOST, Level.BAD, time=landing - 3.0, boot=0)
-    position = last_position_of_loss(signals, [loss])
+    position = last_position_of_loss(signals, loss)
     assert position.time == approx(landing, abs=0.21)
     assert position.altitude == approx(position.time)
     assert position.distance == approx(position.time - take_off, abs=0.3)
@@ -45,4 +45,4 @@ def test_the_last_position_is_the_last_one_of_the_flight_that_was_lost():
 
 
 def test_a_flight_that_was_not_lost_has_no_last_position():
-    assert last_position_of_loss(flight_to_the_east(1.0), []) is None
+    assert last_position_of_loss(flight_to_the_east(1.0), None) is None

@@ -199,7 +199,7 @@ def test_a_change_of_mode_in_px4_has_the_failsafe_or_the_sender_as_its_cause():
     )
     telemetry = changed(telemetry, "vehicle_command", **commands)
     # Arming and a mode are asked for by switches.
-    requests = columns([15.0, 39.9], action=[1, 5], source=[1, 3])
+    requests = columns([15.0, 39.9], action=[1, 5])
     telemetry = changed(telemetry, "action_request", **requests)
     beats = FLOWN.messages["HEARTBEAT"]["time"]
     telemetry = changed(telemetry, "HEARTBEAT", system_status=4 + (abs(beats - 52) <= 2))

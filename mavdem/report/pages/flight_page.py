@@ -341,11 +341,12 @@ def _sentences_on_last_position(assessment: Assessment) -> list[Sentence]:
     """Returns the sentence that says where a lost flight was seen last, by satellites; none of another flight.
 
     Args:
-        assessment: all results on a vehicle of the log, with its events and signals.
+        assessment: all results on a vehicle of the log, with its signals and how its flight was lost.
     """
-    if assessment.evidence is None:
+    evidence = assessment.evidence
+    if evidence is None:
         return []
-    position = last_position_of_loss(assessment.evidence.signals, assessment.events)
+    position = last_position_of_loss(evidence.signals, evidence.ending)
     if position is None:
         return []
     return render_section("last_position", position)
