@@ -77,9 +77,6 @@ class GainChanges(NamedTuple):
     loading: Sequence[Sentence] = ()
     """Sentences on how advised gains are loaded and tried (:func:`loading_sentences`); empty without."""
 
-    is_result: bool = False
-    """Whether the gains are the result of the page, which shows their table; otherwise they are folded."""
-
     new_values: Mapping[str, NewValue] = MappingProxyType({})
     """The new value of each parameter in the tables, by its name."""
 

@@ -16,6 +16,7 @@ from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import Tuning, faults_besides_loops
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.limits import worst_fact
 from mavdem.containers import group_by
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
@@ -182,14 +183,7 @@ def level_of_summary(tuning: Tuning, result: Fact) -> Level:
         tuning: the judgement of the flight.
         result: the most important result (:func:`tuning_result`), whose level may be unknown.
     """
-    levels = {result.level}
-    for fault in faults_besides_loops(tuning.judgement):
-        levels.add(fault.level)
-    if Level.BAD in levels:
-        return Level.BAD
-    if Level.WATCH in levels:
-        return Level.WATCH
-    return result.level
+    return worst_fact([result, *faults_besides_loops(tuning.judgement)]).level
 
 
 def tune_overview(tuning: Tuning, result: Fact) -> Blocks:

@@ -10,6 +10,7 @@ from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.confidence import IntervalEstimate
+from mavdem.containers import group_by
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice, AdviceByAxis
@@ -379,16 +380,17 @@ def _sentences_on_advised_gains(advice_by_axis: Mapping[str, Advice]) -> list[Se
     Args:
         advice_by_axis: advice on the gains of each axis, which may be to keep them.
     """
-    axes_by_conclusion = dict[str, list[str]]()
-    for axis, axis_advice in advice_by_axis.items():
-        conclusion = axis_advice.conclusion.replace(is_goal_stated=True)
-        axes_by_conclusion.setdefault(conclusion.sentence, []).append(axis)
+
+    def conclusion_on_axis(axis: str) -> str:
+        """Returns the sentence that says what to do with the gains of an axis, without the goal."""
+        return advice_by_axis[axis].conclusion.replace(is_goal_stated=True).sentence
+
     sentences = []
-    for conclusion_text, axes in axes_by_conclusion.items():
+    for conclusion_text, axes in group_by(advice_by_axis, conclusion_on_axis).items():
         sentences.append(Sentence(conclusion_text, f"Gains of {listed(axes)}:"))
     if advice_by_axis:
         # All axes have the same goal.
-        first_advice, *_ = advice_by_axis.values()
+        first_advice = next(iter(advice_by_axis.values()))
         sentences += sentences_on_goal(advice_by_axis, first_advice.target)
     return sentences
 

@@ -14,7 +14,6 @@ from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import GainTrial, try_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
-from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import LOOP_NAMES
@@ -120,16 +119,13 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
         tuning: the advice for each axis.
         evidence: evidence of the log, with the parameters that the vehicle has now.
     """
-    next_step = tuning.judgement.next_step
-    changes = gain_changes(
-        name, evidence.signals.telemetry, tuning.axes, next_step, tuning.notch_parameters
+    return gain_changes(
+        name,
+        evidence.signals.telemetry,
+        tuning.axes,
+        tuning.judgement.next_step,
+        tuning.notch_parameters,
     )
-    if changes is None:
-        return None
-    # Gains that another flight, or the tuning of other axes, comes before are no result yet.
-    steps_before = (NextStep.FLY_BEFORE_GAINS, NextStep.TUNE_OTHER_AXES)
-    is_result = next_step.code not in steps_before
-    return changes._replace(is_result=is_result)
 
 
 def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Blocks:
@@ -205,10 +201,9 @@ def _step_panels(
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
             has_gain = response.contradiction is not None
-            step, *gain_charts_of_loop = step_charts(response_of_loop, advised, has_gain=has_gain)[
-                axis
-            ]
-            panels[loop_name] = [step]
+            charts_by_axis = step_charts(response_of_loop, advised, has_gain=has_gain)
+            step_chart, *gain_charts_of_loop = charts_by_axis[axis]
+            panels[loop_name] = [step_chart]
             gain_charts = [*gain_charts, *gain_charts_of_loop]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
