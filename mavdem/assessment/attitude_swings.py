@@ -47,7 +47,9 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
     Yields:
         A fact for each axis and time, with the name of the axis as its subject, the largest ``angle``, rad, the number
         of leans as ``count``, and the time, s, from a lean to the next one to the same side as ``period``. A swing that
-        the path commanded is good, and has the largest lean, rad, that the path needs as ``commanded_angle``.
+        the path commanded is good, and has the largest lean, rad, that the path needs as ``commanded_angle``. If the
+        other axis leaned as far meanwhile, its name is the figure ``other_axis``, and its largest angle, rad,
+        ``other_angle``.
     """
     tracking = attitude_tracking(signals, boot)
     if tracking is None:
@@ -55,9 +57,12 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
     autonomous = intersection([flight_interval], mode_intervals(signals, boot, AUTONOMOUS_MODES))
     is_autonomous = in_intervals(tracking.time, autonomous)
     leans_of_path = path_leans(signals, boot, tracking)
+    # Angles that the pilot may have commanded are set to 0, so that they are no swings.
+    angles = np.where(is_autonomous[:, np.newaxis], tracking.angles[:, : len(TILT_AXES)], 0.0)
     for column, axis in enumerate(TILT_AXES):
-        # Angles that the pilot may have commanded are set to 0, so that they are no swings.
-        angle = np.where(is_autonomous, tracking.angles[:, column], 0.0)
+        angle = angles[:, column]
+        # Roll is column 0, and pitch column 1.
+        other_column = 1 - column
         for peaks_of_swing in _alternating_peaks(tracking.time, angle):
             peak_times = tracking.time[peaks_of_swing]
             # Successive leans are to opposite sides: half a period apart.
@@ -72,6 +77,10 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
                 period=2 * mean_half_period,
                 boot=boot,
             )
+            swing_samples = slice(peaks_of_swing[0], peaks_of_swing[-1] + 1)
+            other_angle = float(abs(angles[swing_samples, other_column]).max())
+            if other_angle > SWING_ANGLE:
+                swing = swing.replace(other_axis=TILT_AXES[other_column], other_angle=other_angle)
             if leans_of_path is not None:
                 commanded_angle = commanded_lean(
                     tracking.time, angle, leans_of_path[:, column], peaks_of_swing

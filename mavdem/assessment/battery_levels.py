@@ -5,7 +5,7 @@ import numpy as np
 from mavdem.assessment.limits import Limits
 from mavdem.dataset.batteries import FIRST_BATTERY, Battery
 from mavdem.dataset.signals import Signals
-from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.telemetry import Parameters, Telemetry
 
 CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14])
 """Numbers of cells in series of usual batteries."""
@@ -99,6 +99,33 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     # A battery is never critical before it is low.
     low_voltage = max(low_parameter, CELL_VOLTAGE_LIMITS.watch * cells, critical_voltage)
     return Limits(watch=low_voltage, bad=critical_voltage)
+
+
+def low_voltage_parameters(telemetry: Telemetry, number: int) -> str:
+    """Returns the parameters by which an autopilot knows when a battery is low, for advice to set them.
+
+    Args:
+        telemetry: autopilot and parameters of the vehicle.
+        number: number of the battery, from 1.
+
+    Returns:
+        Their names as the firmware of the log has them, such as "BATT_LOW_VOLT and BATT_CRT_VOLT"; empty if the
+        autopilot is neither ArduPilot nor PX4.
+    """
+    is_first = number == FIRST_BATTERY
+    parameters = telemetry.parameters
+    if telemetry.autopilot == "PX4":
+        name = CELL_COUNT_PARAMETER.format(number)
+        is_old = is_first and OLD_CELL_COUNT_PARAMETER in parameters and name not in parameters
+        return OLD_CELL_COUNT_PARAMETER if is_old else name
+    if telemetry.autopilot != "ARDUPILOTMEGA":
+        return ""
+    if is_first and OLD_LOW_VOLTAGE_PARAMETER in parameters:
+        return OLD_LOW_VOLTAGE_PARAMETER
+    prefix = "BATT_" if is_first else f"BATT{number}_"
+    return (
+        f"{LOW_VOLTAGE_PARAMETER.format(prefix)} and {CRITICAL_VOLTAGE_PARAMETER.format(prefix)}"
+    )
 
 
 def cell_count(parameters: Parameters, battery: Battery) -> int | None:

@@ -46,7 +46,7 @@ from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import name_without_place
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
-from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.vibration.vibration_message import reported_clips, reported_vibration
 from mavdem.witnesses.accelerometer import SELECTED_IMU, AccelerometerRecord
 from mavdem.witnesses.height import MAX_HEIGHT_DIFFERENCE
 from mavdem.witnesses.sensors import (
@@ -436,13 +436,14 @@ def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the IMUs with their vibration in flight, m/s²: what the autopilot reports for the most shaken axis.
 
     If the vibration of an IMU is not reported, the magnitude of its specific force, m/s², is used instead. The state of
-    an IMU says whether its accelerometer measured gravity at rest, if the log shows that.
+    an IMU says whether its accelerometer measured gravity at rest, if the log shows that, or else how often it clipped.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
     """
     vibrations = _vibrations_by_imu(evidence)
     accelerometers = _accelerometers_by_imu(evidence)
+    clipping_facts = _clipping_by_imu(evidence)
     for number in sorted(vibrations.keys() | accelerometers.keys()):
         accelerometer = accelerometers.get(number)
         if number in vibrations:
@@ -452,7 +453,7 @@ def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
             assert accelerometer is not None
             quantity = "specific force"
             values_in_flight = _values_in_flight(evidence, accelerometer.force_size)
-        state = _measured_state(values_in_flight)
+        state = clipping_facts.get(number, _measured_state(values_in_flight))
         if accelerometer is not None and accelerometer.record.is_sound is False:
             # A wrong accelerometer that the autopilot does not use is no danger, so its level is unknown.
             level = Level.UNKNOWN if accelerometer.record.is_used is False else None
@@ -530,6 +531,40 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
     levels = _values_in_flight(evidence, vibration.levels)
     levels_of_imus = vibration.largest_of_axes(levels)
     return dict(enumerate(levels_of_imus.T, start=1))
+
+
+def _clipping_by_imu(evidence: Evidence) -> dict[int, Fact]:
+    """Returns how often the accelerometer of each IMU exceeded its range in the events that report this.
+
+    Args:
+        evidence: signals and events of the vehicle. The events in which an accelerometer clipped include the fall after
+            a loss.
+
+    Returns:
+        Facts (coded findings) by the number of the IMU, from 1, with the number of clips as ``count``, from the first
+        event with clips of this IMU to the last one; an IMU that did not clip has none.
+    """
+    clips = reported_clips(evidence.signals)
+    facts = dict[int, Fact]()
+    if clips is None:
+        return facts
+    for event in evidence.events:
+        if event.code is not MotionEvent.CLIPPED or event.end_time is None:
+            continue
+        clips_of_event = clips.of_boot(event.figures["boot"]).within(
+            (event.start_time, event.end_time)
+        )
+        for number, count in enumerate(clips_of_event.values.sum(axis=0), start=1):
+            if count:
+                earlier = facts.get(number)
+                earlier_count = 0 if earlier is None else earlier.figures["count"]
+                facts[number] = Fact(
+                    InstanceState.CLIPPED,
+                    time=event.time if earlier is None else earlier.time,
+                    end_time=event.end_time,
+                    count=earlier_count + int(count),
+                )
+    return facts
 
 
 def _speed_controller_instances(evidence: Evidence) -> Iterator[Instance]:

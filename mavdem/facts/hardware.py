@@ -9,6 +9,8 @@ class HardwarePart(StrEnum):
     """A part of the hardware."""
 
     POWER = "power"
+    SUPPLY = "board supply"
+    CURRENT_SENSOR = "current sensor"
     CONTROLLERS = "speed controllers"
     RECEIVERS = "satellite receiver"
     COMPASSES = "magnetic field"

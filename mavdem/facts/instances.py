@@ -14,3 +14,4 @@ class InstanceState(Code):
     COUNTED_ERRORS = "instance_counted_errors"
     DISAGREES = "instance_disagrees"
     GRAVITY_WRONG = "instance_gravity_wrong"
+    CLIPPED = "instance_clipped"

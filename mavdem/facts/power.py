@@ -9,6 +9,7 @@ class PowerLight(Code):
     BATTERY_HELD = "battery_held"
     BATTERY_LOW = "battery_low"
     CHARGE_LOW = "charge_low"
+    CURRENT_UNCALIBRATED = "current_uncalibrated"
     SUPPLY_HELD = "supply_held"
     SUPPLY_LOW = "supply_low"
     SUPPLY_FELL = "supply_fell"

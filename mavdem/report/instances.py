@@ -36,11 +36,13 @@ def instance_table(instances: Sequence[Instance], vibration: Fact, *, has_flown:
         # A plain "Measured" has no colour, so that warnings stand out. ``Rated`` is text with the colour of a level.
         state = without_full_stop(str(instance.state))
         is_measured = instance.state.code is InstanceState.MEASURED
+        # The sentence on the vibration has the clips too.
+        is_explained = is_measured or instance.state.code is InstanceState.CLIPPED
         is_vibrating_imu = instance.quantity == "vibration" and instance.name == vibration.subject
-        if not is_measured:
-            state = Rated(state, instance.state.level)
-        elif is_vibrating_imu and vibration.is_watch_or_bad:
+        if is_explained and is_vibrating_imu and vibration.is_watch_or_bad:
             state = Rated(f"{capitalize_first(vibration.level)}: see vibration", vibration.level)
+        elif not is_measured:
+            state = Rated(state, instance.state.level)
         rows.append(
             [
                 instance.name,

@@ -13,6 +13,7 @@ from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.instances import InstanceState
 from mavdem.facts.vibration import VibrationLight
@@ -140,6 +141,22 @@ def test_the_row_of_an_imu_warns_as_the_light_of_the_vibration_does():
     light = Fact(VibrationLight.VIBRATION_MEASURED, Level.BAD, subject="IMU 1")
     first, second = instance_table(imus, light, has_flown=True).rows
     assert (first[4], first[4].level, second[4]) == ("Bad: see vibration", "bad", "Measured")
+
+
+def test_the_row_of_an_imu_warns_of_its_clips():
+    """The first IMU clips in two periods, and the second in one of them."""
+    levels = {f"vibration_{axis}": np.sin(TIME) ** 2 for axis in "xyz"}
+    counts = 7 * (TIME > 30.0) + 5 * (TIME > 40.0)
+    clipped = columns(TIME, **levels, clipping_0=counts, clipping_1=counts > 9, clipping_2=0)
+    telemetry = changed(HOVER.telemetry(20.0, 20.0), "VIBRATION", **clipped)
+    clips = [
+        Fact(MotionEvent.CLIPPED, time=start, end_time=start + 1.0, count=count, boot=0)
+        for start, count in ((30.0, 7), (40.0, 5))
+    ]
+    evidence = replace(evidence_of(Signals(telemetry)), events=tuple(clips))
+    states = {instance.name: instance.state for instance in list_instances(evidence)}
+    assert states["IMU 1"].sentence == "Clipped 12 times from 30.0 to 41.0 s."
+    assert states["IMU 1"].level == "watch"
 
 
 def test_ranges_of_a_log_without_flight_are_not_called_ranges_in_flight():

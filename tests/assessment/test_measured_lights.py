@@ -25,7 +25,9 @@ from mavdem.assessment.lights.power import (
     BOARD_VOLTAGE_LIMITS,
     LOW_VOLTAGE_SECONDS,
     MAX_BOARD_VOLTAGE_DROP,
+    further_power_warnings,
     power_light,
+    with_low_supply,
     with_supply_before_open_end,
 )
 from mavdem.assessment.lights.wind import wind_light
@@ -84,6 +86,44 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     assert fact.figures["voltage"] == approx(15.8, abs=0.1)
     telemetry_reversed = changed(battery(16.0 - 0.04 * amperes[::-1]), "SYS_STATUS", **drawn)
     assert power_light(evidence(telemetry_reversed)).figures["resistance"] is None
+
+
+def test_a_current_too_small_to_hover_on_is_not_a_measured_one():
+    volts = 16.4 + SAG
+    parameters = {"BATT_AMP_PERVLT": 17.0}
+    amperes = np.where(FLYING, 0.3 + 0.3 * np.sin(5 * TIME), 0.1)
+    telemetry = battery(volts, parameters)
+    telemetry = changed(telemetry, "SYS_STATUS", current_battery=100 * amperes)
+    fact = power_light(evidence(telemetry))
+    assert (fact.code, fact.level) == (PowerLight.CURRENT_UNCALIBRATED, "watch")
+    assert "reads 0.3 A" in fact.sentence and "BATT_AMP_PERVLT" in fact.remedy
+    # The supply of the board decides whether the autopilot goes on. The other warning stands beside it.
+    low_supply = columns(TIME, Vcc=4600 - SAG)
+    judged = evidence(changed(telemetry, "POWER_STATUS", **low_supply))
+    light = power_light(judged)
+    assert light.code is PowerLight.SUPPLY_LOW
+    (other,) = further_power_warnings(judged, light).values()
+    assert other.code is PowerLight.CURRENT_UNCALIBRATED
+    # A current of a hover, and one that no sensor measures.
+    for amperes in (5 * amperes, 0 * amperes):
+        measured = changed(telemetry, "SYS_STATUS", current_battery=100 * amperes)
+        assert power_light(evidence(measured)).code is PowerLight.BATTERY_HELD
+
+
+@mark.parametrize(
+    "autopilot, parameters, names",
+    [
+        ("ARDUPILOTMEGA", {}, "BATT_LOW_VOLT and BATT_CRT_VOLT"),
+        ("ARDUPILOTMEGA", {"FS_BATT_VOLTAGE": 0.0}, "FS_BATT_VOLTAGE"),
+        ("PX4", {}, "BAT1_N_CELLS"),
+        ("PX4", {"BAT_N_CELLS": 0.0}, "BAT_N_CELLS"),
+    ],
+)
+def test_advice_on_unknown_cells_names_parameters_of_this_autopilot(autopilot, parameters, names):
+    telemetry = battery(8 * FULL_CELL_VOLTAGES[0] + 0.2 + SAG, parameters)
+    fact = power_light(evidence(replace(telemetry, autopilot=autopilot)))
+    assert fact.code is PowerLight.CELLS_UNKNOWN
+    assert fact.remedy == f"Set {names}."
 
 
 @mark.slow
@@ -677,6 +717,12 @@ def test_a_low_supply_is_the_suspected_reason_for_a_log_that_ends_in_the_air(lea
     ended = Fact(MotionEvent.LOG_ENDED_IN_AIR, time=36.5, boot=0, height=12.0, height_source="")
     judged = evidence(telemetry_with("POWER_STATUS", Vcc=1000 * volts))
     (event,) = with_supply_before_open_end(replace(judged, events=(ended,)))
+    # A low supply is an event as well, unless the autopilot's messages had it below the critical voltage already.
+    low_supplies = [fact for fact in with_low_supply(judged) if fact is not event]
+    assert [fact.code for fact in low_supplies] == [ReportedEvent.BOARD_VOLTAGE_LOW] * is_suspect
+    assert with_low_supply(replace(judged, events=low_supplies)) == tuple(low_supplies)
+    for low_supply in low_supplies:
+        assert f"below {BOARD_VOLTAGE_LIMITS.watch:.2f} V" in low_supply.sentence
     assert ("board supply down to" in event.sentence) is is_suspect
     assert ("power module" in event.remedy) is is_suspect
 

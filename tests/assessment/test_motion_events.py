@@ -522,7 +522,13 @@ def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, p
         assert (swung.subject, swung.figures["count"]) == ("pitch", 8)
         assert swung.level is Level.WATCH
         assert swung.figures["period"] == approx(period, abs=0.1)
-        assert swung.sentence.startswith("Pitch swung by up to 40°")
+        assert swung.sentence.startswith("Pitch swung by up to 40° in")
+        # The vehicle rolls to one side meanwhile, which is no swing of its own.
+        roll = np.radians(30.0) * ((elapsed > period) & (elapsed < 1.5 * period))
+        telemetry = changed(telemetry, "ATTITUDE", roll=roll, rollspeed=np.gradient(roll, elapsed))
+        telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(roll, lean, 0 * lean))
+        swung = events_and_ending(telemetry)[0][MotionEvent.ATTITUDE_SWUNG]
+        assert swung.sentence.startswith("Pitch swung by up to 40° (roll by up to 30°) in")
         assert "position controller" in swung.remedy
 
 

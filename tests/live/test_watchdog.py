@@ -423,7 +423,7 @@ def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headl
     assert vanished.headline.figures["cause"] == vanished.lights[Light.POWER]
     assert vanished.next_step.code is NextStep.LAND_NOW
     # So does a supply that is to be watched only.
-    battery_alarm = Fact(PowerLight.SUPPLY_LOW, voltage=4.6, voltage_usual=5.0, voltage_limit=4.65)
+    battery_alarm = Fact(PowerLight.SUPPLY_LOW, voltage=4.6, voltage_usual=5.0, voltage_limit=4.8)
     watched = replace(
         status, active_alarms=(), worst_lights={Light.POWER: battery_alarm}, no_model_reason=silence
     )

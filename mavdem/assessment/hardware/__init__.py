@@ -8,6 +8,7 @@ from mavdem.assessment.hardware.processor import processor_fact
 from mavdem.assessment.hardware.receivers import receiver_fact
 from mavdem.assessment.hardware.recording import recording_fact
 from mavdem.assessment.hardware.temperatures import temperatures_fact
+from mavdem.assessment.lights.power import further_power_warnings
 from mavdem.facts import NamedFacts
 from mavdem.facts.hardware import HardwarePart
 
@@ -25,6 +26,7 @@ def hardware_facts(evidence: Evidence, lights: NamedFacts) -> NamedFacts:
     """
     facts = {
         HardwarePart.POWER: lights["power"],
+        **further_power_warnings(evidence, lights["power"]),
         HardwarePart.CONTROLLERS: controllers_fact(evidence),
         HardwarePart.RECEIVERS: receiver_fact(evidence),
         HardwarePart.COMPASSES: field_fact(evidence),

@@ -1,17 +1,19 @@
 """Status light of power, judged by facts (coded findings): voltage and charge of batteries, supply of the board."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.battery_levels import (
     ardupilot_charge_levels,
     batteries_worst_first,
     cell_count,
     is_measured,
+    low_voltage_parameters,
     voltage_levels,
 )
 from mavdem.assessment.evidence import Evidence
@@ -20,17 +22,19 @@ from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits, worst_fact
 from mavdem.dataset import time_series
 from mavdem.dataset.batteries import FIRST_BATTERY, Battery, battery_name
 from mavdem.dataset.time_series import TimeSeries, recorded_series
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
+from mavdem.facts.hardware import HardwarePart
 from mavdem.facts.power import PowerLight
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 LOW_VOLTAGE_SECONDS = 10.0
 """Time, s, that a voltage must stay below a limit to count: the default of ArduPilot's BATT_LOW_TIMER."""
 
-BOARD_VOLTAGE_LIMITS = Limits(4.65, 4.5)
-"""Voltages, V, of the board below which PX4 warns, and warns critically (``powerCheck.cpp``)."""
+BOARD_VOLTAGE_LIMITS = Limits(4.8, 4.5)
+"""Voltages, V, of the board below which PX4 warns, and refuses to arm (``powerCheck.cpp``). The first is also the least
+voltage at which the makers of Pixhawk boards specify them to work."""
 
 PRESENT_POWER_MODULE_PARAMETERS = {"ARDUPILOTMEGA": "BATT_MONITOR", "PX4": "BAT1_SOURCE"}
 """The parameter by which each autopilot's present version knows where its battery is measured."""
@@ -47,6 +51,17 @@ MAX_BOARD_VOLTAGE_DROP = 0.3
 MAX_RESISTANCE_CORRELATION = -0.7
 """Correlation of voltage and current, about their means over 2 s, above which they show no internal resistance: at this
 value the current explains half of the voltage's variance."""
+
+MIN_HOVER_CURRENT = 1.0
+"""Current, A, on which no multirotor hovers: a Crazyflie of 27 g draws nearly 2 A from one cell.
+
+A vehicle with n cells in series draws as much only if it weighs less than about n · 80 g, since hovering takes at least
+45 W/kg at the battery (momentum theory for a disc loading of 20 N/m² and 60 % efficiency); those that are so light draw
+several times more, since their propellers are small.
+"""
+
+CURRENT_SCALE_PARAMETERS = ("BATT_AMP_PERVLT", "BAT1_A_PER_V", "BAT_A_PER_V")
+"""Parameters of ArduPilot, of PX4 and of its older versions that calibrate the current sensor of the first battery."""
 
 MIN_VOLTAGE_STEP = 1e-3
 """Least step between two voltages, s, that is used: a damaged log may have the same stamp throughout."""
@@ -103,6 +118,7 @@ def power_light(evidence: Evidence) -> Fact:
         *_supply_facts(evidence),
         *evidence.warnings_in_flight((ReportedEvent.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
+        *_current_facts(evidence, batteries),
     ]
     if not facts:
         # Without a flight, a battery that the autopilot reports as empty becomes the headline, so that the light must
@@ -118,6 +134,30 @@ def power_light(evidence: Evidence) -> Fact:
         facts_of_others += _unmeasured_batteries(evidence, batteries)
         light = light.replace(batteries=tuple(facts_of_others))
     return light
+
+
+def further_power_warnings(evidence: Evidence, light: Fact) -> NamedFacts:
+    """Returns the warnings about supply and current sensor that the light of power does not state.
+
+    The light states only the worst of all facts on the power, and another one may be as bad.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        light: the light of power.
+
+    Returns:
+        Facts (coded findings) that are to be watched or bad, by the part of the hardware that they are about.
+    """
+    facts_by_part = {
+        HardwarePart.SUPPLY: _supply_facts(evidence),
+        HardwarePart.CURRENT_SENSOR: _current_facts(evidence, batteries_in_flight(evidence)),
+    }
+    warnings = {}
+    for part, facts in facts_by_part.items():
+        for fact in facts:
+            if fact.is_watch_or_bad and fact.code is not light.code:
+                warnings[str(part)] = fact
+    return warnings
 
 
 def _unmeasured_power(evidence: Evidence) -> Fact:
@@ -178,6 +218,32 @@ def mark_battery_reports_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
                 event = event.replace(is_on_ground=True)
         marked_events.append(event)
     return tuple(marked_events)
+
+
+def with_low_supply(evidence: Evidence) -> tuple[Fact, ...]:
+    """Adds the event that the supply of the board was low in flight, unless an event states that already.
+
+    Args:
+        evidence: events of the vehicle, and its voltages in flight.
+
+    Returns:
+        All events of the evidence and the new one, if any, in the order of boot and time. It has the lowest average
+        over 2 s as ``voltage``, and the ``voltage_limit`` that it was below, V.
+    """
+    events = list(evidence.events)
+    is_reported = any(event.code is ReportedEvent.BOARD_VOLTAGE_LOW for event in events)
+    if not is_reported:
+        for supply in _supply_facts(evidence):
+            if supply.code is PowerLight.SUPPLY_LOW:
+                low_supply = Fact(
+                    ReportedEvent.BOARD_VOLTAGE_LOW,
+                    time=supply.time,
+                    boot=supply.figures["boot"],
+                    voltage=supply.figures["voltage"],
+                    voltage_limit=supply.figures["voltage_limit"],
+                )
+                events.append(low_supply)
+    return tuple(in_time_order(events))
 
 
 def with_supply_before_open_end(evidence: Evidence) -> tuple[Fact, ...]:
@@ -241,12 +307,17 @@ def _power_module_parameter(telemetry: Telemetry) -> str:
     Returns:
         Its name; without parameters in the log the present one of the autopilot; empty if it is not known.
     """
-    for name in POWER_MODULE_PARAMETERS:
+    if telemetry.parameters:
+        return _parameter_in_log(telemetry, POWER_MODULE_PARAMETERS)
+    return PRESENT_POWER_MODULE_PARAMETERS.get(telemetry.autopilot, "")
+
+
+def _parameter_in_log(telemetry: Telemetry, names: Iterable[str]) -> str:
+    """Returns the first of some names that is a parameter of the vehicle; empty if none is."""
+    for name in names:
         if name in telemetry.parameters:
             return name
-    if telemetry.parameters:
-        return ""
-    return PRESENT_POWER_MODULE_PARAMETERS.get(telemetry.autopilot, "")
+    return ""
 
 
 def batteries_in_flight(evidence: Evidence) -> list[Battery]:
@@ -285,7 +356,8 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     Returns:
         A fact with the lowest average ``voltage`` and the ``voltage_limit`` that was used, V, the number of ``cells``,
         the largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. If there are
-        several batteries, or the battery is not the first, the fact also has its number as ``battery``.
+        several batteries, or the battery is not the first, the fact also has its number as ``battery``. If the number
+        of cells is missing, ``parameter`` names the autopilot's parameters by which the voltage could be judged.
     """
     parameters = evidence.flown_parameters
     averages = np.sort(evidence.averages_in_flight(battery.voltage))
@@ -293,10 +365,13 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     lasting_voltage = _lasting_voltage(battery.voltage, averages)
     levels = voltage_levels(parameters, battery.number, cells or 0)
     load = _battery_load([*evidence.in_flight(battery.load)])
+    if _uncalibrated_current(evidence, battery) is not None:
+        load = _BatteryLoad()
     # None is the usual level of a code.
     level = None
     voltage_limit = levels.watch
     start = _StartBelow()
+    optional_figures = dict[str, Any]()
     if lasting_voltage < levels.watch:
         code = PowerLight.BATTERY_LOW
         if lasting_voltage < levels.bad:
@@ -308,12 +383,16 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     else:
         # The limit is 0: neither parameters nor the number of cells are known, and the voltage cannot be judged.
         code = PowerLight.CELLS_UNKNOWN
+        optional_figures["parameter"] = low_voltage_parameters(
+            evidence.signals.telemetry, battery.number
+        )
     ending = evidence.ending
     return Fact(
         code,
         level,
         time=start.time,
         **start.optional_figures,
+        **optional_figures,
         end_time=None if ending is None else loss_onset(ending),
         **_figures_naming_battery(evidence, battery),
         voltage=averages[0],
@@ -372,6 +451,9 @@ class _StartBelow(NamedTuple):
     is_start_of_flight: bool = False
     """Whether it was below already when the flight began, so that nothing in the flight made it so low."""
 
+    boot: int | None = None
+    """Number of the boot on whose clock the time is; None if it was never below."""
+
     @property
     def optional_figures(self) -> dict[str, Any]:
         """The figure by which a fact (coded finding) says that it was low from the start; empty if it fell later."""
@@ -390,7 +472,7 @@ def _start_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> _Star
         is_below = time_series.moving_average(flight) < limit
         if is_below.any():
             times_below = flight.time[is_below]
-            return _StartBelow(float(times_below[0]), is_start_of_flight=bool(is_below[0]))
+            return _StartBelow(float(times_below[0]), bool(is_below[0]), int(flight.boot[0]))
     return _StartBelow()
 
 
@@ -539,6 +621,56 @@ def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float 
     return None
 
 
+def _current_facts(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
+    """Yields a fact (coded finding) if the current of the only battery is too small to hover on.
+
+    Of several batteries one may supply only the autopilot, so that its current is small.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        batteries: batteries that were measured in flight.
+
+    Yields:
+        At most one fact with the median ``current`` in flight and the ``least_current`` of a hover, A, the lowest
+        average ``voltage`` over 2 s, V, and the ``parameter`` that calibrates the current sensor; empty if the log has
+        none.
+    """
+    for battery in batteries:
+        current = _uncalibrated_current(evidence, battery)
+        if current is not None:
+            yield Fact(
+                PowerLight.CURRENT_UNCALIBRATED,
+                current=current,
+                least_current=MIN_HOVER_CURRENT,
+                voltage=evidence.averages_in_flight(battery.voltage).min(),
+                parameter=_parameter_in_log(evidence.signals.telemetry, CURRENT_SCALE_PARAMETERS),
+            )
+
+
+def _uncalibrated_current(evidence: Evidence, battery: Battery) -> float | None:
+    """Returns the median current of a battery in flight, A, if it is too small to hover on (``MIN_HOVER_CURRENT``).
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        battery: battery that was measured in flight.
+
+    Returns:
+        The median of the averages over 2 s; None if it is large enough, was not measured in ``LOW_VOLTAGE_SECONDS`` of
+        flight, or the vehicle has several batteries. A current that is never above 0, or never changes, is not
+        measured.
+    """
+    if battery.current is None or len(evidence.signals.batteries) > 1:
+        return None
+    flights = list(evidence.in_flight(battery.current))
+    averages = evidence.averages_in_flight(battery.current)
+    seconds = sum(np.ptp(flight.time) for flight in flights)
+    is_measured_in_flight = len(averages) > 0 and averages.max() > 0 and np.ptp(averages) > 0
+    if seconds < LOW_VOLTAGE_SECONDS or not is_measured_in_flight:
+        return None
+    median_current = float(np.median(averages))
+    return median_current if median_current < MIN_HOVER_CURRENT else None
+
+
 def _charged_cell_voltage(evidence: Evidence, battery: Battery) -> float | None:
     """Returns the lowest voltage of a battery's cell in flight, V, if it shows that the battery was not empty.
 
@@ -601,6 +733,7 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
         level,
         time=start.time,
         **start.optional_figures,
+        boot=start.boot,
         voltage=lowest_voltage,
         voltage_usual=usual_voltage,
         voltage_limit=voltage_limit,
