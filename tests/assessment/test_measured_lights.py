@@ -105,8 +105,8 @@ def test_a_current_too_small_to_hover_on_is_not_a_measured_one():
     (other,) = further_power_warnings(judged, light).values()
     assert other.code is PowerLight.CURRENT_UNCALIBRATED
     # A current of a hover, and one that no sensor measures.
-    for amperes in (5 * amperes, 0 * amperes):
-        measured = changed(telemetry, "SYS_STATUS", current_battery=100 * amperes)
+    for factor in (5.0, 0.0):
+        measured = changed(telemetry, "SYS_STATUS", current_battery=100 * factor * amperes)
         assert power_light(evidence(measured)).code is PowerLight.BATTERY_HELD
 
 
