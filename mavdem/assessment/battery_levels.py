@@ -123,9 +123,7 @@ def low_voltage_parameters(telemetry: Telemetry, number: int) -> str:
     if is_first and OLD_LOW_VOLTAGE_PARAMETER in parameters:
         return OLD_LOW_VOLTAGE_PARAMETER
     prefix = "BATT_" if is_first else f"BATT{number}_"
-    return (
-        f"{LOW_VOLTAGE_PARAMETER.format(prefix)} and {CRITICAL_VOLTAGE_PARAMETER.format(prefix)}"
-    )
+    return f"{LOW_VOLTAGE_PARAMETER.format(prefix)} and {CRITICAL_VOLTAGE_PARAMETER.format(prefix)}"
 
 
 def cell_count(parameters: Parameters, battery: Battery) -> int | None:
