@@ -15,6 +15,9 @@ TimeInterval = tuple[float, float]
 Intervals = list[TimeInterval]
 """A set of time intervals: (start, end) pairs in seconds, sorted and disjoint."""
 
+MAX_HELD_SECONDS = 5.0
+"""Time, s, for which the last sample of a record counts until its next one: a choice; slow links send at 1 Hz or less."""
+
 
 def true_intervals(time: Array, condition: Flags) -> Intervals:
     """Returns the intervals in which a sampled condition is true, from its first to its last true stamp.
@@ -89,6 +92,30 @@ def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
     starts = time[np.append(first_row, gaps + 1)].tolist()
     ends = time[np.append(gaps, last_row)].tolist()
     return [(start, end) for start, end in zip(starts, ends, strict=True) if start < end]
+
+
+def grid_in_record(time: Array, step: float) -> Array:
+    """Returns the times of an even grid within a record that are not in a gap longer than ``MAX_HELD_SECONDS``.
+
+    However long a gap is, it takes no memory: one wrong time stamp can make a gap of weeks.
+
+    >>> grid_in_record(np.array([0.0, 1.0, 9.2, 10.0, 10.5]), step=0.5)
+    array([ 0. ,  0.5,  9.5, 10. ])
+
+    Args:
+        time: (N,) stamps in seconds, rising, at least one.
+        step: step of the grid, s; the grid begins with the first stamp.
+
+    Returns:
+        (M,) times, s, rising.
+    """
+    first_time = time[0]
+    parts = [np.empty(0)]
+    for start, end in split_at_gaps(time, np.diff(time) > MAX_HELD_SECONDS):
+        # Numbers of the first grid point in this part, and of the first one after it.
+        first_point, end_point = np.ceil((np.array([start, end]) - first_time) / step)
+        parts.append(first_time + step * np.arange(first_point, end_point))
+    return np.concatenate(parts)
 
 
 def intersection(first: Intervals, second: Intervals) -> Intervals:

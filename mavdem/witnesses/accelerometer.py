@@ -334,7 +334,7 @@ def rest_intervals(signals: Signals, boot: int) -> Intervals:
 
 @dataclass(frozen=True, eq=False)
 class StillWindows:
-    """Windows of ``REST_SECONDS`` side by side that cover the attitude of one boot."""
+    """Windows of ``REST_SECONDS`` on an even grid that cover the attitude of one boot, but not its gaps."""
 
     start: Array
     """(W,) s since boot."""
@@ -378,8 +378,15 @@ def still_windows(signals: Signals, boot: int) -> StillWindows | None:
 
 
 def _window_starts(time: Array) -> Array:
-    """Returns the starts (W,), s, of windows of ``REST_SECONDS``, side by side, that cover a record's times (N,), s."""
-    return np.arange(time[0], time[-1], REST_SECONDS)
+    """Returns the starts (W,), s, of windows of ``REST_SECONDS`` on an even grid, those with samples of a record.
+
+    Windows without a sample would show nothing, and may be very many: one wrong time stamp can make a gap of weeks.
+
+    Args:
+        time: (N,) times of the samples, s, ascending.
+    """
+    window_numbers = np.unique((time - time[0]) // REST_SECONDS)
+    return time[0] + REST_SECONDS * window_numbers
 
 
 def window_ranges(time: Array, values: Array, window_starts: Array) -> Array:
@@ -388,7 +395,7 @@ def window_ranges(time: Array, values: Array, window_starts: Array) -> Array:
     Args:
         time: (N,) times of the samples, s, ascending.
         values: (N,) samples.
-        window_starts: (W,) starts of windows of ``REST_SECONDS``, s, side by side.
+        window_starts: (W,) starts of windows of ``REST_SECONDS``, s, ascending.
 
     Returns:
         (W,) ranges, in the unit of the samples; NaN in windows with fewer than two samples.

@@ -9,6 +9,7 @@ import scipy
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import TILT_COLUMNS
 from mavdem.dataset.flight_states import min_airborne_collective
+from mavdem.dataset.intervals import grid_in_record
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.dataset.time_series import moving_average, rows_of_boot, series_of_boot
@@ -184,8 +185,9 @@ def _setpoint_response(
         Whether the vehicle follows its setpoint, None if that is not known; the largest correlation; and the larger of
         the median errors of roll and pitch, rad.
     """
-    # The latest sample at each instant of a uniform grid, since delays are whole steps of it.
-    grid_times = np.arange(time[0], time[-1], 1 / RESPONSE_RATE)
+    # The latest sample at each instant of a uniform grid, since delays are whole steps of it. In a gap of the record
+    # that sample would be held and counted, however long the gap is.
+    grid_times = grid_in_record(time, 1 / RESPONSE_RATE)
     grid_samples = np.searchsorted(time, grid_times, side="right") - 1
     # ``errors`` has an entry for each axis with enough samples, the other lists for those whose setpoint varies enough.
     correlations = []
@@ -287,11 +289,13 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         Whether the gyro agrees; None if the vehicle hardly turned, or the sampling rate is too low to integrate the
         rates.
     """
-    grid = np.arange(times[0], times[-1], TURN_SECONDS)
+    grid = grid_in_record(times, TURN_SECONDS)
     # Only steps of the grid with both ends under power count: near a time under power.
     next_rows = np.minimum(np.searchsorted(times, grid), len(times) - 1)
     is_end_powered = abs(times[next_rows] - grid) < TURN_SECONDS
-    is_step_used = is_end_powered[1:] & is_end_powered[:-1]
+    # The grid leaves out gaps: a step over one is longer.
+    is_one_step = np.diff(grid) < 1.5 * TURN_SECONDS
+    is_step_used = is_end_powered[1:] & is_end_powered[:-1] & is_one_step
     changes = []
     differences = []
     for tilt in signals.tilts:

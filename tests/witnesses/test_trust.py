@@ -13,6 +13,7 @@ from mavdem.facts.trust import TrustCheck
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.trust import trust_table
 from mavdem.witnesses import sensor_trust
+from mavdem.witnesses.accelerometer import still_windows
 from mavdem.witnesses.height import reliable_height
 from mavdem.witnesses.sensors import barometer_altitude, throttle_stick
 
@@ -45,6 +46,14 @@ def flight(noise=0.1, true_height=None):
     roll, rate = rolls["roll"] * in_air, rolls["rollspeed"] * in_air
     telemetry = changed(telemetry, "ATTITUDE", roll=roll, rollspeed=rate)
     return changed(telemetry, "GPS_RAW_INT", **columns(time, fix_type=3))
+
+
+def with_gap(telemetry, time, seconds):
+    """The same log with the clock so many seconds ahead from this time on."""
+    for message, table in telemetry.messages.items():
+        later = table["time"] + seconds * (table["time"] > time)
+        telemetry = changed(telemetry, message, time=later)
+    return telemetry
 
 
 def trust(telemetry):
@@ -163,6 +172,16 @@ def test_roll_answers_its_setpoint_or_not(gain, answers):
     telemetry = asking(telemetry, time, 7, None, wanted)
     telemetry = changed(telemetry, "ATTITUDE", roll=gain * 0.3 * np.sin(0.7 * (time - 0.2)))
     assert trust(telemetry).attitude_follows_setpoint is answers
+    # What is held through a gap counts no more than any other sample, however long the gap is.
+    assert trust(with_gap(telemetry, 30.0, 1e5)).attitude_follows_setpoint is answers
+
+
+def test_the_length_of_a_gap_costs_nothing():
+    """A clock that jumps by 49 days in flight leaves gyro and accelerometer as they are."""
+    damaged = with_gap(flight(), 30.0, 4.3e6)
+    assert len(still_windows(Signals(damaged, inputs="motors"), 0).start) < 500
+    sensors = trust(damaged)
+    assert sensors.is_accelerometer_sound and sensors.gyro_agrees and sensors.flew
 
 
 def test_two_witnesses_against_a_flight_make_a_bench_run():
