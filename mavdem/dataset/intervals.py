@@ -16,7 +16,7 @@ Intervals = list[TimeInterval]
 """A set of time intervals: (start, end) pairs in seconds, sorted and disjoint."""
 
 MAX_HELD_SECONDS = 5.0
-"""Time, s, for which the last sample of a record counts until its next one: a choice; slow links send at 1 Hz or less."""
+"""Time, s, for which the last sample of a record counts: a choice; slow links send at 1 Hz and lose some."""
 
 
 def true_intervals(time: Array, condition: Flags) -> Intervals:
