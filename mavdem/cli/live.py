@@ -414,6 +414,7 @@ def _follow_vehicle(
         )
         # Where the user ends it, no other session follows.
         successor = None if is_end_requested() else session.successor
+        session.analyse_rest()
         if successor is None:
             session.intake.record_rest()
         account = session.time_account()

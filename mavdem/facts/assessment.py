@@ -102,8 +102,10 @@ class NextStep(Code):
     LAND_SOON = "land_soon"
     FLY_ON = "fly_on"
     FLY_ON_IF_REPAIRED = "fly_on_if_repaired"
+    TAKE_OFF_IF_REPAIRED = "take_off_if_repaired"
     HOVER_FIRST = "hover_first"
     LET_LAND = "let_land"
+    LAND_BY_SIGHT = "land_by_sight"
     FLY_BY_SIGHT = "fly_by_sight"
 
 

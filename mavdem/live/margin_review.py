@@ -202,6 +202,7 @@ def review_margins(
     start_time = process_time()
     # The loops of all axes are judged; the axis is that of a model, and none is learned.
     axis_of_model = AXES[0]
+    assessment = None
     try:
         log = _with_parameters(tlog_from_bytes(source, records), parameters)
         latest_flight = log_of_latest_flight(log)
@@ -214,11 +215,27 @@ def review_margins(
     except Refusal as error:
         margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
     if is_flying:
-        margins = _with_duration_for_loops(margins, clock)
+        margins = _with_duration_for_loops(margins, clock, assessment)
     return ReviewedMargins(margins, process_time() - start_time)
 
 
-def _with_duration_for_loops(margins: Fact, clock: float | None) -> Fact:
+def _settled_seconds(assessment: Assessment | None) -> float | None:
+    """Returns how long the settled flight in a log lasts, s, without take-off and landing.
+
+    Args:
+        assessment: the assessment of the log; None if it was refused.
+
+    Returns:
+        The sum over all segments of settled flight; None if no vehicle was judged.
+    """
+    if assessment is None or assessment.evidence is None:
+        return None
+    return sum(segment.duration for segment in assessment.evidence.learnability.segments)
+
+
+def _with_duration_for_loops(
+    margins: Fact, clock: float | None, assessment: Assessment | None
+) -> Fact:
     """Returns the judgement of the margins with the duration of settled flight that identifying the loops needs.
 
     Any model needs some seconds of settled flight (without take-off and landing), and the loops need more. If the
@@ -229,18 +246,18 @@ def _with_duration_for_loops(margins: Fact, clock: float | None) -> Fact:
     Args:
         margins: the judgement of the margins, as a review of the flight so far has it.
         clock: time of the latest message that was reviewed, s of the boot clock; None if it is not known.
+        assessment: the assessment of the flight until then; None if it was refused.
     """
     reason = margins.figures.get("reason")
-    if reason is None:
-        return margins
-    if reason.code is LoopFact.LOOP_TOO_SHORT:
-        return margins.replace(reason=reason.replace(clock=clock))
-    if reason.code is not NotLearnableReason.TOO_SHORT:
+    if reason is None or reason.code not in (
+        LoopFact.LOOP_TOO_SHORT,
+        NotLearnableReason.TOO_SHORT,
+    ):
         return margins
     too_short_for_loops = Fact(
         LoopFact.LOOP_TOO_SHORT,
         least_duration=MIN_IDENTIFIED_SECONDS,
-        settled=reason.figures["duration"],
+        settled=_settled_seconds(assessment),
         clock=clock,
     )
     return margins.replace(reason=too_short_for_loops)

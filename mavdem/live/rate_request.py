@@ -213,6 +213,11 @@ class _MessageInterval:
     is_absent: bool = False
     """Whether the message did not come at all, although it was requested, or was refused."""
 
+    @property
+    def is_requested_in_vain(self) -> bool:
+        """Whether the message was requested, and has not come so far; also where it may still come."""
+        return self.is_absent or (self.may_have_changed and not self.was_received)
+
     def allow_new_settings(self) -> None:
         """Allows the interval to be set again at once, since the vehicle may have rebooted and forgotten it."""
         self.set_count = 0
@@ -493,8 +498,10 @@ class RateRequest:
 
     @property
     def absent_messages(self) -> frozenset[str]:
-        """Names of the messages that do not come, although they were requested."""
-        return frozenset(interval.name for interval in self._intervals if interval.is_absent)
+        """Names of the messages that have not come since they were requested, even if that was a moment ago."""
+        return frozenset(
+            interval.name for interval in self._intervals if interval.is_requested_in_vain
+        )
 
     def add_reply(self, message: Message) -> None:
         """Takes a reply of the vehicle: to a query a MESSAGE_INTERVAL, to a setting a COMMAND_ACK.

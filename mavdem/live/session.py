@@ -57,6 +57,10 @@ from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
 RECORDING_AWAITED = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
 """The verdict on the recording of a flight, as long as that is still being read."""
 
+MAX_REST_SECONDS = 2.0
+"""Longest time for which the end of a session waits for the analysis of its last messages, s: a choice; browsers wait
+for 5 s for the last page of a server."""
+
 NO_ROWS_CODES = (
     RowsFact.NO_LIVE_ATTITUDE,
     RowsFact.ATTITUDE_ASKED,
@@ -238,6 +242,16 @@ class LiveSession:
         if now - self._status_time >= STATUS_PERIOD:
             self._status_time = now
             self._judge_and_report(now)
+
+    def analyse_rest(self) -> None:
+        """Analyses the messages that wait at the end of the session, for ``MAX_REST_SECONDS`` at most.
+
+        Otherwise a computer that is far behind would take a vehicle for lost in flight that has landed meanwhile.
+        """
+        end_time = clock.monotonic() + MAX_REST_SECONDS
+        while self.backlog and clock.monotonic() < end_time:
+            self._analyse()
+        self._report_events()
 
     def _report_events(self) -> None:
         """Reports the first model, and what the stream and the link have reported since the last step."""

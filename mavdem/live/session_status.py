@@ -26,14 +26,14 @@ from mavdem.assessment.next_step import choose_next_step
 from mavdem.assessment.severity import FALLS
 from mavdem.containers import Numbers
 from mavdem.dem import Estimate
-from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts import Code, Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopFact
-from mavdem.facts.margins import MarginsLight
+from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import (
     LinkFact,
@@ -86,6 +86,12 @@ TOO_FEW_MESSAGES = (RowsFact.LIVE_RATES_TOO_LOW, RowsFact.NO_LIVE_ATTITUDE)
 
 PERMANENT_FAULTS = (MarginsLight.LOOP_MARGINS,)
 """Bad findings that do not arise in flight: the vehicle has had them since its take-off, and need not land now."""
+
+REQUESTED_MESSAGES: Mapping[Code, str] = {
+    VibrationLight.VIBRATION_UNKNOWN: "VIBRATION",
+    TrackingLight.TRACKING_UNKNOWN: "ATTITUDE_TARGET",
+}
+"""The message that an unknown light advises to request, by the code of the light."""
 
 STATES_OF_LEARNING = (
     SessionFact.NOT_SETTLED,
@@ -410,7 +416,7 @@ class SessionStatus(ImmutableResult):
             return replace(judgement, headline=end_awaited, next_step=next_step)
         judgement = self._judgement_with_recording(judgement)
         has_ended_in_flight = self._is_in_air and self.loss is None
-        if has_ended_in_flight and judgement.headline.is_watch_or_bad:
+        if has_ended_in_flight:
             return self._judgement_until_landing(judgement)
         return judgement
 
@@ -418,15 +424,16 @@ class SessionStatus(ImmutableResult):
         """Returns a judgement whose next step begins with the landing, after a session that has ended in flight.
 
         Args:
-            judgement: judgement of the flight, whose headline warns; its next step, such as a repair, comes after the
-                landing.
+            judgement: judgement of the flight; its next step, such as a repair, comes after the landing.
         """
         step_on_ground = judgement.next_step
         if self._is_urgent(judgement.headline):
             # The fault is as urgent as before: the end of the session has changed nothing about the vehicle.
             step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=step_on_ground)
+        elif self._lands_by_itself:
+            step = Fact(NextStep.LET_LAND, reason=step_on_ground)
         else:
-            step = Fact(self._step_until_landing(judgement.headline), reason=step_on_ground)
+            step = Fact(NextStep.LAND_BY_SIGHT, reason=step_on_ground)
         return replace(judgement, next_step=step)
 
     @property
@@ -446,7 +453,8 @@ class SessionStatus(ImmutableResult):
             judgement: judgement of the flight until then. A fault in its headline becomes the cause of the new one.
         """
         cause = judgement.headline if judgement.headline.is_watch_or_bad else None
-        headline = Fact(SessionFact.ENDED_IN_FLIGHT, Level.BAD, cause=cause)
+        delay = self.analysis_delay if self.is_late else None
+        headline = Fact(SessionFact.ENDED_IN_FLIGHT, Level.BAD, cause=cause, delay=delay)
         lights = lights_during_silence(judgement.lights, None, MissingMessages.MESSAGES)
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=headline)
         return Judgement(headline, next_step, lights)
@@ -551,22 +559,32 @@ class SessionStatus(ImmutableResult):
         """The judgement to show: of the latest flight, with what is known of faults of earlier ones.
 
         A take-off does not repair what was found before. On the ground, and at the end, the worst verdict of the
-        session heads the judgement. In flight, a next step that lets the vehicle fly gets the condition that the fault
-        of an earlier flight was repaired; while the link is lost, what to do about that comes first. The lights remain
-        those of the latest flight.
+        session heads the judgement. A next step that lets the vehicle fly, or take off for the first flight of the
+        session, gets the condition that the fault of an earlier flight was repaired; while the link is lost in flight,
+        what to do about that comes first. The lights remain those of the latest flight.
         """
         judgement = self._judgement_headed_by_worst_flight
-        if not self._is_in_flight or self.link_loss is not None:
+        if self.link_loss is not None:
             return judgement
         fault = self.unrepaired_fault
         if fault is None or judgement.next_step.code in STEPS_TO_THE_GROUND:
             return judgement
-        next_step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
+        if self._is_in_flight:
+            step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
+        elif self._is_first_take_off_awaited:
+            step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
+        else:
+            return judgement
         headline = judgement.headline
         if not headline.is_watch_or_bad:
-            # Whatever is good in this flight, it is to be watched until the fault is known to be repaired.
+            # Whatever is good, the vehicle is to be watched until the fault is known to be repaired.
             headline = headline.replace(Level.WATCH)
-        return replace(judgement, headline=headline, next_step=next_step)
+        return replace(judgement, headline=headline, next_step=step)
+
+    @property
+    def _is_first_take_off_awaited(self) -> bool:
+        """Whether a vehicle that is received has not flown in this session, so that its next step is to take off."""
+        return self.flight_number == 0 and not self.is_over and self._is_vehicle_received
 
     @property
     def _judgement_headed_by_worst_flight(self) -> Judgement:
@@ -642,8 +660,11 @@ class SessionStatus(ImmutableResult):
     def link_loss(self) -> Fact | None:
         """The fact that a flying vehicle is silent, with its last known state; None while messages and motion come.
 
-        A vehicle whose loss is known is not missed: it has met the ground, or is about to.
+        A vehicle whose loss is known is not missed: it has met the ground, or is about to. If a session ends while this
+        computer is late, the vehicle may have landed in the messages that were not analysed.
         """
+        if self.is_over and self.is_late:
+            return None
         # Without messages no model can be learned, so that the silence is why there is none.
         silence = self.no_model_reason
         if silence is None or silence.code not in SILENT_LINK:
@@ -755,7 +776,7 @@ class SessionStatus(ImmutableResult):
         lights = self._combined_lights(by_model.lights, self._lights_without_model)
         lights = self._lights_after_landing(lights)
         lights = self._lights_during_oscillation(lights)
-        judgement = self._without_vain_request(replace(by_model, lights=lights))
+        judgement = self._without_vain_requests(replace(by_model, lights=lights))
         if any(light.is_bad for light in judgement.lights.values()):
             return _judgement_with_bad_lights(judgement)
         if self._is_judged_without_model:
@@ -845,28 +866,39 @@ class SessionStatus(ImmutableResult):
         has_rows = self.learned_rows + self.unlearned_rows > 0
         return Fact(SessionFact.TOO_LITTLE_RECEIVED, has_rows=has_rows)
 
-    def _without_vain_request(self, judgement: Judgement) -> Judgement:
-        """Removes the advice to request the message VIBRATION, if the vehicle was asked for it and did not send it.
+    def _without_vain_requests(self, judgement: Judgement) -> Judgement:
+        """Removes advice to request a message that the vehicle was asked for and did not send.
 
         Args:
-            judgement: judgement of the flight so far. Where its light of the vibration is unknown, light and next step
-                may advise to request the message.
+            judgement: judgement of the flight so far. Where a light is unknown for want of a message, light and next
+                step may advise to request it (``REQUESTED_MESSAGES``).
 
         Returns:
             A copy of the judgement without that advice; the judgement itself if it does not give it.
         """
-        vibration = judgement.lights[Light.VIBRATION]
-        is_unknown = vibration.code is VibrationLight.VIBRATION_UNKNOWN
-        was_requested_in_vain = "VIBRATION" in self.absent_messages
-        if not is_unknown or not was_requested_in_vain:
+        lights = {
+            name: self._with_vain_request_stated(light) for name, light in judgement.lights.items()
+        }
+        if lights == judgement.lights:
             return judgement
-        lights = dict(judgement.lights)
-        lights[Light.VIBRATION] = vibration.replace(is_asked=True)
         next_step = judgement.next_step
-        advises_request = next_step.figures.get("reason") == vibration
-        if advises_request:
+        advised_fact = next_step.figures.get("reason")
+        is_step_in_vain = isinstance(advised_fact, Fact) and (
+            self._with_vain_request_stated(advised_fact) != advised_fact
+        )
+        if is_step_in_vain:
             next_step = choose_next_step(judgement.headline, lights, None)
         return replace(judgement, next_step=next_step, lights=lights)
+
+    def _with_vain_request_stated(self, light: Fact) -> Fact:
+        """Returns a light that is unknown for want of a message with the figure that this was requested in vain.
+
+        Args:
+            light: the judgement of a part of the vehicle. Any other is returned as it is.
+        """
+        if REQUESTED_MESSAGES.get(light.code) in self.absent_messages:
+            return light.replace(is_asked=True)
+        return light
 
     def _combined_lights(
         self, lights_by_model: NamedFacts, lights_without_model: NamedFacts
@@ -976,9 +1008,12 @@ class SessionStatus(ImmutableResult):
         Args:
             verdict: what the recording of the flight shows, or that it is not judged yet.
         """
-        vain_request = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=None).remedy
-        if "VIBRATION" in self.absent_messages and verdict.remedy == vain_request:
-            return Fact(NextStep.KEEP_LOG)
+        for code, message in REQUESTED_MESSAGES.items():
+            if message not in self.absent_messages:
+                continue
+            advice_by_log = Fact(code, recorder="", asked=False, axis="")
+            if verdict.remedy == advice_by_log.remedy:
+                return Fact(NextStep.KEEP_LOG)
         return Fact(NextStep.DO_AS_ADVISED, reason=verdict)
 
     def _lights_with_recording(self, lights: NamedFacts) -> NamedFacts:

@@ -1119,6 +1119,7 @@ class Watchdog:
         The test for such a loss is made by ``MotorAlarms``. While it runs, the status light of the motors states that
         no loss was found, unless it states something else already. After a loss of control, and while the vehicle
         oscillates, it does not: then the motors go from limit to limit, and the test does not show that they are sound.
+        After a long gap the test begins anew, and would not find a loss in the gap: then the statement is withdrawn.
 
         Args:
             reason: why a motor that loses thrust would not be detected; None if it would be.
@@ -1126,6 +1127,8 @@ class Watchdog:
         """
         self.watch_list.set(WatchedQuantity.MOTORS, reason, now)
         if reason is not None:
+            if reason.code is WatchFact.REFERENCE_SHORT:
+                self.status_lights.remove_good(Light.MOTORS)
             return
         is_oscillating = WatchedQuantity.OSCILLATION in self.alarms.facts
         if self.loss is None and not is_oscillating:

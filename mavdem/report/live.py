@@ -399,7 +399,7 @@ def unrepaired_fault_text(status: SessionStatus) -> str:
 
 def states_unrepaired_fault(next_step: Fact) -> bool:
     """Returns whether a next step itself states the fault of an earlier flight, which then needs no line of its own."""
-    return next_step.code is NextStep.FLY_ON_IF_REPAIRED
+    return next_step.code in (NextStep.FLY_ON_IF_REPAIRED, NextStep.TAKE_OFF_IF_REPAIRED)
 
 
 def closing_lines(status: SessionStatus) -> list[str]:

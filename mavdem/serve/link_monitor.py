@@ -21,6 +21,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, RefusalReason, Stage
 from mavdem.facts.session import LinkFact, RecordingState, RowsFact, SessionFact, VehicleFact
+from mavdem.facts.vehicle import system_id_name
 from mavdem.fleet.names import GivenNames
 from mavdem.ingest import read_log
 from mavdem.live import LiveStream, clock
@@ -83,6 +84,9 @@ READ_AT_NEXT_START = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.
 MAX_LAST_PAGE_SECONDS = 5.0
 """Longest time for which the end of the server waits for the last page, s: a choice; a slow computer renders a page in
 one second."""
+
+RECORDING_NAME_PATTERN = "????-??-??_??-??-??.tlog"
+"""Pattern of SQLite's GLOB for the names of recordings, which state when their first message came."""
 
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
@@ -334,13 +338,12 @@ class LinkMonitor:
         self._stored_flight: _StoredFlight | None = None
         # Flights before it, the oldest first, that forbid to fly, or that the library has still to judge.
         self._faulty_flights: list[_StoredFlight] = []
-        # The latest flight of each vehicle from before the server was started, by its name in the library.
-        # The value is None if the library has none.
-        self._flights_before_start: dict[str, _StoredFlight | None] = {}
+        # The latest flights of each vehicle from before the server was started, by its name in the library.
+        self._flights_before_start: dict[str, list[_StoredFlight]] = {}
         # The part of the running session's recording that was stored once its vehicle was lost in the air.
         self._stored_part: _StoredFlight | None = None
-        # The recording of the session before, in the library.
-        self._latest_flight: PageLink | None = None
+        # The latest recording of a session in the library, also of one before the server was started.
+        self._latest_flight = _link_to_latest_recording(library)
         self._link = Link(link)
         self._library = library
         self._log_added = log_added
@@ -466,6 +469,7 @@ class LinkMonitor:
                 NEWS_SECONDS,
                 self._watch_session,
             )
+            session.analyse_rest()
             if self._is_stopping.is_set():
                 self._show_last_page(session)
             # A flight whose landing was reported is not reported again.
@@ -579,7 +583,7 @@ class LinkMonitor:
             # The flight went on after a part of it was stored. Somebody may have deleted that part meanwhile.
             with suppress(Refusal):
                 self._library.replace_part(self._stored_part.entry_id, entry)
-        self._latest_flight = PageLink("Latest flight", _page_address(entry))
+        self._latest_flight = _link_to_latest_flight(entry)
         self._log_added()
         self._report_saved_flight(_page_address(entry))
         vehicle = session.stream.followed_vehicle
@@ -862,13 +866,21 @@ class LinkMonitor:
         """
         start_time = clock.monotonic()
         shown_session = session
+        shown_entry_id = ""
         verdict = READ_AT_NEXT_START
         flight = self._stored_flight
         if flight is not None and flight.session is not None and flight.verdict is not None:
             shown_session = flight.session
+            shown_entry_id = flight.entry_id
             if not flight.is_verdict_awaited:
                 verdict = flight.verdict
-        html = _finished_page(shown_session, self._library.names, None, verdict)
+        html = _finished_page(
+            shown_session,
+            self._library.names,
+            None,
+            verdict,
+            self._fault_before_session(shown_session, shown_entry_id),
+        )
         self._page = SessionPage.made_now(html, session, session.status, start_time)
         self._has_last_page.set()
 
@@ -924,61 +936,90 @@ class LinkMonitor:
         Args:
             session: the running session.
         """
-        vehicle = session.stream.followed_vehicle
-        fault_in_library = None
-        if vehicle is not None:
-            linked_vehicle = _LinkedVehicle.of_component(vehicle)
-            fault_in_library = self._fault_of_earlier_flight(linked_vehicle, session)
         return replace(
             session.status,
             recording_verdict=AWAITED_IN_SESSION,
-            fault_in_library=fault_in_library,
+            fault_in_library=self._fault_before_session(session),
         )
 
-    def _flight_before_start(
+    def _flights_from_before_start(
         self, vehicle: _LinkedVehicle, session: LiveSession
-    ) -> _StoredFlight | None:
-        """Returns the latest flight of a vehicle that the library had when the vehicle was first followed, or None.
+    ) -> list[_StoredFlight]:
+        """Returns the latest flights of a vehicle that the library had when the vehicle was first followed.
 
-        It is needed since a new start of the server repairs no fault. The library is asked once for each name under
+        They are needed since a new start of the server repairs no fault. The library is asked once for each name under
         which it may have the vehicle: until its parameters come, that is one made of its system id.
 
         Args:
             vehicle: the vehicle.
             session: its session, which has the name by which its logs are recognised.
+
+        Returns:
+            At most two flights, the later one last (:meth:`_latest_judged_flights`).
         """
         state = session.status.state
         if state is None or not state.library_name:
-            return None
+            return []
         name = state.library_name
         if name not in self._flights_before_start:
-            flight = self._latest_judged_flight(vehicle, state)
-            self._flights_before_start[name] = flight
+            self._flights_before_start[name] = self._latest_judged_flights(vehicle, state)
         return self._flights_before_start[name]
 
-    def _latest_judged_flight(
+    def _latest_judged_flights(
         self, vehicle: _LinkedVehicle, state: VehicleState
-    ) -> _StoredFlight | None:
-        """Asks the library for the latest flight of a vehicle that it has judged; None without one.
+    ) -> list[_StoredFlight]:
+        """Asks the library for the latest flight that it has judged of a vehicle, and for a later one of its system id.
+
+        A recording without the vehicle's parameters is listed under a name made of its system id. So a flight with this
+        name counts too, though another vehicle may have flown it: it does not take the place of the vehicle's own.
 
         Args:
             vehicle: the vehicle.
             state: its state in the session, with the names by which the library and its logs know it.
+
+        Returns:
+            The vehicle's own flight, and the one of its system id if that is later; none of them if there is none.
+        """
+        flights = []
+        date_of_own_flight = ""
+        own_entry = self._latest_judged_entry(state.library_name, vehicle)
+        if own_entry is not None:
+            date_of_own_flight = own_entry.date
+            flights.append(self._flight_of_entry(own_entry, vehicle, state.name_in_logs))
+        name_by_id = system_id_name(state.autopilot, state.system)
+        if name_by_id == state.library_name:
+            return flights
+        entry_of_id = self._latest_judged_entry(name_by_id, vehicle)
+        if entry_of_id is not None and entry_of_id.date > date_of_own_flight:
+            flights.append(self._flight_of_entry(entry_of_id, vehicle, name_in_logs=""))
+        return flights
+
+    def _latest_judged_entry(self, name: str, vehicle: _LinkedVehicle) -> LibraryEntry | None:
+        """Asks the library for the latest recording under a name that it has judged; None without one.
+
+        Args:
+            name: name under which the library lists the vehicle.
+            vehicle: the vehicle, whose autopilot and frame the recording must have.
         """
         # A flight that is not judged has no level.
         condition = "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
-        values = (state.library_name, vehicle.autopilot, vehicle.vehicle_type)
+        values = (name, vehicle.autopilot, vehicle.vehicle_type)
         found = self._library.find(condition, values, limit=1, order=ListingOrder.FLIGHT)
-        if not found.entries:
-            return None
-        entry = found.entries[0]
-        return _StoredFlight(
-            vehicle,
-            entry.id,
-            PageLink(entry.name, _page_address(entry)),
-            self._present_verdict(entry),
-            name_in_logs=state.name_in_logs,
-        )
+        return found.entries[0] if found.entries else None
+
+    def _flight_of_entry(
+        self, entry: LibraryEntry, vehicle: _LinkedVehicle, name_in_logs: str
+    ) -> _StoredFlight:
+        """Returns a judged flight of the library with the verdict on it.
+
+        Args:
+            entry: its recording in the library.
+            vehicle: the vehicle that may have flown it.
+            name_in_logs: name by which that vehicle is recognised; empty where another one may have flown it.
+        """
+        page = PageLink(entry.name, _page_address(entry))
+        verdict = self._present_verdict(entry)
+        return _StoredFlight(vehicle, entry.id, page, verdict, name_in_logs=name_in_logs)
 
     def _fault_of_earlier_flight(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str = ""
@@ -999,7 +1040,7 @@ class LinkMonitor:
 
         Returns:
             The fact that states the fault, with the figure "address" of the flight's page; None without a fault. Of the
-            flights before the start of the server, only the latest one is considered.
+            flights before the start of the server, only the latest are considered.
         """
         earlier_flights = self._earlier_flights(vehicle, session, shown_entry_id)
         for flight in reversed(earlier_flights):
@@ -1008,6 +1049,19 @@ class LinkMonitor:
         if self._stored_flight is None or self._stored_flight not in earlier_flights:
             return None
         return _fault_of_flight_before(self._stored_flight, session)
+
+    def _fault_before_session(self, session: LiveSession, shown_entry_id: str = "") -> Fact | None:
+        """Returns the fault of an earlier flight of the vehicle that a session follows; None without one.
+
+        Args:
+            session: the session that is shown, running or over.
+            shown_entry_id: id in the library of the flight of that session; empty before it is stored.
+        """
+        vehicle = session.stream.followed_vehicle
+        if vehicle is None:
+            return None
+        linked_vehicle = _LinkedVehicle.of_component(vehicle)
+        return self._fault_of_earlier_flight(linked_vehicle, session, shown_entry_id)
 
     def _earlier_flights(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str
@@ -1019,9 +1073,9 @@ class LinkMonitor:
             session: the session that is shown, of this vehicle.
             shown_entry_id: id in the library of the flight that is shown now, which is left out; empty for none.
         """
-        flight_before_start = self._flight_before_start(vehicle, session)
+        flights_before_start = self._flights_from_before_start(vehicle, session)
         earlier_flights = []
-        for flight in (flight_before_start, *self._faulty_flights, self._stored_flight):
+        for flight in (*flights_before_start, *self._faulty_flights, self._stored_flight):
             if flight is None or flight.entry_id == shown_entry_id:
                 continue
             if flight.vehicle == vehicle:
@@ -1110,6 +1164,23 @@ def _page_address(entry: LibraryEntry) -> str:
     return f"/f/{entry.id}"
 
 
+def _link_to_latest_flight(entry: LibraryEntry) -> PageLink:
+    """Returns the link of the live page to the page of the latest recording."""
+    return PageLink("Latest flight", _page_address(entry))
+
+
+def _link_to_latest_recording(library: Library) -> PageLink | None:
+    """Returns the link to the page of the recording that sessions have stored last in a library; None without any.
+
+    Logs that were uploaded do not count: recordings are recognised by their names (:func:`_recording_name`).
+
+    Args:
+        library: the library.
+    """
+    found = library.find("name glob ?", [RECORDING_NAME_PATTERN], limit=1)
+    return _link_to_latest_flight(found.entries[0]) if found.entries else None
+
+
 def _recording_name(first_time: datetime) -> str:
     """Returns the name of the recording of a session, such as ``2026-11-28_09-15-00.tlog``.
 
@@ -1159,10 +1230,16 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
             next_step=entry.next_step,
             levels={light: getattr(entry, light) for light in Light},
             light_sentences=json.loads(entry.light_sentences),
+            flight_date=_date_to_the_minute(entry),
         )
     has_failed = entry.stage == Stage.FAILED
     state = RecordingState.FAILED if has_failed else RecordingState.BEING_READ
     return Fact(SessionFact.RECORDING_NOT_JUDGED, kind=state)
+
+
+def _date_to_the_minute(entry: LibraryEntry) -> str:
+    """Returns when the flight of a recording began, such as "2026-11-28 09:15", UTC; empty where that is not known."""
+    return entry.date[: len("2026-11-28T09:15")].replace("T", " ")
 
 
 def _name_in_logs(session: LiveSession) -> str:

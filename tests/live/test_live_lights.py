@@ -136,6 +136,24 @@ def test_the_next_step_fits_the_moment(slow):
     # A session that has ended in flight asks for the landing first.
     in_flight = replace(bad, is_over=True).overall_judgement
     assert str(in_flight.next_step).startswith("Land now. After landing: ")
+    for status in (sound, watched):
+        ended = replace(status, is_over=True, state=None).overall_judgement
+        assert str(ended.next_step).startswith("Land by sight. After landing: ")
+
+
+def test_a_session_that_ends_far_behind_does_not_say_that_the_link_was_lost_in_flight(slow):
+    """The vehicle may have landed, and been switched off, in the messages that were not analysed."""
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    unread = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.READ_AT_NEXT_START)
+    behind = replace(
+        slow, no_model_reason=silent, message_age=9.0, analysis_delay=12.0, recording_verdict=unread
+    )
+    assert behind.link_loss is not None, "while it goes on, a pilot must know at once"
+    ended = replace(behind, is_over=True)
+    assert ended.link_loss is None
+    assert str(ended.overall_judgement.headline).startswith(
+        "This session ended with its last 12 s not analysed, in flight until then"
+    )
 
 
 def test_a_server_that_ends_in_flight_leaves_no_light_good(slow):
@@ -229,16 +247,26 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
 
 
-def test_a_recording_does_not_advise_to_ask_for_what_was_asked_for_in_vain(slow):
-    step = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=None).remedy
-    assert "VIBRATION" in step
+@mark.parametrize(
+    "message, unknown",
+    [
+        ("VIBRATION", Fact(VibrationLight.VIBRATION_UNKNOWN, recorder="")),
+        (
+            "ATTITUDE_TARGET",
+            Fact(TrackingLight.TRACKING_UNKNOWN, recorder="", axis="roll", asked=False),
+        ),
+    ],
+)
+def test_a_recording_does_not_advise_to_ask_for_what_was_asked_for_in_vain(slow, message, unknown):
+    step = unknown.remedy
+    assert message in step
     figures = {"levels": dict.fromkeys(map(str, Light), "good"), "light_sentences": {}}
     judged = Fact(
         SessionFact.RECORDING_JUDGED, Level.GOOD, headline="Sound.", next_step=step, **figures
     )
     flown = replace(slow, is_flying=False, flight_number=1, recording_verdict=judged)
     assert str(flown.overall_judgement.next_step) == step
-    asked = replace(flown, absent_messages=frozenset({"VIBRATION"}))
+    asked = replace(flown, absent_messages=frozenset({message}))
     assert asked.overall_judgement.next_step.code is NextStep.KEEP_LOG
 
 
@@ -615,9 +643,9 @@ def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
     statement = statement_of_headline(str(headline), headline)
     assert statement == "No alarm now, but margins and wind are not judged."
     [margins] = [row for row in light_rows(flying) if row.name == Light.MARGINS]
-    assert margins.figure == "after 20 s settled"
-    assert str(waiting).startswith(
-        "Margins take 20 s of settled flight, and until 31 s there was 8 s"
+    assert margins.figure == "after 12 s more settled"
+    assert str(waiting) == (
+        "Margins take 20 s of settled flight without gaps: at 31 s, 12 s of them were to go."
     )
     judged = replace(flying, worst_lights=dict.fromkeys(VEHICLE_LIGHTS, good))
     assert judged.overall_judgement.headline.is_good

@@ -213,6 +213,7 @@ def test_margins_by_outputs_alone_wait_in_flight_for_setpoints_to_show_the_loops
     awaited, given = lights
     assert awaited.code is MarginsLight.MARGINS_UNKNOWN
     assert awaited.figures["reason"].code is LoopFact.LOOP_TOO_SHORT
+    assert 0.0 < awaited.figures["reason"].figures["settled"] < 20.0
     assert given.code is MarginsLight.LOOP_MARGINS, "a log will not be longer"
 
 

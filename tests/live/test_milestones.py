@@ -219,7 +219,9 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert flying.session_judgement.headline == headline
     # What the present flight advises holds only if the fault of the first one was repaired.
     next_step = str(flying.session_judgement.next_step)
-    assert next_step.startswith("If the fault of flight 1 was not repaired, land: motor 3")
+    assert next_step.startswith(
+        "If the fault of flight 1 was not repaired, land: in flight 1, motor 3"
+    )
     assert next_step.endswith(f"Otherwise {as_clause(flying.overall_judgement.next_step)}.")
     # While the link is lost, what to do about that comes first.
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)

@@ -82,7 +82,11 @@ def test_a_refused_rate_is_reported_and_not_requested_again():
 def test_a_message_of_lesser_use_that_never_comes_is_reported_once(is_refused):
     """VIBRATION (message 241) is requested in vain. If the vehicle did not refuse it, it may still come later."""
     request = RateRequest(VEHICLE, 50.0, (), secondary_messages=(241,))
+    assert request.absent_messages == frozenset(), "it was not requested yet"
     for second in range(60):
+        if second == 10:
+            # Nobody need be advised to request it, though it may still come.
+            assert request.absent_messages == {"VIBRATION"}
         frames = request.frames_due(float(second), {})
         if is_refused and [
             message for message in commands_in(frames) if message[0] == SET_INTERVAL

@@ -1024,6 +1024,21 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
     assert len(work_times) > 30 and len(set(work_times)) == len(work_times)
 
 
+def test_after_a_gap_no_light_says_that_the_motors_lost_no_thrust_in_it():
+    """The test of their balance begins anew then, and would not find a loss in the gap."""
+    watchdog = Watchdog(RecentMessages())
+    lights = watchdog.status_lights
+    watchdog.set_motors_watched(None, 22.0)
+    watchdog.set_motors_watched(Fact(WatchFact.SETTLED_FLIGHT_AWAITED), 50.0)
+    assert lights.latest[Light.MOTORS].figures["clock"] == 22.0, "a manoeuvre is no gap"
+    watchdog.set_motors_watched(
+        Fact(WatchFact.REFERENCE_SHORT, duration=8.0, remaining_duration=5.0), 60.0
+    )
+    assert Light.MOTORS not in lights.latest
+    watchdog.set_motors_watched(None, 70.0)
+    assert lights.latest[Light.MOTORS].figures["clock"] == 70.0
+
+
 def test_messages_with_arrays_are_counted_where_a_value_of_the_array_changes():
     recent = RecentMessages()
     for time, cell in enumerate((4100, 4100, 4050)):
@@ -1041,6 +1056,20 @@ def test_what_was_asked_for_in_vain_is_not_advised():
     asked = replace(status, absent_messages=frozenset({"VIBRATION"})).overall_judgement
     assert asked.lights["vibration"] == unknown.replace(is_asked=True)
     assert str(asked.next_step) == "Look for the vibration in the autopilot's own log."
+    # The same fact with other figures is the same advice.
+    other = replace(judgement, lights=lights | {"vibration": unknown.replace(is_zero=True)})
+    asked = replace(
+        status, model_judgement=other, absent_messages=frozenset({"VIBRATION"})
+    ).overall_judgement
+    assert "Ask for VIBRATION" not in str(asked.next_step)
+    tracking = Fact(TrackingLight.TRACKING_UNKNOWN, axis="roll", asked=False, recorder="")
+    lights |= {"vibration": lights["log"], "tracking": tracking}
+    untracked = Judgement(headline, choose_next_step(headline, lights, None), lights)
+    status = replace(status, model_judgement=untracked)
+    assert "Ask for ATTITUDE_TARGET" in str(status.overall_judgement.next_step)
+    asked = replace(status, absent_messages=frozenset({"ATTITUDE_TARGET"})).overall_judgement
+    assert str(asked.lights["tracking"]) == "ATTITUDE_TARGET was asked for, and does not come."
+    assert str(asked.next_step) == "Look for the tracking in the autopilot's own log."
 
 
 def test_what_a_flight_has_shown_stays_the_headline_once_the_landed_vehicle_is_silent():

@@ -46,6 +46,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import moment_text, unrepaired_fault_text
+from mavdem.report.pages import flight_page
 from mavdem.report.pages.page import PageLink
 from mavdem.serve import link_monitor, live_pages
 from mavdem.serve.index import LibraryEntry
@@ -463,29 +464,55 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
 
 
 def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle):
-    """The library has it of the same vehicle, by its name, autopilot and frame."""
+    """The library has it of the same vehicle, by its name, autopilot and frame; it is named as one of that flight."""
     live, told = idle
     library = live._library
     path = library.new_incoming_path("a.tlog")
     path.write_bytes(b"a")
-    entry = library.add(path, "a.tlog")
+    entry = library.add(path, "2026-11-28_09-15-00.tlog")
     fault = {"headline": "Motor 3 lost thrust.", "next_step": "Do not fly before it is inspected."}
     vehicle = {"vehicle": "quad", "autopilot": "PX4", "frame": "QUADROTOR"}
-    library.change(entry.id, level="bad", **fault, **vehicle)
+    library.change(entry.id, level="bad", date="2026-11-28T09:15:00+00:00", **fault, **vehicle)
     copter = Component(1, 1)
     copter.vehicle_type = "QUADROTOR"
 
-    def next_step(autopilot, name, is_named=True):
+    def shown_status(autopilot, name, is_named=True, **status):
         copter.autopilot = autopilot
         session = Mock()
         session.stream.followed_vehicle = copter
-        state = VehicleState(library_name=name, name_in_logs=name if is_named else "")
-        session.status = SessionStatus("1:1", is_flying=True, flight_number=1, state=state)
-        return live._shown_status(session).session_judgement.next_step
+        state = VehicleState(
+            library_name=name,
+            name_in_logs=name if is_named else "",
+            autopilot=autopilot,
+            system=1,
+        )
+        session.status = replace(SessionStatus("1:1", state=state), **status)
+        return live._shown_status(session)
+
+    def next_step(autopilot, name, is_named=True):
+        status = shown_status(autopilot, name, is_named, is_flying=True, flight_number=1)
+        return status.session_judgement.next_step
 
     step = next_step("PX4", "quad")
-    assert str(step).startswith("If the fault of an earlier flight was not repaired, land: motor 3")
+    assert str(step).startswith(
+        "If the fault of an earlier flight was not repaired, land: "
+        "in that flight (2026-11-28 09:15 UTC), motor 3 lost thrust. Otherwise "
+    )
     assert step.figures["reason"].figures["reason"].figures["address"] == f"/f/{entry.id}"
+    # Nobody is asked to take off before that.
+    waiting = shown_status("PX4", "quad", no_model_reason=Fact(SessionFact.NOT_FLYING))
+    assert waiting.session_judgement.headline.level is Level.WATCH
+    assert str(waiting.session_judgement.next_step) == (
+        "Take off only if the fault of an earlier flight was repaired: "
+        "in that flight (2026-11-28 09:15 UTC), motor 3 lost thrust. "
+        "Do not fly before it is inspected."
+    )
+    # After a landing, and on the last page of the session, it stands below the next step.
+    landed = replace(waiting, flight_number=1)
+    for status in (landed, replace(landed, is_over=True)):
+        summary = flight_page._live_summary(status, None)
+        assert summary[-1].text.startswith("In an earlier flight (2026-11-28 09:15 UTC), motor 3")
+        assert summary[-1].address == f"/f/{entry.id}"
     # Where only its system id is known, the flight may be of another vehicle.
     doubtful_step = next_step("PX4", "quad", is_named=False)
     assert str(doubtful_step).startswith("If this vehicle is the one of an earlier flight")
@@ -493,6 +520,23 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         assert "repaired" not in str(next_step(autopilot, name))
     # It is no news, and the verdict on it none of this server.
     assert told == []
+    # It was stored without parameters, under its system id, and has its name only now.
+    library.change(entry.id, vehicle="px4-1")
+    assert str(next_step("PX4", "calibrated")).startswith("If this vehicle is the one of an")
+    assert link_monitor._link_to_latest_recording(library).address == f"/f/{entry.id}"
+
+
+def test_the_last_page_of_the_server_has_the_fault_of_an_earlier_flight(idle, monkeypatch):
+    """The next start of the server shows it again; until then browsers keep this page."""
+    live, _ = idle
+    finished_page = Mock(return_value="")
+    monkeypatch.setattr(link_monitor, "_finished_page", finished_page)
+    fault = Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=None)
+    monkeypatch.setattr(live, "_fault_of_earlier_flight", Mock(return_value=fault))
+    session = Mock(status=SessionStatus("1:1"))
+    session.history.events = []
+    live._show_last_page(session)
+    assert finished_page.call_args.args[-1] == fault
 
 
 def test_the_next_flight_names_a_flight_whose_end_was_not_received(idle, monkeypatch):

@@ -310,7 +310,7 @@ def test_the_last_page_says_that_nothing_is_watched_where_the_session_ended_in_f
         for status, ended_in_flight in ((flying, True), (crashed, False)):
             server.report(flying_session(), status)
             page = server.page.html
-            assert ("ended in flight: nothing is watched now" in page) is ended_in_flight
+            assert ("ended in flight: land by sight, no alarm" in page) is ended_in_flight
             assert ("This session is over." in page) is not ended_in_flight
 
 

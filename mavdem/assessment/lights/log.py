@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_from_messages
@@ -70,7 +71,8 @@ def log_light(evidence: Evidence) -> Fact:
         return Fact(LogLight.MOTION_NOT_RECORDED, reason=evidence.learnability.reason)
     rate = _rate_in_flight(evidence, attitude)
     motor_rate = _rate_in_flight(evidence, model_inputs)
-    longest_gap = _longest_gap(evidence, attitude)
+    attitude_steps = _attitude_steps(evidence, attitude)
+    longest_gap = attitude_steps.max(initial=0.0)
     telemetry = signals.telemetry
     damage = _damage_fact(evidence.log, telemetry)
     flight_seconds = _seconds_in_flight(evidence, attitude)
@@ -101,6 +103,8 @@ def log_light(evidence: Evidence) -> Fact:
     )
     if code is LogLight.COMMANDS_INCOMPLETE:
         recording = recording.replace(duration=command_seconds, airborne=flight_seconds)
+    elif code is LogLight.RECORDED_WITH_GAPS and not telemetry.dropouts:
+        recording = recording.replace(gaps=np.count_nonzero(attitude_steps > MAX_GAP))
     ends_in_air = [
         event
         for event in evidence.events
@@ -256,20 +260,21 @@ def _stamps(stream: Attitude | MotorOutputs) -> TimeSeries:
     return TimeSeries(stream.time, stream.boot, values=stream.time)
 
 
-def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
-    """Returns the longest time between two samples of the attitude in flight.
+def _attitude_steps(evidence: Evidence, attitude: Attitude) -> Array:
+    """Returns the times between neighbouring samples of the attitude within each flight, s, of all flights together.
 
     Args:
         evidence: the flights of the vehicle.
         attitude: its attitude.
 
     Returns:
-        The longest time, s; 0 without flight.
+        (n,) one for each pair of neighbours; empty without flight.
     """
-    longest_gap = 0.0
+    # An empty array comes first, since without a flight there would be nothing to join.
+    steps_by_flight = [np.zeros(0)]
     for flight in evidence.in_flight(attitude.angle_series):
-        longest_gap = max(longest_gap, np.diff(flight.time).max(initial=0.0))
-    return longest_gap
+        steps_by_flight.append(np.diff(flight.time))
+    return np.concatenate(steps_by_flight)
 
 
 def _log_of_other_vehicle(evidence: Evidence) -> Fact:
@@ -289,7 +294,8 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
     attitude = evidence.signals.attitude
     if attitude is None:
         return Fact(LogLight.ATTITUDE_NOT_RECORDED)
-    longest_gap = _longest_gap(evidence, attitude)
+    attitude_steps = _attitude_steps(evidence, attitude)
+    longest_gap = attitude_steps.max(initial=0.0)
     damage = _damage_fact(evidence.log, telemetry)
     code = LogLight.RECORDED_OTHER_VEHICLE
     if longest_gap > MAX_GAP or telemetry.dropouts:

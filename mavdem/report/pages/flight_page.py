@@ -1170,8 +1170,10 @@ def _live_head(
 
     judgement = status.session_judgement
     goes_on = not status.is_over
+    is_in_flight = status.is_flying and goes_on
     unrepaired_fault = ""
-    if not states_unrepaired_fault(judgement.next_step):
+    if is_in_flight and not states_unrepaired_fault(judgement.next_step):
+        # On the ground the fault stands below the next step (:func:`_live_summary`).
         unrepaired_fault = unrepaired_fault_text(status)
     return Head(
         judgement.headline.level,
@@ -1183,7 +1185,7 @@ def _live_head(
         path=flown_path(timeline, _live_map_wind(status)),
         has_log=False,
         is_newest_first=goes_on,
-        is_in_flight=status.is_flying and goes_on,
+        is_in_flight=is_in_flight,
         flight_number=history.flight.number,
         is_lost_in_air=status.is_flying and status.loss is None,
         reasons=headline_reason(_judgement_with_reason(status)),
@@ -1198,14 +1200,19 @@ def _live_head(
 def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[Sentence]:
     """Returns the sentences at the top of a live page: the headline, what to do next, and how late estimates are.
 
-    What to do stands right below the headline, so that a pilot need not read the reason first.
+    What to do stands right below the headline, so that a pilot need not read the reason first. On the ground a fault of
+    an earlier flight follows it, if neither of both states that; in flight it stands below the lights.
 
     Args:
         status: state of the session now, or at its end.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import statement_of_headline, states_unrepaired_fault
+    from mavdem.report.live import (
+        statement_of_headline,
+        states_unrepaired_fault,
+        unrepaired_fault_text,
+    )
 
     judgement = status.session_judgement
     sentences = judgement_sentences(judgement)
@@ -1223,6 +1230,11 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     summary = [heading]
     if str(judgement.next_step) != str(judgement.headline):
         summary += _sentences_on_next_step(next_step)
+    is_on_ground = status.is_over or not status.is_flying
+    fault = status.unrepaired_fault
+    if fault is not None and is_on_ground and not states_unrepaired_fault(judgement.next_step):
+        address = fault.figures["reason"].figures.get("address", "")
+        summary.append(Sentence(unrepaired_fault_text(status), level=Level.WATCH, address=address))
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
@@ -1257,7 +1269,7 @@ def _session_end(status: SessionStatus, *, is_last: bool) -> str:
         return "This session ends: nothing is watched now, and no alarm comes. What follows is shown here."
     is_stated_by_headline = status.overall_judgement.headline.code is SessionFact.ENDED_IN_FLIGHT
     if status.is_flying and status.ground_contact is None and not is_stated_by_headline:
-        return "This session ended in flight: nothing is watched now, and no alarm comes."
+        return "This session ended in flight: land by sight, no alarm comes now."
     return "This session is over."
 
 
