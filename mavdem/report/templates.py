@@ -469,9 +469,12 @@ def _finalized(value: Any) -> Any:
     """Returns what Jinja prints for a value that a template names.
 
     A fact (a coded finding) is printed as its sentence without the full stop, since it stands inside another sentence.
+    A text has its line breaks replaced by spaces: it may come from a log, and could otherwise print a line of its own.
     """
     if isinstance(value, Fact):
         return without_full_stop(value)
+    if isinstance(value, str):
+        return " ".join(value.splitlines())
     return value
 
 

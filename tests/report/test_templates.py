@@ -18,6 +18,7 @@ from mavdem.evaluate import compare, windows
 from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Fact
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.identifiability import Status
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.sources import Repair
@@ -127,6 +128,14 @@ def test_every_text_is_escaped():
         time, time, time, input_names=(evil,), provenance={"source": f"/tmp/{evil}"}
     )
     assert "<script" not in flight._repr_html_()
+
+
+@mark.parametrize("line_break", ["\n", "\r\n", "\x0b", "\x1c", "\x85", "\u2028"])
+def test_a_text_from_a_log_prints_no_line_of_its_own(line_break):
+    """The text could otherwise look like a light of the review on the terminal."""
+    text = f"Land{line_break}motors     good     No motor stands out."
+    said = Fact(ReportedEvent.AUTOPILOT_SAID, text=text, count=1)
+    assert len(said.sentence.splitlines()) == 1
 
 
 def test_markdown_aligns_numbers_to_the_right_and_sets_commands_apart():
