@@ -179,6 +179,7 @@ def replaced_words(text):
     return phrases + REPLACED_WORDS.findall(lower_case)
 
 
+@mark.slow
 def test_texts_use_the_vocabulary():
     assert replaced_words("Figures that are news to a pilot, who is told.") == [
         "are news to",

@@ -104,6 +104,7 @@ def test_without_rerun_browsers_get_the_page_of_a_live_session_alone(monkeypatch
         assert dashboard.advice.endswith(INSTALL) and dashboard.view is None
 
 
+@mark.slow
 def test_a_live_page_that_cannot_be_rendered_does_not_end_the_session(monkeypatch, capsys):
     without_modules(monkeypatch, "rerun")
     monkeypatch.setattr(live_dashboard, "PAGE_PORT", free_port())

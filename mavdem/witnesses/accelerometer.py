@@ -403,11 +403,13 @@ def window_ranges(time: Array, values: Array, window_starts: Array) -> Array:
     # Indices of the first sample in each window, and of the first one after it.
     first_samples = np.searchsorted(time, window_starts)
     end_samples = np.searchsorted(time, window_starts + REST_SECONDS)
-    ranges = np.full(len(window_starts), np.nan)
-    for window, (first, end) in enumerate(zip(first_samples, end_samples, strict=True)):
-        if end - first >= 2:
-            ranges[window] = np.ptp(values[first:end])
-    return ranges
+    # ``reduceat`` reduces from each index up to the next one: windows are every other of these intervals. It takes only
+    # indices of samples, so that one follows for a window that ends with the record.
+    bounds = np.column_stack([first_samples, end_samples]).ravel()
+    samples = np.append(values, 0.0)
+    largest = np.maximum.reduceat(samples, bounds)[::2]
+    smallest = np.minimum.reduceat(samples, bounds)[::2]
+    return np.where(end_samples - first_samples >= 2, largest - smallest, np.nan)
 
 
 def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
