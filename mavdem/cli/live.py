@@ -414,8 +414,8 @@ def _follow_vehicle(
         )
         # Where the user ends it, no other session follows.
         successor = None if is_end_requested() else session.successor
-        session.analyse_rest()
         if successor is None:
+            session.analyse_rest()
             session.intake.record_rest()
         account = session.time_account()
         status = session.status

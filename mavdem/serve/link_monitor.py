@@ -469,8 +469,9 @@ class LinkMonitor:
                 NEWS_SECONDS,
                 self._watch_session,
             )
-            session.analyse_rest()
             if self._is_stopping.is_set():
+                # In other cases what waits may belong to the next session.
+                session.analyse_rest()
                 self._show_last_page(session)
             # A flight whose landing was reported is not reported again.
             session.report_end(session.status, None)

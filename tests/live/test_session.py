@@ -684,6 +684,27 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     assert session.status.rates["ATTITUDE"] > 50 and not session.status.no_model_reason
 
 
+def test_what_waits_at_the_end_of_a_session_is_analysed_for_a_moment(now, monkeypatch):
+    """A computer that is far behind notices a landing so; one that is too slow for that ends all the same."""
+    session, _, _ = session_of([])
+    analyse = session._analyse
+    analysed_times = []
+
+    def analyse_slowly():
+        analysed_times.append(now[0])
+        now[0] += analysis_seconds
+        analyse()
+
+    monkeypatch.setattr(session, "_analyse", analyse_slowly)
+    for analysis_seconds, analysis_count in ((0.1, 5), (1.5, 2)):
+        arrival = now[0]
+        session.backlog.add([FrameBatch(arrival + second, 0.0, []) for second in range(5)])
+        analysed_times.clear()
+        session.analyse_rest()
+        assert len(analysed_times) == analysis_count
+    assert session.backlog
+
+
 @mark.slow
 def test_a_computer_that_was_busy_since_its_last_look_at_the_link_reports_no_silence(now):
     """Opening the dashboard may take seconds, and messages wait in the link meanwhile."""
