@@ -510,9 +510,12 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     # After a landing, and on the last page of the session, it stands below the next step.
     landed = replace(waiting, flight_number=1)
     for status in (landed, replace(landed, is_over=True)):
-        summary = flight_page._live_summary(status, None)
-        assert summary[-1].text.startswith("In an earlier flight (2026-11-28 09:15 UTC), motor 3")
-        assert summary[-1].address == f"/f/{entry.id}"
+        *_, stated_fault, advice = flight_page._live_summary(status, None)
+        assert stated_fault.text == (
+            "In an earlier flight (2026-11-28 09:15 UTC), motor 3 lost thrust."
+        )
+        assert stated_fault.address == f"/f/{entry.id}"
+        assert advice.text.startswith("If that was not repaired: Do not fly before it is")
     # Where only its system id is known, the flight may be of another vehicle.
     doubtful_step = next_step("PX4", "quad", is_named=False)
     assert str(doubtful_step).startswith("If this vehicle is the one of an earlier flight")

@@ -1208,11 +1208,7 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import (
-        statement_of_headline,
-        states_unrepaired_fault,
-        unrepaired_fault_text,
-    )
+    from mavdem.report.live import statement_of_headline, states_unrepaired_fault
 
     judgement = status.session_judgement
     sentences = judgement_sentences(judgement)
@@ -1233,8 +1229,10 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     is_on_ground = status.is_over or not status.is_flying
     fault = status.unrepaired_fault
     if fault is not None and is_on_ground and not states_unrepaired_fault(judgement.next_step):
+        # The page of the earlier flight shows its fault; a fault of this session has none.
         address = fault.figures["reason"].figures.get("address", "")
-        summary.append(Sentence(unrepaired_fault_text(status), level=Level.WATCH, address=address))
+        summary.append(Sentence(fault.sentence, level=Level.WATCH, address=address))
+        summary.append(Sentence(fault.remedy, level=Level.WATCH))
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
