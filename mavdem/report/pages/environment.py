@@ -1,5 +1,6 @@
 """The environment of HTML templates: Jinja with the filters, tests and names that all pages share."""
 
+import json
 import platform
 import re
 from functools import cache
@@ -19,6 +20,9 @@ _UNSAFE_CHARACTERS = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
 )
 """Control characters, and marks that reverse the direction of text: the name of a file may contain them."""
+
+_JSON_ESCAPE = re.compile(r"\\(?:u([0-9a-f]{4})|.)")
+"""An escape in a JSON text; that of a character by its number has the four digits as its group."""
 
 _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 """A percent sign after a number, with the space before it if there is one."""
@@ -57,6 +61,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    jinja.policies["json.dumps_function"] = _json_text
     jinja.globals |= {
         "made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         "ink": INK_ON_LIGHT,
@@ -73,6 +78,25 @@ def environment() -> Environment:
     jinja.filters["css_string"] = _css_string
     jinja.filters["evidence_text"] = evidence_text
     return jinja
+
+
+def _json_text(value: Any, **options: Any) -> str:
+    """Returns a value as JSON, for the script of a page, in which characters that could disguise text are replaced.
+
+    JSON escapes these characters, so that :func:`render_page` does not find them.
+
+    Args:
+        value: what JSON can express.
+        options: options of ``json.dumps``, as Jinja gives them.
+    """
+
+    def safe_escape(escape: re.Match[str]) -> str:
+        """Returns an escape as it is, or that of the replacement character for an unsafe one."""
+        digits = escape[1]
+        is_unsafe = digits is not None and _UNSAFE_CHARACTERS.match(chr(int(digits, 16)))
+        return r"\ufffd" if is_unsafe else escape[0]
+
+    return _JSON_ESCAPE.sub(safe_escape, json.dumps(value, **options))
 
 
 def _prose_as_html(text: str) -> Markup:

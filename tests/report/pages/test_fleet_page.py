@@ -21,6 +21,7 @@ from mavdem.report.charts.chart import LineStyle
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.flight_lines import COLUMNS
 from mavdem.report.pages import fleet_page as page_of_fleet
+from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.palette import BAD
 from mavdem.report.vehicle_summary import vehicle_summaries
 
@@ -278,6 +279,12 @@ def hostile():
     ]
     rows[0] = replace(rows[0], health="fault")
     return [*rows, FlightRow(file=HOSTILE, key=HOSTILE, status=HOSTILE, vehicle=HOSTILE)]
+
+
+def test_marks_that_turn_text_around_are_replaced_in_the_data_of_scripts():
+    template = environment().from_string("{{ text | tojson }}")
+    text = "\u202eevil\x1b\x7f \\u202e\n\u00e9"
+    assert json.loads(render_page(template, text=text)) == "\ufffdevil\ufffd\ufffd \\u202e\n\u00e9"
 
 
 def test_what_comes_from_a_log_is_text_and_no_script_scheme_is_linked():
