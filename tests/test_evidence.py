@@ -107,6 +107,7 @@ def test_each_claim_has_its_findings_on_the_page():
     )
 
 
+@mark.slow
 def test_commands_of_the_tables_exist_with_their_options():
     """Each table of measurements names the command that made it: the command must have these options."""
     tables = evidence.measured_tables()

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from frames import geometry
 from numpy.random import default_rng
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 from mavdem.facts import Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
@@ -79,7 +79,7 @@ def judged_vehicles(change, healthy=3, vehicles=VEHICLES):
     return [judged(assessment.flight(change), assessment.flights(healthy)) for assessment in made]
 
 
-@mark.parametrize("motor", [1, 2, 3, 4])
+@mark.parametrize("motor", [1, *(param(motor, marks=mark.slow) for motor in (2, 3, 4))])
 def test_a_weak_motor_is_found_and_named(motor):
     """One motor needs 20 % more command.
 
