@@ -61,6 +61,8 @@ class Backlog:
         self.longest_delay = 0.0
         self.suspends_learning = False
         self._batches: deque[FrameBatch] = deque()
+        # Whether nothing waits in the link to be added.
+        self._is_link_empty = True
         # When the latest frames arrived, s of the monotonic clock.
         self._latest_arrival = -inf
         # When the analysis was last late by ``BEHIND_DELAY``, s of the monotonic clock; None while it keeps up. When a
@@ -78,7 +80,11 @@ class Backlog:
     @property
     def analysed_until(self) -> float:
         """Everything that arrived before this time is analysed, s of the monotonic clock."""
-        return self._batches[0].arrival_time if self._batches else clock.monotonic()
+        if self._batches:
+            return self._batches[0].arrival_time
+        if not self._is_link_empty:
+            return self._latest_arrival
+        return clock.monotonic()
 
     def latest_arrival_from(self, vehicle: Component | None) -> float | None:
         """Returns when the latest waiting batch with a frame of a vehicle arrived.
@@ -107,8 +113,14 @@ class Backlog:
         """How long the oldest batch has waited, s; 0 without one."""
         return clock.monotonic() - self.analysed_until
 
-    def add(self, batches: list[FrameBatch]) -> None:
-        """Adds what was received."""
+    def add(self, batches: list[FrameBatch], *, is_link_empty: bool = True) -> None:
+        """Adds what was received.
+
+        Args:
+            batches: the batches in the order of arrival.
+            is_link_empty: whether nothing more waits in the link; otherwise what waits arrived after these batches.
+        """
+        self._is_link_empty = is_link_empty
         self._batches += batches
         if batches:
             self._latest_arrival = batches[-1].arrival_time

@@ -45,6 +45,7 @@ class LinkIntake:
         recording: recording of the raw stream; None for none, and after it has failed.
         is_lost: whether the link is lost and not open again yet.
         read_until: everything that arrived before this time has been received, s of the monotonic clock.
+        is_link_empty: whether the last call received all that waited in the link; it receives ``MAX_PIECES`` at most.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class LinkIntake:
         # When the link was known to be empty last, s of the monotonic clock.
         self._emptied_time = clock.monotonic()
         self.read_until = self._emptied_time
+        self.is_link_empty = True
         # When the user ended the session, or the last message after that came, UNIX s; None before.
         self._end_time: float | None = None
 
@@ -94,13 +96,15 @@ class LinkIntake:
             pieces = self._link.receive(timeout)
         except LinkLost as error:
             self.read_until = start_time
+            self.is_link_empty = True
             self.is_lost = True
             self._log(error.fact.replace(reopening=True))
             return []
         stamped_frames = self._frames_of_first_pieces() + self._record(pieces)
         batches = self._with_monotonic_times(stamped_frames)
         # Fewer pieces than a call can return mean that the link is empty: later ones arrive after this call began.
-        if len(pieces) < MAX_PIECES:
+        self.is_link_empty = len(pieces) < MAX_PIECES
+        if self.is_link_empty:
             self._emptied_time = start_time
             self.read_until = start_time
         elif batches:

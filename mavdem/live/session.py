@@ -231,7 +231,8 @@ class LiveSession:
         """
         # Messages that wait already are analysed at once.
         receive_timeout = 0.0 if self.backlog else timeout
-        self.backlog.add(self.intake.receive(receive_timeout))
+        batches = self.intake.receive(receive_timeout)
+        self.backlog.add(batches, is_link_empty=self.intake.is_link_empty)
         self._postpone_tasks()
         end_time = clock.monotonic() + STEP_SECONDS
         while self.backlog and clock.monotonic() < end_time:

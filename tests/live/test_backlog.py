@@ -26,6 +26,18 @@ def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
     assert not backlog.postponed_tasks
 
 
+def test_what_still_waits_in_the_link_is_not_analysed(monkeypatch):
+    """The analysis keeps up with what is received, while a flood of messages waits in the link for 3 s."""
+    monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: 100.0)
+    backlog = Backlog()
+    analysed_until = []
+    for is_link_empty in (False, True):
+        backlog.add([FrameBatch(97.0, 0.0, [])], is_link_empty=is_link_empty)
+        backlog.pop_simultaneous()
+        analysed_until.append(backlog.analysed_until)
+    assert analysed_until == [97.0, 100.0]
+
+
 def test_a_session_that_begins_late_is_too_slow_only_where_it_does_not_catch_up(monkeypatch):
     """One session catches up after a late start. Another stays 1.2 s late, which is reported after 10 s."""
     now = [100.0]

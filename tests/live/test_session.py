@@ -43,7 +43,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream
 from mavdem.live.intake import FrameBatch
-from mavdem.live.link import LinkLost, ReceivedPiece
+from mavdem.live.link import MAX_PIECES, LinkLost, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
@@ -609,6 +609,18 @@ def test_margins_that_a_decision_states_are_reported_once():
     session.flight.learning.has_settled = False
     session._log_advice((Fact(GainFact.GAINS_LEFT, reason=TOO_FEW_SAMPLES),), judgement)
     assert reported_facts == [decision, margins]
+
+
+def test_what_one_step_cannot_receive_counts_as_not_analysed(now):
+    """As many messages wait in the link as one step receives, all from before the session: more may wait there."""
+    session, *_ = session_of([])
+    start_time = now[0]
+    now[0] += 5.0
+    _, frame = FRAMES[0]
+    session.link.script = [MAX_PIECES * [(0.0, frame)]]
+    for analysed_time in (start_time, now[0]):
+        session.step(0.0)
+        assert not session.backlog and session.backlog.analysed_until == analysed_time
 
 
 @mark.parametrize("vehicle, is_sending", [(None, True), (None, False), ("1:1", True)])
