@@ -53,8 +53,9 @@ PX4_LOG_NAME = re.compile(r"/log/(20\d\d-\d\d-\d\d/\d\d_\d\d_\d\d)\.ulg")
 DAY_IN_NAME = re.compile(r"(?<!\d)(?:(20\d\d)[-_](\d\d?)[-_](\d\d?)|(20\d\d)(\d\d)(\d\d))(?!\d)")
 """A day in a file's name, as ground stations write it: "2026-03-09", "2026_3_9" or "20260309"."""
 
-DEGREE_DECIMALS = 5
-"""Decimals of latitude and longitude in degrees, for a resolution of a metre."""
+DEGREE_DECIMALS = 3
+"""Decimals of latitude and longitude in degrees, for a resolution of 110 m: reports are passed on, and show on which
+field a vehicle flew, but not at which house. The last position of a lost flight has all decimals."""
 
 FIRMWARE_TEXTS = ("ArduCopter V", "APM:Copter V")
 """Beginnings of the texts with which ArduCopter reports its version."""
@@ -86,7 +87,7 @@ class Identity:
     hardware: str = ""
     """Kind of board, as its firmware calls it; empty if the log does not have it."""
     place: tuple[float, float] | None = None
-    """Latitude and longitude of the first GPS fix, degrees north and east; None without a fix."""
+    """Latitude and longitude of the first GPS fix to about 100 m, degrees north and east; None without a fix."""
 
     @property
     def name_of_one_vehicle(self) -> str:
@@ -270,7 +271,7 @@ def _firmware(telemetry: Telemetry) -> str:
 
 
 def _first_fix(telemetry: Telemetry) -> tuple[float, float] | None:
-    """Returns the position of the vehicle at its first GPS fix, rounded to about a metre.
+    """Returns the position of the vehicle at its first GPS fix, rounded to about 100 m.
 
     The receiver's own GPS_RAW_INT is preferred to GLOBAL_POSITION_INT, which the autopilot estimates.
 

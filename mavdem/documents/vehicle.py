@@ -240,7 +240,7 @@ class Identity(Document):
     hardware: str
     """kind of board, as its firmware calls it"""
     place: list[Degrees] | None
-    """latitude and longitude of the first fix"""
+    """latitude and longitude of the first fix, to three decimals (about 100 m)"""
     date: UtcText | None
     """when the settled flight began"""
 

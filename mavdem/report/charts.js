@@ -1,6 +1,7 @@
 // The charts of a page: each figure has its data beside it, and is drawn by uPlot as soon as it has a width. Charts of
 // one group are zoomed and read together. The root element has what other scripts use of them, as "charts", and gets the
-// events "drawn", and "cursor" with the time under the cursor of the flight's charts.
+// events "drawn", "openforpaper" before the charts are drawn for print, and "cursor" with the time under the cursor of the
+// flight's charts.
 (() => {
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const groups = {}, edge = 12;
@@ -332,7 +333,9 @@
 
   // The least span of a vertical axis over the flight, by its unit: what changes by less, such as the last digit of a
   // logged value, does not fill a plot. A choice, by what pilots look for in motors, loads, voltages, angles and heights.
-  const LEAST_SPANS = { "%": 10, V: 0.2, "°": 1, m: 2 };
+  const LEAST_SPANS = { "%": 10, V: 0.2, "°": 1, "°C": 2, kB: 1, µs: 20, m: 2 };
+  // The least size of a value that is not 0, and the least change of one in relation to it: less is rounding.
+  const LEAST_SIZE = 1e-12, LEAST_SHARE = 1e-6;
   const scale = (axis, padding, leastSpan = 0) => ({
     time: false, distr: axis.log ? 3 : 1,
     range: (_, min, max) => {
@@ -348,9 +351,11 @@
         const start = isPositive ? Math.max(0, min - lack / 2) : min - lack / 2;
         [min, max] = [start, start + leastSpan];
       }
-      if (min === 0 && max === 0) return [low ?? 0, high ?? 1];
+      // What is 0 but for the rounding of a computer has the axis of 0.
+      const size = Math.max(Math.abs(min), Math.abs(max));
+      if (size < LEAST_SIZE) return [low ?? 0, high ?? 1];
       // What stays the same has an axis of a twentieth around it, on which its next change is seen.
-      if (min === max && min) [min, max] = [min - Math.abs(min) / 20, max + Math.abs(max) / 20];
+      if (max - min < size * LEAST_SHARE) [min, max] = [min - size / 20, max + size / 20];
       const [from, to] = uPlot.rangeNum(min, max, 0.06, false);
       return [low ?? (min < 0 ? from : Math.max(from, 0)), high ?? to];
     },
@@ -817,7 +822,12 @@
   }));
   for (const figure of figures) observer.observe(figure);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw(false, true)));
-  addEventListener("beforeprint", () => layOut(true));
+  // What is printed beside the charts is opened first, since their marks are those of the printed events. A browser calls
+  // the listeners of a window in the order in which they were added, whether they capture or not.
+  addEventListener("beforeprint", () => {
+    root.dispatchEvent(new Event("openforpaper"));
+    layOut(true);
+  });
   addEventListener("afterprint", () => layOut(false));
   // The times of all lines, and the values of each at these: false where it has no sample, which is no gap.
   const joined = lines => {

@@ -191,7 +191,8 @@
     return parts;
   };
   let openedParts = [], unprintedParts = [];
-  addEventListener("beforeprint", () => {
+  // The charts ask for it before they are drawn for paper.
+  root.addEventListener("openforpaper", () => {
     openedParts = closedForScreen();
     for (const part of openedParts) part.open = true;
     // A closed part with a sentence on what it is about is printed as that; one without would be a heading over nothing.
@@ -200,7 +201,7 @@
     const titles = unprintedParts.map(part => part.querySelector("h2, strong").textContent);
     const line = document.getElementById("unprinted"), words = `Closed, not printed: ${titles.join(", ")}. “Open all” on the page prints all but long lists.`;
     if (line) line.textContent = titles.length ? words : "";
-  }, true); // before the charts are drawn for paper
+  });
   addEventListener("afterprint", () => {
     for (const part of openedParts) part.open = false;
     for (const part of unprintedParts) part.classList.remove("unprinted");

@@ -25,6 +25,7 @@ from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
+from mavdem.facts.witnesses import SensorFact
 from mavdem.motors.motor_changes import MotorChange, thrust_losses
 
 GROUNDED = Fact(NotLearnableReason.NEVER_ARMED)
@@ -313,6 +314,19 @@ def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
     status_lights = lights(**{name: "bad"})
     ended = event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0)
     assert headline(status_lights, events=(ended,)) is status_lights[name]
+
+
+def test_advice_on_the_height_is_given_once_although_it_diverged_twice():
+    """The first time showed less of the reason than the second, by which the flight was lost."""
+    at_rest = {"part": "at rest", "acceleration": 7.8}
+    gravity = Fact(SensorFact.GRAVITY_WRONG, Level.WATCH, **at_rest)
+    first = event(MotionEvent.HEIGHT_DIVERGED, Level.BAD, cause=None)
+    second = event(MotionEvent.HEIGHT_DIVERGED, Level.BAD, cause=gravity)
+    cause = event(FailedFirst.HEIGHT_DIVERGED_FIRST, Level.BAD, cause=second)
+    lost = event(Ending.CRASHED, Level.BAD, cause=cause)
+    step = choose_next_step(lost, lights() | {Light.ESTIMATOR: first}, None)
+    assert str(step).count("in a mode that holds the height") == 1
+    assert "accelerometer is calibrated" in str(step)
 
 
 def test_a_swinging_setpoint_is_remedied_before_the_tracking_errors_that_it_causes():

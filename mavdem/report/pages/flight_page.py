@@ -83,6 +83,7 @@ from mavdem.report.pages.page import (
     Chapter,
     Head,
     PageEvent,
+    Provenance,
     Section,
     render_document,
 )
@@ -248,6 +249,8 @@ def log_page(
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = _log_chapters(name, assessment, contents, timeline, advice)
         head = _log_head(assessment, events, timeline, chapters)._replace(changes=changes)
+        if is_full:
+            head = head._replace(provenance=Provenance.of_log(Path(assessment.log.source)))
         subtitle = capitalize_first(review_title(assessment).text)
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
         summary = _summary_sentences(assessment, evidence)

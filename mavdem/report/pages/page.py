@@ -4,12 +4,14 @@ A page has a title, the result in sentences and tables, and then chapters with c
 of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains with ``charts.js``.
 """
 
+import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from datetime import date, datetime
+from datetime import UTC, date, datetime
 from itertools import chain
+from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -273,6 +275,29 @@ SECONDS_AFTER_LOSS = 5.0
 """Time after the loss of a flight, s, with which its plots open; a choice: a fall takes some seconds."""
 
 
+class Provenance(NamedTuple):
+    """From which file a page was made, and when, for those who file it away or check it later."""
+
+    digest: str
+    """SHA-256 of the log as hexadecimal digits; empty if the log is not one file that can still be read."""
+
+    day: date
+    """Day on which the page was written, UTC."""
+
+    @classmethod
+    def of_log(cls, path: Path) -> Self:
+        """Returns the digest of a log and the present day.
+
+        Args:
+            path: the file of the log.
+        """
+        digest = ""
+        if path.is_file():
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return cls(digest, datetime.now(UTC).date())
+
+
 class Head(NamedTuple):
     """The top of a flight's page: level of the headline, status lights, events, and charts over time."""
 
@@ -297,6 +322,9 @@ class Head(NamedTuple):
 
     light_anchors: Mapping[str, str] = MappingProxyType({})
     """Name of the part of the page on each light, by the light; a light without a part is left out."""
+
+    provenance: Provenance | None = None
+    """From which log the page was made, and when; None where the page does not say that."""
 
     timeline_title: str = "What happened"
     """Heading of the charts over time and of the events."""

@@ -4,6 +4,7 @@ import re
 from base64 import b64decode
 from dataclasses import replace
 from datetime import UTC, datetime
+from hashlib import sha256
 from html.parser import HTMLParser
 from itertools import count
 from math import nan
@@ -54,6 +55,7 @@ from mavdem.report.pages.page import (
     Chapter,
     Head,
     PageEvent,
+    Provenance,
     Section,
     render_document,
 )
@@ -478,6 +480,8 @@ const numbers = [...document.querySelectorAll(".events .number")];
 const printedNumbers = new Set(numbers.filter(number => number.checkVisibility()).map(number => number.textContent));
 const result = {
   unexplainedNumbers: [...drawnNumbers].filter(number => !printedNumbers.has(number)),
+  unmarkedNumbers: numbers.filter(number => number.checkVisibility() && number.closest("[data-at]"))
+    .map(number => number.textContent).filter(number => !drawnNumbers.has(number)),
   hasNumbers: drawnNumbers.size > 0,
   isWarningPrinted: warned.open,
   hasDate: /\\d{4}-\\d\\d-\\d\\d \\d\\d:\\d\\d:\\d\\d UTC/.test(document.getElementById("identity").innerText),
@@ -534,6 +538,7 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight,
     assert on_paper.pop("charts") > 5
     assert on_paper == {
         "unexplainedNumbers": [],
+        "unmarkedNumbers": [],
         "hasNumbers": True,
         "isWarningPrinted": True,
         "isWarningClosedAgain": True,
@@ -551,6 +556,17 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight,
         "breaks": ["auto", "avoid"],
         "screen": "block",
     }
+
+
+def test_a_page_says_from_which_log_it_was_made_and_when(tmp_path):
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(b"log")
+    head = Head(Level.GOOD, {}, provenance=Provenance.of_log(path))
+    foot = render_document("flight.tlog", "", [], [], head=head).split("<footer>")[1]
+    assert f"SHA-256 of the log: {sha256(b'log').hexdigest()}." in foot
+    assert re.search(r", on \d{4}-\d\d-\d\d \(UTC\)", foot)
+    # A log that was moved away, or that several files were joined to, has no digest.
+    assert Provenance.of_log(tmp_path / "moved.tlog").digest == ""
 
 
 def test_the_foot_of_a_sheet_has_the_title_which_cannot_end_the_style_sheet():
