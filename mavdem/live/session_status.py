@@ -1031,10 +1031,7 @@ class SessionStatus(ImmutableResult):
         recording_verdict = self.recording_verdict
         if recording_verdict is None or recording_verdict.code is not SessionFact.RECORDING_JUDGED:
             return lights
-        # The level (good, watch, bad or unknown) of each part by the recording, and what it says of the part.
-        levels_by_recording: Mapping[str, str] = recording_verdict.figures["levels"]
-        sentences_by_recording: Mapping[str, str] = recording_verdict.figures["light_sentences"]
-        return _lights_of_recording(lights, levels_by_recording, sentences_by_recording)
+        return _lights_of_recording(lights, recording_verdict)
 
     def _judgement_of_silent_vehicle(self, judgement: Judgement, reason: Fact) -> Judgement:
         """Returns a judgement for a vehicle in flight whose messages do not come: how it flies is not known.
@@ -1451,11 +1448,7 @@ def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
     return light_in_flight
 
 
-def _lights_of_recording(
-    lights_in_flight: NamedFacts,
-    recorded_levels: Mapping[str, str],
-    recorded_sentences: Mapping[str, str],
-) -> dict[str, Fact]:
+def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) -> dict[str, Fact]:
     """Returns the lights of a flight that is over: for each part of the vehicle the coded finding that judges it.
 
     The session has judged the parts in flight; later the library judges the recording of the flight. Where the
@@ -1465,14 +1458,16 @@ def _lights_of_recording(
 
     Args:
         lights_in_flight: the judgement of each part by the session, by the name of the part.
-        recorded_levels: levels by the recording, by the same names; empty where a part is not judged.
-        recorded_sentences: what the recording shows of each part, by the same names; empty if it was judged by an
-            earlier version of mavdem, which stored levels only.
+        recording_verdict: the judgement by the recording. By the same names it has the level of each part, empty if
+            that is not judged; and a sentence and a short figure, which earlier versions of mavdem did not store.
     """
+    levels: Mapping[str, str] = recording_verdict.figures["levels"]
+    sentences: Mapping[str, str] = recording_verdict.figures["light_sentences"]
+    figures: Mapping[str, str] = recording_verdict.figures.get("light_figures", {})
     lights = dict(lights_in_flight)
     for part, light_in_flight in lights_in_flight.items():
-        level = recorded_levels[part]
-        sentence = recorded_sentences.get(part, "")
+        level = levels[part]
+        sentence = sentences.get(part, "")
         if level == Level.UNKNOWN and light_in_flight.is_good and sentence:
             # The headline of the recording counts this part as unknown: the light says why it is good all the same.
             unknown = Fact(SessionFact.LIGHT_OF_RECORDING, Level.UNKNOWN, statement=sentence)
@@ -1484,7 +1479,12 @@ def _lights_of_recording(
         if is_same_level_only:
             # The light of the session has the same level, and figures too.
             continue
-        lights[part] = Fact(SessionFact.LIGHT_OF_RECORDING, Level(level), statement=sentence)
+        lights[part] = Fact(
+            SessionFact.LIGHT_OF_RECORDING,
+            Level(level),
+            statement=sentence,
+            figure=figures.get(part, ""),
+        )
     return lights
 
 

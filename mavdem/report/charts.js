@@ -157,14 +157,18 @@
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
   // "3–5, 9", which has the colour of alarms if one of them is an alarm.
   const isOverFlight = data => data.group === "flight" || data.group === "whole flight";
-  // The marks to draw. On paper an event is marked only if a printed list has its text: the longer list may be closed.
+  // The marks to draw. On paper, and on the page of a session, an event is marked only if a list in sight has its text: the
+  // longer list may be closed.
   const drawnMarks = data => {
-    if (!root.classList.contains("printing") || !isOverFlight(data)) return data.marks;
+    if (!isOverFlight(data) || !root.classList.contains("printing") && !document.querySelector("#flight.session")) return data.marks;
     const numbers = [...document.querySelectorAll(".events .number")];
     if (!numbers.length) return data.marks;
-    const printedNumbers = new Set(numbers.filter(number => number.checkVisibility()).map(number => number.textContent));
-    return data.marks.filter(([, name]) => printedNumbers.has(name));
+    const shownNumbers = new Set(numbers.filter(number => number.checkVisibility()).map(number => number.textContent));
+    return data.marks.filter(([, name]) => shownNumbers.has(name));
   };
+  document.addEventListener("toggle", ({ target }) => {
+    if (target.matches("details.events")) for (const chart of groups.flight?.charts ?? []) chart.redraw(false, false);
+  }, true);
   const hasNumbers = data => isOverFlight(data) && data.marks.some(([, name]) => name);
   const drawEventNumbers = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio, right = bbox.left + bbox.width;
@@ -187,7 +191,8 @@
       texts.push(text);
     }
     for (const { text, start, fill } of texts) {
-      ctx.fillStyle = fill;
+      // The colours of the lines are too pale for small letters.
+      ctx.fillStyle = colour(fill === "#7d8694" ? "--soft" : "--bad");
       ctx.fillText(text, start, bbox.top - ratio);
     }
     ctx.restore();
@@ -199,20 +204,6 @@
       if (runs.length && runs.at(-1)[1] === number - 1) runs.at(-1)[1] = number; else runs.push([number, number]);
     }
     return runs.map(([first, last]) => first === last ? first : `${first}–${last}`).join(", ");
-  };
-
-  // The names of horizontal lines stand on them at the left edge of the plot, where responses are far from their limits.
-  const nameLevels = (data, chart) => {
-    const { ctx, bbox } = chart, ratio = devicePixelRatio;
-    ctx.save();
-    ctx.textAlign = "left"; ctx.textBaseline = "bottom";
-    data.levels.forEach((level, i) => {
-      const name = data.levelNames?.[i];
-      if (!name) return;
-      const textAndPosition = [name, bbox.left + 3 * ratio, chart.valToPos(level, "y", true) - 2 * ratio];
-      ctx.strokeText(...textAndPosition); ctx.fillStyle = colour("--ink"); ctx.fillText(...textAndPosition);
-    });
-    ctx.restore();
   };
 
   // Whiskers of dots, stems, and names of marks, which no grid crosses.
@@ -256,7 +247,6 @@
     ctx.font = `${(root.classList.contains("printing") ? 8 : 10) * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
     ctx.textAlign = "left";
-    nameLevels(data, chart);
     // Marks of things that are counted stand above the plot, beside the values.
     if (dotDistance) { ctx.restore(); ctx.save(); ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top"; ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio; }
     if (dotDistance) ctx.textAlign = "center";
@@ -334,12 +324,14 @@
   };
   const isDashedOnPaper = (line, lines) => lines.length > 1 && (line.kind === "line" || line.kind === "dashes");
 
-  // Where lines are equal each is seen: what was measured is wide, and dashes are wider than the solid line below them.
-  const WIDTHS = { wide: 4.5, dashes: 1.9 };
+  // Where lines are equal each is seen: what was measured is wide, and dashes are wider than the solid line below them. Below
+  // a bold line, what was asked for and predicted is thin.
+  const WIDTHS = { wide: 4.5, bold: 2.3, dashes: 1.9 }, USUAL_WIDTH = 1.3, WIDTH_BELOW_BOLD = 1.1;
+  const widthOf = (line, lines) => line.kind !== "bold" && lines.some(other => other.kind === "bold") ? WIDTH_BELOW_BOLD : WIDTHS[line.kind] ?? USUAL_WIDTH;
   const series = (line, lines) => {
     // Where lines lie over each other, each shines through.
     const isOneOfMany = lines.length > 3 && line.kind === "line";
-    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: WIDTHS[line.kind] ?? 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
+    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: widthOf(line, lines), scale: line.right ? "beside" : "y", points: { show: false } };
     if (isOneOfMany) Object.assign(drawn, { paths: meanAndRange, fill: () => line.colour + (root.classList.contains("printing") ? "14" : "30") });
     if (line.kind === "dashes") drawn.dash = DASHES;
     if (isDots(line) || line.kind === "stems") drawn.paths = () => null;
@@ -432,10 +424,8 @@
 
   // Pixels of a plot's padding above, which the numbers of events need.
   const above = data => hasNumbers(data) && data.lines.length ? 13 : data.x.names.length && data.marks.length ? MARKS_ABOVE + 2 : 6;
-  // Of a log each of the first plots over the flight has times of its own: a sheet or a telephone may end between them.
-  // So have plots over frequency, whose numbers are read off each.
-  const hasNumbersBelow = (figure, data) => data.x.log || hasTimes(figure);
-  const hasTimes = figure => figure.closest("#flight:not(.session) > .plots") != null;
+  // Each of the first plots over the flight has times of its own: a sheet or a telephone may end between them.
+  const hasTimes = figure => figure.closest("#flight .plots") != null;
   const height = (figure, data) => {
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
     if (!data.lines.length) return isForPaper ? 20 : 26;
@@ -444,7 +434,7 @@
     // On paper two of the first plots stand beside each other, and plots below each other share an axis on one sheet.
     const isFirst = hasTimes(figure), heightOnPaper = isFirst || isCrowded || isBare ? 84 : isFlat || isWide ? 60 : 96;
     const plotHeight = isForPaper ? heightOnPaper : (isCrowded || !isFlat ? 154 : 118);
-    const axisHeight = isBare ? (hasNumbersBelow(figure, data) ? (isForPaper ? 16 : 18) : 0) : isForPaper ? 26 : 34;
+    const axisHeight = isBare ? (hasTimes(figure) ? (isForPaper ? 16 : 18) : 0) : isForPaper ? 26 : 34;
     return above(data) + plotHeight + axisHeight;
   };
 
@@ -497,7 +487,7 @@
       padding: [strip ? 2 : above(data), rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: withCut(data, scale(data.y, true, isOverFlight(data) ? LEAST_SPANS[unitOf(data.y)] : 0)), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
-        { ...base, ...shown(data.x), ...(data.x.log ? {} : { space: spaceBelow }), size: () => bare ? (!strip && hasNumbersBelow(figure, data) ? 18 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { ticks: { ...grid, size: 3 }, gap: 2, values: (...splits) => (hasNumbersBelow(figure, data) ? shown(data.x).values : noLabels)(...splits) } : {}) },
+        { ...base, ...shown(data.x), ...(data.x.log ? {} : { space: spaceBelow }), size: () => bare ? (!strip && hasTimes(figure) ? 18 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { ticks: { ...grid, size: 3 }, gap: 2, values: (...splits) => (hasTimes(figure) ? shown(data.x).values : noLabels)(...splits) } : {}) },
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],
@@ -579,13 +569,14 @@
     if (named) legend.classList.add("named");
     if (isCommon && letters <= 2 * data.lines.length) legend.classList.add("numbered");
     if (isCommon) legend.append(Object.assign(element("span", "common"), { textContent: commonWord.trim() }));
+    const entries = [];
     data.values = data.picture ? [] : data.lines.map(line => {
       const hides = named && !isDots(line) && line.kind !== "stems";
       const entry = element(hides ? "button" : "span"), value = element("b");
       if (named) entry.append(markOf(line, data.lines), Object.assign(element("span"), { textContent: isCommon ? line.name.slice(commonWord.length) : line.name }), " ");
       if (isCommon) entry.setAttribute("aria-label", line.name);
       entry.append(value);
-      legend.append(entry);
+      entries.push(entry);
       if (!hides) return value;
       Object.assign(entry, { type: "button", title: "Hide or show" });
       entry.addEventListener("click", () => {
@@ -595,6 +586,8 @@
       });
       return value;
     });
+    // A bold line is drawn last, over the others, and read first.
+    legend.append(...data.lines.some(({ kind }) => kind === "bold") ? entries.reverse() : entries);
     data.at = at;
     if (data.picture) {
       // The colours of a spectrogram, from the least power to the highest, to which the values under the cursor relate.

@@ -62,7 +62,7 @@
     const plot = plotOf(light.querySelector("dt").textContent);
     if (!plot) return;
     event.preventDefault();
-    showPart(plot);
+    plot.scrollIntoView();
   });
 
   // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to. Where a menu opens, or
@@ -77,7 +77,10 @@
   const markLongLights = () => {
     for (const light of document.querySelectorAll("[data-light]")) {
       const text = light.lastElementChild;
-      if (!light.hasAttribute("data-open") && !light.contains(document.activeElement)) light.classList.toggle("cut", text.scrollHeight > text.clientHeight + 1);
+      if (light.hasAttribute("data-open") || light.contains(document.activeElement)) continue;
+      // The words "… more" take room, which a text that has become shorter needs no more.
+      light.classList.remove("cut");
+      light.classList.toggle("cut", text.scrollHeight > text.clientHeight + 1);
     }
   };
   root.addEventListener("renewed", markLongLights);
@@ -194,7 +197,7 @@
   jump.addEventListener("click", ({ target }) => {
     const part = PARTS[target.textContent]?.(), closed = part?.closest("details:not([open])");
     if (closed) closed.open = true;
-    if (part) showPart(part);
+    part?.scrollIntoView();
   });
   document.body.append(jump);
   showJumps();
@@ -216,6 +219,11 @@
   };
   announce();
 
+  // The line that says how old the page is stands above everything, where it stays while the page is scrolled.
+  const line = Object.assign(document.createElement("p"), { id: "unanswered", hidden: true });
+  line.setAttribute("role", "alert");
+  document.body.prepend(line);
+
   // The alarm at the edge of the window, while the headline that states it is scrolled out of sight. A page that gets no
   // answer states the last one in the line above it.
   const strip = Object.assign(document.createElement("button"), { id: "alarm", type: "button", hidden: true });
@@ -227,18 +235,15 @@
     const text = main.dataset.alarm ?? "";
     if (strip.textContent !== text) strip.textContent = text;
     strip.classList.toggle("watch", main.dataset.level === "watch");
+    // A part that is scrolled to stands below what covers the upper edge of the window, or will once it is there.
+    strip.hidden = !text;
+    const coveredHeight = root.classList.contains("unanswered") ? line.offsetHeight : strip.offsetHeight;
+    root.style.scrollPaddingTop = coveredHeight ? `${coveredHeight + 8}px` : "";
     strip.hidden = !text || isHeadlineInSight() || root.classList.contains("unanswered");
   };
   addEventListener("scroll", showAlarm, { passive: true });
   root.addEventListener("renewed", showAlarm);
   showAlarm();
-
-  // Scrolls to a part of the page, below the alarm that covers the edge of the window there.
-  const showPart = part => {
-    part.scrollIntoView();
-    showAlarm();
-    if (!strip.hidden) scrollBy(0, Math.min(0, part.getBoundingClientRect().top - strip.getBoundingClientRect().bottom));
-  };
 
   const flightNumber = () => document.getElementById("flight")?.dataset.flight;
   const show = text => {
@@ -286,10 +291,6 @@
     return waiting?.tag ?? tag;
   };
 
-  // The line that says how old the page is stands above everything, where it stays while the page is scrolled.
-  const line = Object.assign(document.createElement("p"), { id: "unanswered", hidden: true });
-  line.setAttribute("role", "alert");
-  document.body.prepend(line);
   const clockTime = time => new Date(time).toLocaleTimeString("en-GB");
   const tell = () => {
     line.classList.toggle("quiet", isLast());

@@ -34,7 +34,7 @@ NEXT_STEP_LEAD = "Next: "
 """Beginning of the line with the next step."""
 
 MAX_FIGURE_LENGTH = 50
-"""Most characters of a sentence that stands for the figure of a light: two lines of a light on a telephone."""
+"""Most characters of the figure of a light on a page: two lines of a light on a telephone."""
 
 
 def watched_quantities_text(watch_facts: Sequence[Fact]) -> str:
@@ -81,7 +81,7 @@ def vehicle_state_cells(status: SessionStatus) -> list[Sentence]:
     """Returns mode, height, battery, satellites and link in a few words, which a telephone always shows.
 
     Each is a value and a remark, such as "12 m up" and "3 m away"; what is not known is left out. The battery has the
-    level of its light if that warns, and a lost link is bad.
+    level of its light if that warns. A lost link is bad, and the values before the loss are unknown now.
 
     Args:
         status: state of the session.
@@ -90,19 +90,17 @@ def vehicle_state_cells(status: SessionStatus) -> list[Sentence]:
         Sentences with the value as lead and the remark as text.
     """
     power_light = status.overall_judgement.lights.get(Light.POWER)
-    battery_level = None
-    if power_light is not None and power_light.is_watch_or_bad:
-        battery_level = power_light.level
-    link_level = None if status.link_loss is None else Level.BAD
     # The section of templates "live_strip" has a paragraph for each.
     mode, height, battery, satellites, link = render_section("live_strip", status=status)
-    cells = [
-        mode,
-        height,
-        battery._replace(level=battery_level),
-        satellites,
-        link._replace(level=link_level),
-    ]
+    if status.link_loss is not None:
+        last_values = [
+            cell._replace(level=Level.UNKNOWN) for cell in (mode, height, battery, satellites)
+        ]
+        cells = [*last_values, link._replace(level=Level.BAD)]
+    elif power_light is not None and power_light.is_watch_or_bad:
+        cells = [mode, height, battery._replace(level=power_light.level), satellites, link]
+    else:
+        cells = [mode, height, battery, satellites, link]
     return [cell for cell in cells if cell.text]
 
 
@@ -186,6 +184,26 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     return rows
 
 
+def brief_light_figures(status: SessionStatus) -> dict[str, str]:
+    """Returns the figures of :func:`light_rows` by the names of the lights, shortened for the width of a telephone.
+
+    Args:
+        status: state of the session.
+    """
+    return {row.name: shortened(row.figure, MAX_FIGURE_LENGTH) for row in light_rows(status)}
+
+
+def recorded_light_figures(lights: NamedFacts) -> dict[str, str]:
+    """Returns the figure of each status light of a recording, such as "1.9 m/s²"; empty for a light without a figure.
+
+    Args:
+        lights: the judgement of each part of the vehicle by the recording, a fact (a coded finding), by its name.
+    """
+    # Of a recording there is no state of the vehicle now, which a status without any values stands for.
+    figures = render_section("live_lights", status=SessionStatus(), lights=lights)
+    return {sentence.lead: sentence.text for sentence in figures}
+
+
 def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_flight: str) -> str:
     """Returns the figure of a light (judgement of one part of the vehicle), such as the battery's voltage.
 
@@ -196,8 +214,8 @@ def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_fligh
         figure_in_flight: its figure by the latest messages of the flight; empty for none.
 
     Returns:
-        How long ago the part was good, if the link was lost since; the beginning of the sentence of the recording, if
-        that was judged after the flight; otherwise the figure in flight.
+        How long ago the part was good, if the link was lost since; the figure of the recording or, without one, the
+        beginning of its sentence, if that was judged after the flight; otherwise the figure in flight.
     """
     if light.code is Unjudged.KNOWN_BEFORE:
         voltage = None
@@ -213,7 +231,8 @@ def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_fligh
         return age.text
     if light.code is SessionFact.LIGHT_OF_RECORDING:
         # The figures of the session may be others than those of the recording.
-        return shortened(as_clause(first_clause(light.sentence)), MAX_FIGURE_LENGTH)
+        figure_of_recording: str = light.figures.get("figure", "")
+        return figure_of_recording or as_clause(first_clause(light.sentence))
     return figure_in_flight
 
 

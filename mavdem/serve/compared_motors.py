@@ -130,8 +130,8 @@ def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> Lib
         row: the row of the fleet's table with the worst anomaly of the flight's motors; None if they have none.
 
     Returns:
-        A copy with the headline, its level, the next step, the suspected motor, and level and sentence of the motors;
-        the entry itself without an anomaly.
+        A copy with the headline, its level, the next step, the suspected motor, and level and sentence of the motors
+        without a figure; the entry itself without an anomaly.
     """
     anomaly = motor_anomaly(row)
     if row is None or anomaly is None:
@@ -148,6 +148,9 @@ def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> Lib
     review = review_with_anomaly(review_by_log, anomaly)
     motors_light = review["lights"]["motors"]
     light_sentences["motors"] = motors_light["sentence"]
+    # The figure by the log alone is not what the sentence states now.
+    light_figures = json.loads(entry.light_figures)
+    light_figures.pop("motors", None)
     return replace(
         entry,
         headline=review["headline"]["sentence"],
@@ -155,5 +158,6 @@ def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> Lib
         next_step=review["next_step"]["sentence"],
         motors=str(motors_light["level"]),
         light_sentences=json.dumps(light_sentences),
+        light_figures=json.dumps(light_figures),
         motor=row.suspect_motor if entry.motor is None else entry.motor,
     )

@@ -117,6 +117,8 @@ class LibraryEntry:
     """Level of the light "log"."""
     light_sentences: str = "{}"
     """JSON object of what each light states by the log alone: sentence by name of the light."""
+    light_figures: str = "{}"
+    """JSON object of the figure of each light by the log alone, such as "1.9 m/s²", by name of the light."""
     modes: str = ""
     """Flight modes in order of their first use, separated by commas."""
     motor: int | None = None

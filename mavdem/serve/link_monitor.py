@@ -1047,12 +1047,9 @@ class LinkMonitor:
         for flight in reversed(earlier_flights):
             if flight.forbids_flight and flight.verdict is not None:
                 return _fault_for_session(flight.verdict, flight, session)
-        if not earlier_flights:
+        if self._stored_flight is None or self._stored_flight not in earlier_flights:
             return None
-        flight_before = earlier_flights[-1]
-        # Before the first flight since the start of the server, the flight before is one from before the start.
-        is_latest_flight = self._stored_flight is None or flight_before == self._stored_flight
-        return _fault_of_flight_before(flight_before, session) if is_latest_flight else None
+        return _fault_of_flight_before(self._stored_flight, session)
 
     def _fault_before_session(self, session: LiveSession, shown_entry_id: str = "") -> Fact | None:
         """Returns the fault of an earlier flight of the vehicle that a session follows; None without one.
@@ -1221,8 +1218,8 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
 
     Args:
         entry: the recording in the library, with its verdict by its log and by that comparison. Once it is judged, the
-            verdict has a level, such as good; and each light (the judgement of one subject, such as wind) has a level
-            and a sentence.
+            verdict has a level, such as good; and each light (the judgement of one subject, such as wind) has a level,
+            a sentence and a figure.
         is_compared: whether its motors have been compared with the vehicle's other flights. Before that no verdict is
             given, since it might be an all-clear that the comparison then takes back.
     """
@@ -1235,6 +1232,7 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
             levels={light: getattr(entry, light) for light in Light},
             light_sentences=json.loads(entry.light_sentences),
             flight_date=_date_to_the_minute(entry),
+            light_figures=json.loads(entry.light_figures),
         )
     has_failed = entry.stage == Stage.FAILED
     state = RecordingState.FAILED if has_failed else RecordingState.BEING_READ

@@ -265,7 +265,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
 
 
 def _assessment_columns(assessment: Assessment) -> dict[str, str]:
-    """Returns the columns of the index that follow from an assessment: its sentences and the levels of its lights.
+    """Returns the columns of the index that follow from an assessment: its sentences, and what its lights show.
 
     A light is the level (good, watch, bad or unknown) of one part of the vehicle or the flight, such as "motors".
 
@@ -275,6 +275,9 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
     Returns:
         Values by the names of the columns; each light's column has the light's name.
     """
+    # Imported here: it needs the modules of live sessions, which nothing else of a reading process does.
+    from mavdem.report.live import recorded_light_figures
+
     # Whoever reads them on a page of the library has neither the log's file nor a terminal for a command.
     with sentences_for(Medium(has_terminal=False)):
         light_sentences = {name: str(fact) for name, fact in assessment.lights.items()}
@@ -283,6 +286,7 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
             "level": str(assessment.headline.level),
             "next_step": str(assessment.next_step),
             "light_sentences": json.dumps(light_sentences),
+            "light_figures": json.dumps(recorded_light_figures(assessment.lights)),
             **{name: str(fact.level) for name, fact in assessment.lights.items()},
         }
 

@@ -38,6 +38,7 @@ from mavdem.report.live import (
     headline_reason,
     light_rows,
     live_alarm,
+    recorded_light_figures,
     statement_of_headline,
     vehicle_text,
 )
@@ -233,6 +234,14 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     # No light contradicts the recording, and what that leaves unknown stays as it was found in flight.
     assert by_recording.lights[Light.POWER].level is Level.WATCH
     assert str(by_recording.lights[Light.POWER]) == "The battery sagged to 3.1 V."
+    # A figure of the recording is as short as one in flight; without one its sentence stands there.
+    figures = {"light_figures": {Light.POWER: "down to 3.1 V"}}
+    for verdict, text in (
+        (judged, "the battery sagged to 3.1 V"),
+        (judged.replace(**figures), "down to 3.1 V"),
+    ):
+        rows = light_rows(replace(warned, recording_verdict=verdict))
+        assert text in [row.figure for row in rows]
     assert by_recording.lights[Light.MOTORS] == weak
     # Where the headline of the recording counts a part as unknown, a light that was good in flight says why it is not.
     unknown = "Too little of the hover was recorded."
@@ -378,6 +387,15 @@ def test_each_state_of_motors_and_log_has_its_detail_on_the_terminal(slow):
     ):
         status = replace(slow, no_model_reason=None, rates={}, worst_lights={light: fact})
         assert text in [row.figure for row in light_rows(status)]
+
+
+def test_lights_of_a_recording_have_figures_of_their_own(slow):
+    sagged = Fact(PowerLight.BATTERY_HELD, voltage=11.17)
+    slowly = Fact(LogLight.RECORDED_SLOWLY, rate=4.0, motor_rate=10.0)
+    lights = {**slow.overall_judgement.lights, Light.POWER: sagged, Light.LOG: slowly}
+    figures = recorded_light_figures(lights)
+    assert figures.keys() == set(Light)
+    assert (figures["power"], figures["log"]) == ("down to 11.2 V", "4 Hz")
 
 
 def test_each_light_of_a_flight_has_a_figure_or_says_what_it_lacks(slow):

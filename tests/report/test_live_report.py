@@ -30,7 +30,6 @@ from mavdem.report.live import (
     live_report,
     live_title,
     statement_of_headline,
-    status_line_text,
     vehicle_state_cells,
 )
 from mavdem.report.pages.flight_page import live_page
@@ -51,8 +50,6 @@ def test_the_table_of_time_adds_up():
 
 def test_the_title_of_a_live_page_names_the_vehicle_as_its_owner_does():
     assert live_title(SessionStatus(), "udpin:0", GivenNames()) == "No vehicle yet on udpin:0"
-    # Of a vehicle without attitude no state is known.
-    assert status_line_text(SessionStatus("3:1")).startswith("3:1; ")
     state = VehicleState(
         system=3, frame="GROUND_ROVER", autopilot="ARDUPILOTMEGA", name_in_logs="ardupilotmega-3"
     )
@@ -125,8 +122,9 @@ def test_a_telephone_always_shows_mode_height_battery_satellites_and_link():
     assert [cell.text for cell in vehicle_state_cells(landed)] == ["disarmed", "link"]
     silence = Fact(RowsFact.NOTHING_RECEIVED, duration=12.0)
     lost = replace(flying, message_age=12.0, no_model_reason=silence)
-    link = vehicle_state_cells(lost)[-1]
+    *last_values, link = vehicle_state_cells(lost)
     assert (link.lead, link.text, link.level) == ("12 s ago", "last message", Level.BAD)
+    assert {cell.level for cell in last_values} == {Level.UNKNOWN}
 
 
 def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_flight():
@@ -166,6 +164,8 @@ def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_
     assert "ATC_RAT_RLL_I" not in page, "a gain that stays is not in the table"
     assert "plots of flight 3" in page
     assert "This session is over." in page and "<code>mavdem f.tlog</code>" in page
+    # What to do comes first.
+    assert page.index('id="result"') < page.index('id="files"') < page.index('id="flight"')
 
 
 def test_a_weak_motor_of_an_earlier_flight_is_named_as_such():

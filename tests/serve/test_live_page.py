@@ -216,11 +216,15 @@ def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers
     first = tab.run(LOUD_LINE)
     tab.until(f"{LOUD_LINE} !== {first!r}")
     assert tab.run(HEADLINE) == headline
-    assert "grayscale" in tab.run("getComputedStyle(document.querySelector('main')).filter")
+    filter_of_headline = "getComputedStyle(document.querySelector('main h1')).filter"
+    assert "grayscale" in tab.run(filter_of_headline)
+    # The values of the vehicle stay at the edge of the window.
+    edge = "innerHeight - document.querySelector('#state').getBoundingClientRect().bottom"
+    assert abs(tab.run(edge)) < 1
     session.show(SessionStatus("1:1", no_model_reason=Fact(VehicleFact.NO_VEHICLE_YET)))
     tab.command("Network.emulateNetworkConditions", offline=False, **offline)
     tab.until(f"{LOUD_LINE} === '' && {HEADLINE} !== {headline!r}")
-    assert tab.run("getComputedStyle(document.querySelector('main')).filter") == "none"
+    assert tab.run(filter_of_headline) == "none"
 
 
 def test_a_page_whose_server_has_nothing_new_says_so(session, tab):
@@ -321,6 +325,12 @@ def test_an_alarm_stays_at_the_edge_of_the_window_while_its_headline_is_out_of_s
     tab.run("scrollTo(0, document.body.scrollHeight)")
     tab.until(is_shown)
     assert "Motor 3" in tab.run("document.querySelector('#alarm').textContent")
+    # A part that the bar leads to stands below the alarm.
+    tab.run(
+        "[...document.querySelectorAll('#jump button')].find(b => b.textContent === 'Events').click()"
+    )
+    place = "document.querySelector('#flight h2').getBoundingClientRect().top"
+    assert tab.run(f"{place} >= document.querySelector('#alarm').offsetHeight")
     tab.run("document.querySelector('#alarm').click()")
     tab.until(f"!({is_shown})")
     assert tab.run("scrollY") == 0

@@ -50,6 +50,9 @@ class LineStyle(StrEnum):
     LINE = "line"
     """A solid line."""
 
+    BOLD = "bold"
+    """A solid line of twice the width, which lies over others: what was measured beside what was asked for."""
+
     WIDE = "wide"
     """A wide solid line, which is seen below others where they are equal: what was measured beside predictions."""
 
@@ -383,9 +386,6 @@ class Chart(NamedTuple):
     levels: Numbers = ()
     """Ordinates of horizontal lines, such as limits."""
 
-    level_names: Names = ()
-    """What is written at the left end of each of these lines, which may be empty; without any, nothing is."""
-
     marks: tuple[Mark, ...] = ()
     """Vertical lines."""
 
@@ -495,7 +495,6 @@ class Chart(NamedTuple):
             ),
             "lines": packed_lines,
             "levels": self.levels,
-            "levelNames": self.level_names,
             "marks": self.marks,
             "spans": self.spans,
             "heat": None,

@@ -946,18 +946,24 @@ def _live_angle_charts(axis: str, columns: _LiveColumns) -> Iterator[Chart]:
     angles = {"roll": columns.roll, "pitch": columns.pitch, axis: columns.measured_angle}
     other_axis = "pitch" if axis == "roll" else "roll"
     for name in (axis, other_axis):
-        lines = [
-            Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[name]),
-            Line("measured", MEASURED, time, ANGLE_UNIT.scale * angles[name]),
-        ]
+        setpoint = Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[name])
+        measured = Line(
+            "measured",
+            MEASURED,
+            time,
+            ANGLE_UNIT.scale * angles[name],
+            style=LineStyle.BOLD,
+        )
+        lines = [setpoint, measured]
         if name == axis:
             prediction = Line.with_band(
-                f"{REPORTED_HORIZON:g} s ahead",
+                f"predicted {REPORTED_HORIZON:g} s ahead",
                 PREDICTED,
                 time,
                 ANGLE_UNIT.scale * columns.predicted_angle,
                 ANGLE_UNIT.scale * columns.predicted_half_width,
+                style=LineStyle.DASHES,
             )
             # A prediction that diverges must not determine the range of the chart.
-            lines.append(prediction.clipped_to(lines))
+            lines.insert(0, prediction.clipped_to(lines))
         yield over_time(name.capitalize(), ANGLE_UNIT.name, lines)

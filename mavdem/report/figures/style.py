@@ -38,6 +38,12 @@ CHART_HEIGHT = 1.7
 MARGIN_HEIGHT = 0.4
 """Height of a figure in addition to its charts, inches."""
 
+LINE_WIDTH = 1.1
+"""Width of a line in most styles, points."""
+
+LINE_WIDTHS = {LineStyle.BOLD: 2 * LINE_WIDTH, LineStyle.WIDE: 2.8}
+"""Widths of lines in the other styles, points."""
+
 INK_SETTINGS = (
     "text.color",
     "axes.labelcolor",
@@ -210,7 +216,7 @@ def _draw_line(axes: Axes, line: Line) -> None:
         axes.errorbar(line.x, line.y, whiskers, fmt=dots, markersize=3.5, linewidth=1.1, **style)
     else:
         dashes = (4, 2) if line.style is LineStyle.DASHES else ()
-        width = 2.8 if line.style is LineStyle.WIDE else 1.1
+        width = LINE_WIDTHS.get(line.style, LINE_WIDTH)
         axes.plot(line.x, line.y, linewidth=width, dashes=dashes, **style)
         if line.lower_edge is not None and line.upper_edge is not None:
             shade: JsonValues = {"alpha": BAND_OPACITY, "linewidth": 0}

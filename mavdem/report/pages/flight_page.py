@@ -170,6 +170,12 @@ MAX_SHOWN_SILENCE = 3.0
 It shows that nothing comes. The plots show 30 s, most of which must be the last ones before the silence.
 """
 
+MAX_EVENT_DELAY = 1.0
+"""Longest time from the last sample of a live flight to an event that belongs to it, s.
+
+A touchdown shows in messages that autopilots send once a second, such as HEARTBEAT.
+"""
+
 SECONDS_AROUND_LOSS = 3.0
 """Time around the loss of a flight, s, in which texts of the autopilot stand with it: a choice, as long as a fall."""
 
@@ -1119,7 +1125,8 @@ def _marked_live_timeline(
     """Returns the charts of a live page over time, which mark the place of the take-off and the numbered events.
 
     The chart of the motors comes first, since most faults that forbid to fly are theirs. While the link of a vehicle in
-    flight is lost, the axis of time goes on for a while after the last message.
+    flight is lost, the axis of time goes on for a while after the last message. Otherwise it goes on up to the events
+    right after that, so that each event of the flight has its mark.
 
     Args:
         history: signals of the live flight on one timeline.
@@ -1134,15 +1141,35 @@ def _marked_live_timeline(
     if timeline is None:
         return None
     numbered_events = [event for event in page_events if event.number is not None]
-    first_time, last_time = timeline.span
+    events = [page_event.event for page_event in numbered_events]
+    first_time, last_sample_time = timeline.span
+    end_time = max(
+        last_sample_time + _shown_silence(status), _time_of_last_event(events, last_sample_time)
+    )
     # The order is the same in every state of every flight, so that the chart that a reader looks at stays in its place.
     timeline = timeline.with_chart_first(MOTORS_CHART)
     return timeline._replace(
         takeoff=status.takeoff_position,
-        span=(first_time, last_time + _shown_silence(status)),
-        events=tuple(page_event.event for page_event in numbered_events),
+        span=(first_time, end_time),
+        events=tuple(events),
         event_labels=tuple(str(page_event.number) for page_event in numbered_events),
     )
+
+
+def _time_of_last_event(events: Sequence[Event], last_sample_time: float) -> float:
+    """Returns the time of the last event during a flight or right after it, such as the touchdown, s.
+
+    Args:
+        events: events on the clock of the charts.
+        last_sample_time: time of the last sample of the flight, s.
+
+    Returns:
+        The time, at most ``MAX_EVENT_DELAY`` after the last sample; that of the last sample itself without an event
+        after it.
+    """
+    latest_end = last_sample_time + MAX_EVENT_DELAY
+    times = [event.seconds for event in events if event.seconds <= latest_end]
+    return max([last_sample_time, *times])
 
 
 def _live_head(
@@ -1163,8 +1190,8 @@ def _live_head(
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import (
+        brief_light_figures,
         headline_reason,
-        light_rows,
         live_alarm,
         states_unrepaired_fault,
         unrepaired_fault_text,
@@ -1183,7 +1210,7 @@ def _live_head(
         lights_with_reason_once(judgement.lights),
         page_events[::-1] if goes_on else page_events,
         timeline,
-        light_figures={row.name: row.figure for row in light_rows(status)},
+        light_figures=brief_light_figures(status),
         timeline_title=_live_timeline_title(status),
         path=flown_path(timeline, _live_map_wind(status)),
         has_log=False,

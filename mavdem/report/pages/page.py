@@ -489,13 +489,25 @@ class Head(NamedTuple):
 
     @property
     def newest_events(self) -> Sequence[PageEvent]:
-        """The newest of the brief events of a session that goes on, which its page shows at first."""
-        return self.brief_events[:MAX_NEWEST_EVENTS]
+        """The newest of the brief events of a session that goes on, which its page shows at first.
+
+        The newest alarm of the flight is among them however old it is, since plots mark only what a list in sight has.
+        """
+        newest_events = self.brief_events[:MAX_NEWEST_EVENTS]
+        numbered_alarms = [
+            shown
+            for shown in self.brief_events
+            if shown.event.is_alarm and shown.number is not None
+        ]
+        if numbered_alarms and numbered_alarms[0] not in newest_events:
+            newest_events = [*newest_events, numbered_alarms[0]]
+        return newest_events
 
     @property
     def earlier_events(self) -> Sequence[PageEvent]:
-        """The brief events of a session that goes on which are older than those, the newest first."""
-        return self.brief_events[MAX_NEWEST_EVENTS:]
+        """The other brief events of a session that goes on, the newest first."""
+        newest_events = self.newest_events
+        return [shown for shown in self.brief_events if shown not in newest_events]
 
     @property
     def newest_alarm(self) -> PageEvent | None:
