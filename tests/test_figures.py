@@ -32,8 +32,10 @@ MANY = 6  # Count, ends, mean, deviation and quartiles represent more numbers th
 DIGITS = 5
 PRECISION = 0.01
 FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
-# Not of pictures and colours.
-STYLE = re.compile(r"<style>.*?</style>", re.DOTALL)
+# Not of pictures and colours, nor of the day on which a page was written and of the digest of its log.
+STYLE = re.compile(
+    r"<style>.*?</style>|<footer>.*?</footer>|<strong>SHA-256 of the log</strong> \w+", re.DOTALL
+)
 NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?(?:e-\d+)?)")
 FLIGHTS = {
     # A crash, a lost motor of four and of six, and a propeller whose tip is cut.
@@ -200,7 +202,7 @@ def written(path):
                         values[np.isfinite(values)].ravel().tolist()
                     )
     else:
-        # How a page looks is not a figure.
+        # How a page looks, and from what it was made, are no figures.
         page = STYLE.sub("", path.read_text())
         for number, part in enumerate(page.split("<section")):
             values_by_name[f"{path.name} {number}"] += map(
