@@ -8,10 +8,12 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import mark
 from scipy.integrate import cumulative_trapezoid
+from scipy.signal import lfilter
 from scipy.stats import t as student_t
 
 from mavdem.arrays import cumulative_integral
 from mavdem.confidence import student_t_log_density
+from sitl_scenarios.turbulence import dryden_longitudinal
 
 
 @mark.parametrize("shape", [(1,), (7,), (7, 3)])
@@ -32,7 +34,7 @@ def test_the_density_of_student_s_distribution_is_that_of_scipy():
 
 @mark.slow
 def test_the_command_that_most_users_call_imports_no_slow_part_of_scipy():
-    """A new process imports the review command and lists the loaded modules."""
+    """A new process imports the review command and lists the loaded modules; then it draws turbulence."""
     slow_parts = {
         f"scipy.{name}"
         for name in (
@@ -46,7 +48,22 @@ def test_the_command_that_most_users_call_imports_no_slow_part_of_scipy():
             "stats",
         )
     }
-    program = "import sys, mavdem.cli.review; print(*sys.modules)"
+    program = (
+        "import sys, mavdem.cli.review; print(*sys.modules)\n"
+        "from numpy.random import default_rng\n"
+        "from sitl_scenarios.turbulence import dryden_longitudinal\n"
+        "dryden_longitudinal(2.0, 0.5, 9, default_rng(1)); print(*sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert not slow_parts & set(done.stdout.split())
+    modules_of_review, modules_of_flight = done.stdout.splitlines()
+    assert not slow_parts & set(modules_of_review.split())
+    assert "scipy.signal" not in modules_of_flight.split()
+
+
+def test_dryden_s_turbulence_is_the_recursion_of_scipy():
+    speeds = dryden_longitudinal(2.0, 0.5, 9, default_rng(1))
+    decay = np.exp(-0.5 / 2.0)
+    drive = default_rng(1).standard_normal(9)
+    drive[1:] *= np.sqrt(1 - decay**2)
+    assert_allclose(speeds, lfilter([1.0], [1.0, -decay], drive), rtol=1e-12)

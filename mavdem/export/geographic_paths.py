@@ -28,9 +28,12 @@ DEGREE_DECIMALS = 7
 SECOND_DECIMALS = 3
 """Decimals of times and altitudes: MAVLink sends milliseconds and millimetres."""
 
+HALF_TURN = 180.0
+"""Step of the longitude, degrees, beyond which a path crosses the antimeridian: the other way round is shorter."""
+
 
 class GeographicPath(NamedTuple):
-    """Where a vehicle was in one boot."""
+    """Where a vehicle was in one boot, on one side of the antimeridian."""
 
     boot: int
     """Number of the boot."""
@@ -45,11 +48,14 @@ class GeographicPath(NamedTuple):
 def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
     """Returns the paths that a vehicle flew, one for each boot with at least two positions.
 
+    A path that crosses the antimeridian is cut there, as GeoJSON asks for (RFC 7946, section 3.1.9): a map would draw a
+    line around the earth.
+
     Args:
         vehicle: messages of the vehicle.
 
     Returns:
-        The paths in the order of boots, all from the first of ``POSITION_MESSAGES`` that has any.
+        The paths in the order of time, all from the first of ``POSITION_MESSAGES`` that has any.
 
     Raises:
         Unreadable: no message has geographic positions.
@@ -65,7 +71,7 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
 
 
 def _paths_in_message(columns: Columns) -> list[GeographicPath]:
-    """Returns the paths in one message with geographic positions, one for each boot with at least two of them.
+    """Returns the paths in one message with geographic positions: its parts (:func:`geographic_paths`) of two or more.
 
     Positions without a fix, and those that are not finite, are left out.
 
@@ -79,12 +85,17 @@ def _paths_in_message(columns: Columns) -> list[GeographicPath]:
         altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
         positions = np.column_stack([positions, np.round(altitude, SECOND_DECIMALS)])
     is_usable = is_fix & np.isfinite(positions).all(axis=1)
+    times = np.round(float_column(columns, "time"), SECOND_DECIMALS)
     paths = []
     for boot in np.unique(columns["boot"]):
-        is_selected = is_usable & (columns["boot"] == boot)
-        if np.count_nonzero(is_selected) > 1:
-            time = np.round(columns["time"][is_selected], SECOND_DECIMALS)
-            paths.append(GeographicPath(int(boot), time, positions[is_selected]))
+        rows = np.flatnonzero(is_usable & (columns["boot"] == boot))
+        longitude_steps = np.diff(positions[rows, 0])
+        crossings = 1 + np.flatnonzero(abs(longitude_steps) > HALF_TURN)
+        for rows_of_part in np.split(rows, crossings):
+            if len(rows_of_part) > 1:
+                paths.append(
+                    GeographicPath(int(boot), times[rows_of_part], positions[rows_of_part])
+                )
     return paths
 
 

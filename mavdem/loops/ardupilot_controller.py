@@ -21,6 +21,7 @@ from mavdem.loops.autopilot_parameters import (
     MIN_LOOP_RATE,
     MOTOR_COUNT,
     ControllerFields,
+    GainNames,
     Notch,
     required_parameters,
 )
@@ -137,6 +138,17 @@ def ardupilot_controller(
         fields["mixer"] = tuple(weight / largest_weight / 2 for weight in motor_weights)
         fields["spin_range"] = (spin_min, spin_max)
     return fields
+
+
+def ardupilot_gain_names(parameters: Parameters, axis: str) -> GainNames:
+    """Returns how the firmware of a log names the gains of one axis.
+
+    Args:
+        parameters: parameters of the log, by name, which show the version of the firmware.
+        axis: "roll", "pitch" or "yaw".
+    """
+    rate = _rate_parameters(parameters, axis)
+    return GainNames(rate_prefix=rate.prefix, angle_gain=rate.names["angle_gain"])
 
 
 def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:

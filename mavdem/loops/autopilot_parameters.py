@@ -34,6 +34,15 @@ class Notch(NamedTuple):
     """Attenuation at the centre, dB; infinite for PX4's notches."""
 
 
+class GainNames(NamedTuple):
+    """How an autopilot names the gains of one axis."""
+
+    rate_prefix: str
+    """Beginning of the names of the rate controller's gains, such as "ATC_RAT_RLL_"."""
+    angle_gain: str
+    """Name of the gain of the attitude controller, such as "ATC_ANG_RLL_P"."""
+
+
 def required_parameters(parameters: Parameters, *names: str) -> list[float]:
     """Returns the values of parameters that are needed to build a controller.
 

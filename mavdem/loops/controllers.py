@@ -24,10 +24,20 @@ from mavdem.facts.loops import ControllerFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.loops.ardupilot_controller import GYRO_NOTCH_PREFIXES, NotchMode, ardupilot_controller
-from mavdem.loops.autopilot_parameters import MIN_LOOP_RATE, Notch
-from mavdem.loops.px4_controller import px4_controller
+from mavdem.loops.ardupilot_controller import (
+    GYRO_NOTCH_PREFIXES,
+    NotchMode,
+    ardupilot_controller,
+    ardupilot_gain_names,
+)
+from mavdem.loops.autopilot_parameters import MIN_LOOP_RATE, GainNames, Notch
+from mavdem.loops.px4_controller import px4_controller, px4_gain_names
 from mavdem.plant.closed_loop.parameters import TYPICAL_VALUES
+
+ARDUPILOT_GAIN_PREFIXES = ("ATC_RAT_", "RATE_RLL_")
+"""Beginnings of ArduPilot's rate gains, since ArduCopter 3.4 and before, by which the autopilot is recognised."""
+PX4_GAIN_PREFIXES = ("MC_",)
+"""The same of PX4's parameters."""
 
 MAX_GAIN = 1e3
 """Largest possible gain, in the units of :class:`Controller`."""
@@ -347,13 +357,35 @@ def _controller_of(control_parameters: Parameters, axis: str, weights: Numbers) 
     Raises:
         NotLearnable: a parameter is missing or impossible, or the firmware or the mixer is not known.
     """
-    if any(name.startswith(("ATC_RAT_", "RATE_RLL_")) for name in control_parameters):
+    if _has_any(control_parameters, ARDUPILOT_GAIN_PREFIXES):
         fields = ardupilot_controller(control_parameters, axis, weights)
-    elif any(name.startswith("MC_") for name in control_parameters):
+    elif _has_any(control_parameters, PX4_GAIN_PREFIXES):
         fields = px4_controller(control_parameters, axis, is_demand=len(weights) == 1)
     else:
         raise NotLearnable(ControllerFact.NO_GAINS)
     return Controller(axis=axis, parameters=control_parameters, motor_weights=weights, **fields)
+
+
+def gain_names(parameters: Parameters, axis: str) -> GainNames | None:
+    """Returns how the autopilot of a log names the gains of one axis, whatever else its parameters describe.
+
+    Args:
+        parameters: parameters of the log, by the autopilot's name.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        The names; None if the log has no gains of a known autopilot.
+    """
+    if _has_any(parameters, ARDUPILOT_GAIN_PREFIXES):
+        return ardupilot_gain_names(parameters, axis)
+    if _has_any(parameters, PX4_GAIN_PREFIXES):
+        return px4_gain_names(axis)
+    return None
+
+
+def _has_any(parameters: Parameters, prefixes: tuple[str, ...]) -> bool:
+    """Returns whether the name of a parameter begins with one of some prefixes."""
+    return any(name.startswith(prefixes) for name in parameters)
 
 
 def _rotor_speed_error(speed_commands: Array, step: float) -> Array:

@@ -7,6 +7,7 @@ the plant, and converts the result to physical parameters, whose covariances con
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -71,9 +72,10 @@ flights of ``tools/validation/loops.py`` phase margins then erred by 14°; above
 MAX_EXPLAINED_FREQUENCY = 4.0
 """Highest frequency at which the output is compared with what the controller makes of the setpoint, Hz: a choice."""
 MAX_PHASE_MARGIN_HALF_WIDTH = 10.0
-"""Largest half width of the phase margin's 90 % interval, degrees.
+"""Largest half width of the phase margin's 90 % interval, degrees, unless all of it is above the usual margin.
 
-A tuner aims at 45° and is warned below 35°: an interval that is wider than this difference is of no use.
+A tuner aims at 45° and is warned below 35°: a wider interval does not separate the two. One that lies above 45° says
+that the goal is met, however wide it is.
 """
 MARGIN_DRAWS = 100
 """Number of draws of the plant from which the interval of the phase margin is computed: a choice."""
@@ -529,7 +531,8 @@ def _checked_plant(
     """Checks an identified plant by the phase margin of its loop with the controller.
 
     The rate loop is computed for the estimated plant and for draws from its posterior. If the 90 % interval of its
-    phase margin over the draws is wide, the flight did not determine the plant, and it is rejected.
+    phase margin over the draws is wide, and not all of it above the usual margin, the flight did not determine the
+    plant, and it is rejected.
 
     The parameters are marked as biased if two conditions hold: the loop rings, that is its phase margin is less than
     half of the usual one, and its crossover is above the corner frequency of the motors, 1 / lag. Then most of the
@@ -572,17 +575,22 @@ def _require_known_margin(rate: OpenLoop, reference_share: float = 0.0) -> None:
         reference_share: fraction of the rate's motion that commands explain, 0 to 1.
 
     Raises:
-        NotLearnable: the 90 % interval of the phase margin is wider than twice ``MAX_PHASE_MARGIN_HALF_WIDTH``, or the
-            estimated loop is unstable although the vehicle flew.
+        NotLearnable: the 90 % interval of the phase margin is wider than twice ``MAX_PHASE_MARGIN_HALF_WIDTH`` and not
+            all of it above the usual margin, or the estimated loop is unstable although the vehicle flew.
     """
     low, high = rate.phase_margin_interval
-    is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
-    if not (is_certain and rate.is_stable):
-        # If the gain never crosses 1, the margin is infinite: the message limits the interval to a full circle.
-        interval = np.clip([low, high], -180.0, 180.0)
-        raise NotLearnable(
-            LoopFact.MARGIN_UNCERTAIN,
-            phase_margin_interval=interval,
-            is_stable=rate.is_stable,
-            is_steered=reference_share >= STEERED_SHARE,
-        )
+    goal = MARGIN_TARGETS["default"].phase_margin
+    is_narrow = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
+    # An infinite margin, of a gain that never reaches 1, is that of a loop which controls nothing.
+    meets_goal = low >= goal and isfinite(high)
+    if rate.is_stable and (is_narrow or meets_goal):
+        return
+    # The message limits an infinite margin to half a circle.
+    interval = np.clip([low, high], -180.0, 180.0)
+    raise NotLearnable(
+        LoopFact.MARGIN_UNCERTAIN,
+        phase_margin_interval=interval,
+        least_phase_margin=goal,
+        is_stable=rate.is_stable,
+        is_steered=reference_share >= STEERED_SHARE,
+    )

@@ -19,6 +19,7 @@ from mavdem.loops.autopilot_parameters import (
     MIN_LOOP_RATE,
     MOTOR_COUNT,
     ControllerFields,
+    GainNames,
     Notch,
     required_parameters,
 )
@@ -57,7 +58,8 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
     Raises:
         NotLearnable: a parameter is missing, or the mixer is not a quadrotor's.
     """
-    prefix = f"MC_{axis.upper()}RATE_"
+    gain_names = px4_gain_names(axis)
+    prefix = gain_names.rate_prefix
     derivative_filter = DERIVATIVE_FILTER
     if DERIVATIVE_FILTER not in parameters and OLDER_DERIVATIVE_FILTER in parameters:
         derivative_filter = OLDER_DERIVATIVE_FILTER
@@ -65,7 +67,7 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
         "p": f"{prefix}P",
         "i": f"{prefix}I",
         "d": f"{prefix}D",
-        "angle_gain": f"MC_{axis.upper()}_P",
+        "angle_gain": gain_names.angle_gain,
         "derivative_filter": derivative_filter,
         "thrust_expo": "THR_MDL_FAC",
     }
@@ -94,6 +96,11 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
         if is_demand
         else _mixer_of_airframe(_airframe_parameters(parameters))[axis],
     }
+
+
+def px4_gain_names(axis: str) -> GainNames:
+    """Returns how PX4 names the gains of one axis, "roll", "pitch" or "yaw"."""
+    return GainNames(rate_prefix=f"MC_{axis.upper()}RATE_", angle_gain=f"MC_{axis.upper()}_P")
 
 
 def _airframe_parameters(parameters: Parameters) -> tuple[tuple[str, float], ...]:

@@ -206,6 +206,20 @@
     return runs.map(([first, last]) => first === last ? first : `${first}–${last}`).join(", ");
   };
 
+  // The names of horizontal lines stand on them at the left edge of the plot, where responses are far from their limits.
+  const nameLevels = (data, chart) => {
+    const { ctx, bbox } = chart, ratio = devicePixelRatio;
+    ctx.save();
+    ctx.textAlign = "left"; ctx.textBaseline = "bottom";
+    data.levels.forEach((level, i) => {
+      const name = data.levelNames?.[i];
+      if (!name) return;
+      const textAndPosition = [name, bbox.left + 3 * ratio, chart.valToPos(level, "y", true) - 2 * ratio];
+      ctx.strokeText(...textAndPosition); ctx.fillStyle = colour("--ink"); ctx.fillText(...textAndPosition);
+    });
+    ctx.restore();
+  };
+
   // Whiskers of dots, stems, and names of marks, which no grid crosses.
   const drawForeground = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio;
@@ -247,6 +261,7 @@
     ctx.font = `${(root.classList.contains("printing") ? 8 : 10) * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
     ctx.textAlign = "left";
+    nameLevels(data, chart);
     // Marks of things that are counted stand above the plot, beside the values.
     if (dotDistance) { ctx.restore(); ctx.save(); ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top"; ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio; }
     if (dotDistance) ctx.textAlign = "center";
@@ -424,8 +439,10 @@
 
   // Pixels of a plot's padding above, which the numbers of events need.
   const above = data => hasNumbers(data) && data.lines.length ? 13 : data.x.names.length && data.marks.length ? MARKS_ABOVE + 2 : 6;
-  // Each of the first plots over the flight has times of its own: a sheet or a telephone may end between them.
+  // Each of the first plots over the flight has times of its own: a sheet or a telephone may end between them. So have
+  // plots over frequency, whose numbers are read off each.
   const hasTimes = figure => figure.closest("#flight .plots") != null;
+  const hasNumbersBelow = (figure, data) => data.x.log || hasTimes(figure);
   const height = (figure, data) => {
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
     if (!data.lines.length) return isForPaper ? 20 : 26;
@@ -434,7 +451,7 @@
     // On paper two of the first plots stand beside each other, and plots below each other share an axis on one sheet.
     const isFirst = hasTimes(figure), heightOnPaper = isFirst || isCrowded || isBare ? 84 : isFlat || isWide ? 60 : 96;
     const plotHeight = isForPaper ? heightOnPaper : (isCrowded || !isFlat ? 154 : 118);
-    const axisHeight = isBare ? (hasTimes(figure) ? (isForPaper ? 16 : 18) : 0) : isForPaper ? 26 : 34;
+    const axisHeight = isBare ? (hasNumbersBelow(figure, data) ? (isForPaper ? 16 : 18) : 0) : isForPaper ? 26 : 34;
     return above(data) + plotHeight + axisHeight;
   };
 
@@ -487,7 +504,7 @@
       padding: [strip ? 2 : above(data), rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: withCut(data, scale(data.y, true, isOverFlight(data) ? LEAST_SPANS[unitOf(data.y)] : 0)), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
-        { ...base, ...shown(data.x), ...(data.x.log ? {} : { space: spaceBelow }), size: () => bare ? (!strip && hasTimes(figure) ? 18 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { ticks: { ...grid, size: 3 }, gap: 2, values: (...splits) => (hasTimes(figure) ? shown(data.x).values : noLabels)(...splits) } : {}) },
+        { ...base, ...shown(data.x), ...(data.x.log ? {} : { space: spaceBelow }), size: () => bare ? (!strip && hasNumbersBelow(figure, data) ? 18 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { ticks: { ...grid, size: 3 }, gap: 2, values: (...splits) => (hasNumbersBelow(figure, data) ? shown(data.x).values : noLabels)(...splits) } : {}) },
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],

@@ -8,19 +8,24 @@ from typing import NamedTuple
 
 from mavdem.containers import Names
 from mavdem.dataset.signals import Signals
-from mavdem.loops.controllers import Controller
-from mavdem.loops.resonance import controller_if_known
+from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.autopilot_parameters import GainNames
+from mavdem.loops.controllers import gain_names
 from mavdem.report.blocks import Table
 from mavdem.report.gain_changes import GainChanges, NewValue
 
-GAIN_HEADERS = {
-    "p": "rate P",
-    "i": "rate I",
-    "d": "rate D",
-    "ff": "rate FF",
-    "angle_gain": "angle P",
+RATE_GAIN_HEADERS = {
+    "P": "rate P",
+    "I": "rate I",
+    "D": "rate D",
+    "FF": "rate FF",
+    "D_FF": "rate D_FF",
+    "K": "rate K",
 }
-"""Columns of the table of gains, by the field of the controller that each one sets."""
+"""Columns of the gains of the rate controller, by the end of the parameter's name, such as ATC_RAT_RLL_P."""
+
+ANGLE_GAIN_HEADER = "angle P"
+"""Column of the gain of the attitude controller, which is the last one."""
 
 NO_NEW_VALUES: Mapping[str, NewValue] = MappingProxyType({})
 """The new values of a vehicle whose gains stay."""
@@ -97,14 +102,17 @@ def gain_overview(
         changes: parameters to set; None if none are.
 
     Returns:
-        The gains; None if the log does not have the controller of any of these axes.
+        The gains, also of a controller that lacks other parameters; None if the log has no gain of any of these axes.
     """
     new_values = NO_NEW_VALUES if changes is None else changes.new_values
     rows = {}
     for axis, signals in signals_by_axis.items():
-        controller = controller_if_known(signals)
-        if controller is not None:
-            rows[axis] = tuple(_gains_of_axis(controller, signals, new_values))
+        parameters = signals.telemetry.parameters
+        names = gain_names(parameters, axis)
+        if names is not None:
+            cells = tuple(_gains_of_axis(names, parameters, new_values))
+            if any(cell.present for cell in cells):
+                rows[axis] = cells
     if not rows:
         return None
     return _without_empty_columns(rows, changes)
@@ -116,7 +124,7 @@ def _without_empty_columns(
     """Returns the overview of some gains without the columns of those that the log has of no axis.
 
     Args:
-        rows: the gains of each axis in the order of ``GAIN_HEADERS``.
+        rows: the gains of each axis in the order of the columns.
         changes: parameters to set, some of which may be no gains; None if none are.
     """
     logged_headers = set()
@@ -127,27 +135,27 @@ def _without_empty_columns(
     for axis, row in rows.items():
         shown_rows[axis] = tuple(cell for cell in row if cell.header in logged_headers)
         names |= {cell.name for cell in shown_rows[axis]}
-    headers = tuple(header for header in GAIN_HEADERS.values() if header in logged_headers)
+    all_headers = (*RATE_GAIN_HEADERS.values(), ANGLE_GAIN_HEADER)
+    headers = tuple(header for header in all_headers if header in logged_headers)
     return GainOverview(headers, shown_rows, _table_of_other_changes(changes, names))
 
 
 def _gains_of_axis(
-    controller: Controller, signals: Signals, new_values: Mapping[str, NewValue]
+    names: GainNames, parameters: Parameters, new_values: Mapping[str, NewValue]
 ) -> Iterator[GainCell]:
-    """Yields the gains of one axis in the order of ``GAIN_HEADERS``.
+    """Yields the gains of one axis in the order of the columns.
 
     Args:
-        controller: rate and attitude controller of the axis.
-        signals: logged time series of the vehicle, with its parameters.
+        names: how the autopilot names the gains of the axis.
+        parameters: parameters of the log, by the autopilot's name.
         new_values: value to set by the name of the parameter.
     """
-    # The controller names only gains that may be advised. The name of the feed-forward gain is like that of P, such as
-    # ATC_RAT_RLL_FF and ATC_RAT_RLL_P.
-    feedforward_name = controller.parameter_names["p"].removesuffix("P") + "FF"
-    names = {**controller.parameter_names, "ff": feedforward_name}
-    for field, header in GAIN_HEADERS.items():
-        name = names[field]
-        value = signals.telemetry.parameters.get(name)
+    headers_by_name = {
+        names.rate_prefix + ending: header for ending, header in RATE_GAIN_HEADERS.items()
+    }
+    headers_by_name[names.angle_gain] = ANGLE_GAIN_HEADER
+    for name, header in headers_by_name.items():
+        value = parameters.get(name)
         present = "" if value is None else f"{value:.4g}"
         yield GainCell(header, name, present, new_values.get(name))
 

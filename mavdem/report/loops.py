@@ -120,17 +120,39 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
         result: the most important result (:func:`tuning_result`).
     """
     next_step = Sentence(str(tuning.judgement.next_step), "Next:")
+    further_steps = render_section("tune_doublets") if _needs_doublets_later(tuning) else []
     facts_on_flight = [fact for fact in faults_besides_loops(tuning.judgement) if fact != result]
-    if _is_headline_of_tuning(tuning, result):
+    if is_headline_of_tuning(tuning, result):
         heading = [headline_sentence(headline(result))]
     else:
         heading = outcome_sentences(tuning)
         facts_on_flight.insert(0, result)
     texts_beside = (*[sentence.lead for sentence in heading], next_step.text)
-    return [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
+    sentences_on_flight = _sentences_on_flight(facts_on_flight, texts_beside)
+    return [*heading, *sentences_on_flight, next_step, *further_steps]
 
 
-def _is_headline_of_tuning(tuning: Tuning, result: Fact) -> bool:
+def _needs_doublets_later(tuning: Tuning) -> bool:
+    """Returns whether a flight with doublets must follow the next step, which is about something else than the loops.
+
+    So it is if the margins of an axis are unknown or may be wrong, and another flight could show them.
+
+    Args:
+        tuning: advice on the gains of each axis, and the judgement of the flight with its next step.
+    """
+    next_step = tuning.judgement.next_step
+    reason = next_step.figures.get("reason")
+    is_action_on_loops = isinstance(reason, Fact) and isinstance(reason.code, LoopAction)
+    if is_action_on_loops or is_about_loops(next_step, tuning.judgement):
+        return False
+    outcomes_without_margins = (GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN)
+    return any(
+        _gain_outcome(tuning, axis) in outcomes_without_margins
+        for axis in tuning.axes.keys() - tuning.axes_without_controller
+    )
+
+
+def is_headline_of_tuning(tuning: Tuning, result: Fact) -> bool:
     """Returns whether a result is the headline of a tuning: if it is about the control loops, or bad.
 
     Args:
@@ -202,7 +224,7 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
             rows = rows_by_header.setdefault(_overview_header(tuning, axis), [])
             rows += _overview_rows(advice)
     blocks = Blocks()
-    if rows_by_header and _is_headline_of_tuning(tuning, result):
+    if rows_by_header and is_headline_of_tuning(tuning, result):
         blocks += outcome_sentences(tuning)
     # The doubtful loops come last.
     for header, rows in sorted(rows_by_header.items(), key=lambda item: item[0] == DOUBTFUL_HEADER):
@@ -1057,7 +1079,8 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
 def tuning_result(tuning: Tuning) -> Fact:
     """Returns the fact that heads the report of ``mavdem tune``, the first of these that applies.
 
-    1. The headline of the flight's judgement, if it is bad or about control loops.
+    1. The headline of the flight's judgement, if it is bad or about control loops; with all axes that lack the same
+       margin.
     2. That there is room for higher gains on axes whose margins are good, and for which other gains are advised.
     3. The worst rating of margins, if each axis has a rating that no measurement contradicts.
     4. The headline of the judgement, whatever it says.
@@ -1067,22 +1090,83 @@ def tuning_result(tuning: Tuning) -> Fact:
     """
     flight_headline = tuning.judgement.headline
     if flight_headline.is_bad or is_about_loops(flight_headline, tuning.judgement):
-        return flight_headline
-    axes_with_room = _axes_with_room_for_gains(tuning)
-    if axes_with_room:
-        return Fact(GainFact.ROOM_FOR_GAINS, names=axes_with_room)
+        return _with_axes_alike(flight_headline, tuning.judgement.loop_decisions)
+    advice_on_axes_with_room = _advice_with_room_for_gains(tuning)
+    if advice_on_axes_with_room:
+        slower_axes = [
+            axis for axis, advice in advice_on_axes_with_room.items() if _slower_attitude(advice)
+        ]
+        return Fact(
+            GainFact.ROOM_FOR_GAINS, names=[*advice_on_axes_with_room], slower_axes=slower_axes
+        )
     return _worst_rating(tuning) or flight_headline
 
 
-def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:
-    """Returns the axes whose gains can be higher: their margins are good, and other gains are advised for them.
+def _with_axes_alike(flight_headline: Fact, decisions: DecisionsByAxis) -> Fact:
+    """Returns a headline on the too small margin of one axis with the facts on other axes that lack it alike.
+
+    Args:
+        flight_headline: the headline of a flight, a coded finding on the axis with the smallest margin.
+        decisions: decision on the loops by axis, each with the fact on its margins as the reason.
+
+    Returns:
+        The headline, whose figure ``alike`` has the facts on axes that lack the same margin of the same loop, at the
+        same level; unchanged if there are none, or if it is about something else.
+    """
+    lack_of_headline = _margin_lack(flight_headline)
+    if lack_of_headline is None:
+        return flight_headline
+    facts_alike = []
+    for axis, decision in decisions.items():
+        is_same_axis = axis == flight_headline.figures["axis"]
+        if not is_same_axis and _margin_lack(decision.reason) == lack_of_headline:
+            facts_alike.append(decision.reason)
+    return flight_headline.replace(alike=tuple(facts_alike)) if facts_alike else flight_headline
+
+
+class _MarginLack(NamedTuple):
+    """What an identified loop lacks."""
+
+    loop_name: str
+    """"rate" or "attitude"."""
+    margin_name: str
+    """"phase_margin", "gain_margin" or "ms"."""
+    level: Level
+    """How bad that is for the vehicle."""
+    rating: Level
+    """Whether the goal of the margins is probably met or missed."""
+
+
+def _margin_lack(fact: Fact) -> _MarginLack | None:
+    """Returns what the loop of a fact lacks; None unless the fact is that the margins of a loop are too small.
+
+    None also if a measured response contradicts the loop, so that the margins are in doubt.
+
+    Args:
+        fact: a coded finding, such as the headline of a flight.
+    """
+    if fact.code is not MarginsLight.LOOP_MARGINS or not fact.is_watch_or_bad:
+        return None
+    is_doubtful = fact.figures["reason"] is not None
+    if is_doubtful:
+        return None
+    return _MarginLack(
+        fact.subject, fact.figures["lacking"], fact.level, rating=fact.figures["rating"]
+    )
+
+
+def _advice_with_room_for_gains(tuning: Tuning) -> dict[str, Advice]:
+    """Selects the axes whose gains can be higher: their margins are good, and other gains are advised for them.
 
     Axes are left out whose margins a measurement contradicts.
 
     Args:
         tuning: advice for each axis, with the decisions on their loops.
+
+    Returns:
+        The advice on these axes, by their names.
     """
-    axes = []
+    advice_with_room = {}
     for axis, advice in tuning.axes.items():
         is_doubtful = axis in tuning.doubtful_axes
         if isinstance(advice, Fact) or is_doubtful:
@@ -1090,8 +1174,8 @@ def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:
         ratings = _rating_unless_contradicted(advice, tuning.judgement.loop_decisions.get(axis))
         has_good_margins = all(rating.is_good for rating in ratings)
         if advice.conclusion.code is GainFact.SET_GAINS and has_good_margins:
-            axes.append(axis)
-    return axes
+            advice_with_room[axis] = advice
+    return advice_with_room
 
 
 def _worst_rating(tuning: Tuning) -> Fact | None:

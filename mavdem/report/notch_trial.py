@@ -28,7 +28,7 @@ from mavdem.loops.filters import MAX_NOTCH_FREQUENCY_RATIO, gyro_response, notch
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.report.charts.chart import FREQUENCY, Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.gain_changes import READERS
-from mavdem.report.numbers import listed
+from mavdem.report.numbers import display_density_unit, listed
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PREDICTED
 from mavdem.report.tried_filters import (
     TriedFilter,
@@ -56,7 +56,7 @@ MIN_GAIN = 1e-3
 """Lowest gain that is drawn, −60 dB: ArduPilot's notches are no deeper, and PX4's are infinitely deep at one point."""
 
 MIN_DENSITY = 1e-12
-"""Lowest spectral density that is drawn, so that a logarithmic axis has no zero."""
+"""Lowest spectral density that is drawn, in the gyro's unit²/Hz, so that a logarithmic axis has no zero."""
 
 OFFERED_HARMONICS = 8
 """Multiples of the centre that are offered; a mask with higher ones in the log keeps them."""
@@ -546,12 +546,12 @@ def _spectrum_chart(gyro: _GyroPower, peak_marks: tuple[Mark, ...], max_frequenc
     notch_gain = abs(notch_response(gyro.notches, gyro_rate, frequency))
     notch_output = notch_input * notch_gain**2
     lines.append(Line(f"with {gyro.notch_name}", COMMAND, frequency, notch_output))
-    unit = "(rad/s)²/Hz"
+    unit = display_density_unit(spectrum.unit)
     return Chart(
         "Gyro, power",
         FREQUENCY._replace(limits=(MIN_FREQUENCY, max_frequency)),
-        Axis(f"Gyro, power ({unit})", is_logarithmic=True),
-        tuple(line._replace(y=np.maximum(line.y, MIN_DENSITY)) for line in lines),
+        Axis(f"Gyro, power ({unit.name})", is_logarithmic=True),
+        tuple(line._replace(y=unit.scale * np.maximum(line.y, MIN_DENSITY)) for line in lines),
         marks=peak_marks,
         group="notch",
     )

@@ -40,6 +40,17 @@ def display_unit(unit: str) -> DisplayUnit:
     return DisplayUnit(unit, 1.0)
 
 
+def display_density_unit(unit: str) -> DisplayUnit:
+    """Returns the unit in which power spectral densities of a signal are shown, such as "(°/s)²/Hz" for rates in rad/s.
+
+    Args:
+        unit: unit of the signal; "1" for one without a unit.
+    """
+    signal_unit = display_unit(unit)
+    squared_name = "1" if signal_unit.name == "1" else f"({signal_unit.name})²"
+    return DisplayUnit(f"{squared_name}/Hz", signal_unit.scale**2)
+
+
 TORQUE_UNIT = display_unit("rad/s²")
 """Unit in which torques and control effectiveness are shown, both divided by the inertia of the axis: °/s²."""
 

@@ -124,8 +124,8 @@
   });
   onClick("#whole", () => flight() && zoom(flight(), ...flight().whole));
 
-  // Every part of the page that opens, but the contents and tools that serve a screen.
-  const allParts = () => [...document.querySelectorAll("main details:not(.contents > details, .on-screen details)")];
+  // Every part of the page that opens, but the contents, tools that serve a screen, and a trial of filters that are off.
+  const allParts = () => [...document.querySelectorAll("main details:not(.contents > details, .on-screen details, .idle)")];
   onClick("#all", all => {
     const open = allParts().some(part => !part.open);
     for (const part of allParts()) part.open = open;

@@ -1047,9 +1047,12 @@ class LinkMonitor:
         for flight in reversed(earlier_flights):
             if flight.forbids_flight and flight.verdict is not None:
                 return _fault_for_session(flight.verdict, flight, session)
-        if self._stored_flight is None or self._stored_flight not in earlier_flights:
+        if not earlier_flights:
             return None
-        return _fault_of_flight_before(self._stored_flight, session)
+        flight_before = earlier_flights[-1]
+        # Before the first flight since the start of the server, the flight before is one from before the start.
+        is_latest_flight = self._stored_flight is None or flight_before == self._stored_flight
+        return _fault_of_flight_before(flight_before, session) if is_latest_flight else None
 
     def _fault_before_session(self, session: LiveSession, shown_entry_id: str = "") -> Fact | None:
         """Returns the fault of an earlier flight of the vehicle that a session follows; None without one.

@@ -52,6 +52,14 @@ def test_a_path_comes_back_from_kml_at_its_altitude():
     assert_allclose(path, np.column_stack([LONGITUDE, LATITUDE, ALTITUDE]), atol=1e-7)
 
 
+def test_a_path_is_cut_at_the_antimeridian():
+    """It flies east across 180°; a line from 180° to −180° would go around the earth."""
+    longitude = [1799999998, 1799999999, 1800000000, -1799999999, -1799999998, -1799999997]
+    crossing = changed(telemetry_with_positions(), "GLOBAL_POSITION_INT", lon=longitude)
+    ends = [path.positions[[0, -1], 0].tolist() for path in geographic_paths(crossing)]
+    assert ends == [[179.9999998, 180.0], [-179.9999999, -179.9999997]]
+
+
 def test_a_log_without_geographic_positions_has_no_path():
     with raises(Unreadable) as refusal:
         geographic_paths(Hover().telemetry())

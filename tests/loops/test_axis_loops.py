@@ -284,6 +284,7 @@ def tuned_by(loops, decisions=None, headline=None, **options):
     """Returns the tuning of a vehicle with these loops and decisions, and with a notch filter advised."""
     evidence = partial_record(
         Evidence,
+        signals=Signals(Hover().telemetry(parameters=ARDUPILOT)),
         loops=loops,
         gain_reduction=None,
         reasons_not_to_fly=(),
@@ -348,7 +349,7 @@ def test_a_stage_has_its_own_files_of_the_gains_that_are_to_be_loaded():
     tuning = tuned_by({"roll": slow_rate, "pitch": fast_angle})
     files = tuning.files(HOVER.telemetry())
     assert "MC_ROLL_P\t16.7" in files[".stage2.params"]
-    assert "Second stage of two" in files[".stage2.params"]
+    assert "Stage 2, angle P" in files[".stage2.params"]
     # Another flight is to confirm the gains of the slow rate loop.
     roll = tuning.axes["roll"]
     assert roll.parameters and not roll.is_sound and ".stage1.params" not in files

@@ -25,6 +25,7 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.loops import LoopFact, ResponseFact
 from mavdem.ingest import read_log
 from mavdem.loops import identification as in_flight
+from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.identification import _loop_messages, identify_plant_in_loop
 from mavdem.loops.identified_plant import physical_plant
@@ -129,6 +130,10 @@ def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
     assert not loop_of_axis(Signals(slow.vehicles[0]), slow).plant.filtered
 
 
+UNREACHED_TARGETS = {"default": MARGIN_TARGETS["default"]._replace(phase_margin=180.0)}
+"""A goal that no phase margin reaches, so that none is known to meet it."""
+
+
 def refusal(signals, flights):
     return refused(identify_plant_in_loop, Signals(signals.telemetry), flights).code
 
@@ -143,6 +148,7 @@ def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     assert refusal(blind, flights) is LoopFact.NO_RATE_SETPOINT
     # The last reason first, so that each stands before those that are there already.
     monkeypatch.setattr(in_flight, "MAX_PHASE_MARGIN_HALF_WIDTH", 0.1)
+    monkeypatch.setattr(in_flight, "MARGIN_TARGETS", UNREACHED_TARGETS)
     assert refusal(signals, flights) is LoopFact.MARGIN_UNCERTAIN
     monkeypatch.setattr(in_flight, "MIN_REFERENCE_SHARE", 2.0)
     assert refusal(signals, flights) is LoopFact.NOT_STEERED
@@ -211,6 +217,8 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
         return identify_plant_in_loop(Signals(signals.telemetry), flights)
 
     assert refused(plant_with, np.nan).code is LoopFact.LOOP_NOT_FOUND
+    assert plant_with(7.0).lag > 0, "all of the wide interval is above the goal"
+    monkeypatch.setattr(in_flight, "MARGIN_TARGETS", UNREACHED_TARGETS)
     widths = []
     for share in (7.0, 1e5):
         uncertain = refused(plant_with, share)

@@ -135,10 +135,10 @@ def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():
             conclusion=partial_record(Fact, remedy=remedies[stage]),
         )
     [sentence] = loading_sentences(advice)
-    assert sentence.lead.startswith("First stage of two")
+    assert sentence.lead.startswith("Stage 1")
     assert sentence.text.startswith("Load them and hover. Check motor temperature")
     [later] = loading_sentences({"yaw": advice["yaw"]})
-    assert later.lead.startswith("Second stage") and later.text == "Load them later."
+    assert later.lead.startswith("Stage 2") and later.text == "Load them later."
     assert loading_sentences({"yaw": Fact(NextStep.KEEP_MODEL)}) == []
 
 

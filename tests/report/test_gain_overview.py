@@ -2,6 +2,7 @@
 
 from hover import Hover
 from known_gains import ARDUPILOT
+from pytest import mark
 
 from mavdem.dataset.signals import Signals
 from mavdem.report.blocks import Table
@@ -29,6 +30,27 @@ def test_new_gains_stand_beside_the_present_ones_and_say_when_they_are_loaded():
     remarks = {name: cell.remark for name, cell in cells.items() if cell.remark}
     assert remarks == {"ATC_ANG_RLL_P": "stage 2", "ATC_RAT_RLL_D": "tried"}
     assert gains.has_tried_gains and cells["ATC_RAT_RLL_I"].new is None
+
+
+@mark.parametrize(
+    "parameters, headers",
+    [
+        ({"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_K": 1.2, "MC_ROLL_P": 6.0}, ("P", "K")),
+        ({"ATC_RAT_RLL_P": 0.1, "ATC_RAT_RLL_D_FF": 0.01, "ATC_ANG_RLL_P": 4.5}, ("P", "D_FF")),
+        # ArduCopter before 3.4.
+        ({"RATE_RLL_P": 0.15, "RATE_RLL_I": 0.1, "STB_RLL_P": 4.5}, ("P", "I")),
+    ],
+)
+def test_gains_are_listed_although_other_parameters_of_the_controller_are_missing(
+    parameters, headers
+):
+    signals = Signals(Hover().telemetry(parameters=parameters))
+    gains = gain_overview({"roll": signals, "yaw": signals}, None)
+    assert gains.headers == (*[f"rate {header}" for header in headers], "angle P")
+    (cells,) = gains.rows.values()
+    assert {cell.name: cell.present for cell in cells} == {
+        name: f"{value:g}" for name, value in parameters.items()
+    }
 
 
 def test_a_gain_that_the_log_does_not_have_has_no_column():

@@ -30,6 +30,7 @@ from mavdem.report.live import (
     live_report,
     live_title,
     statement_of_headline,
+    status_line_text,
     vehicle_state_cells,
 )
 from mavdem.report.pages.flight_page import live_page
@@ -50,6 +51,8 @@ def test_the_table_of_time_adds_up():
 
 def test_the_title_of_a_live_page_names_the_vehicle_as_its_owner_does():
     assert live_title(SessionStatus(), "udpin:0", GivenNames()) == "No vehicle yet on udpin:0"
+    # Of a vehicle without attitude no state is known.
+    assert status_line_text(SessionStatus("3:1")).startswith("3:1; ")
     state = VehicleState(
         system=3, frame="GROUND_ROVER", autopilot="ARDUPILOTMEGA", name_in_logs="ardupilotmega-3"
     )

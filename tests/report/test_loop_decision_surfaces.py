@@ -517,7 +517,10 @@ def test_room_for_higher_gains_heads_the_report_of_tune(tunings):
     axes = {"roll": raised, "yaw": Fact(LoopFact.NO_LOOP, reasons=(good,))}
     judgement = replace(tuning.judgement, headline=good)
     result = tuning_result(tuning._replace(axes=axes, judgement=judgement))
-    assert result == Fact(GainFact.ROOM_FOR_GAINS, names=["roll"])
+    assert result == Fact(GainFact.ROOM_FOR_GAINS, names=["roll"], slower_axes=[])
+    assert result.replace(slower_axes=["roll"]).sentence.endswith(
+        "higher gains below, but with them the roll angle follows its setpoint more slowly."
+    )
 
 
 @mark.slow

@@ -521,6 +521,10 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     assert str(doubtful_step).startswith("If this vehicle is the one of an earlier flight")
     for autopilot, name in (("ARDUPILOTMEGA", "copter"), ("PX4", "other"), ("PX4", "")):
         assert "repaired" not in str(next_step(autopilot, name))
+    # A fault with which the vehicle may fly counts in the next flight.
+    live._flights_before_start.clear()
+    library.change(entry.id, headline="Too little margin.", next_step="Lower the gain.")
+    assert "land soon: in that flight (2026-11-28 09:15 UTC), too" in str(next_step("PX4", "quad"))
     # It is no news, and the verdict on it none of this server.
     assert told == []
     # It was stored without parameters, under its system id, and has its name only now.

@@ -24,7 +24,7 @@ from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopAction, LoopFact
+from mavdem.facts.loops import ControllerFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
@@ -32,13 +32,16 @@ from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.gain_design import SURE_SHARE, Stage
+from mavdem.loops.resonance import controller_if_known
 
 STAGE_HEADINGS = {
-    Stage.RATE: "First stage of two, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
-    Stage.ANGLE: "Second stage of two, angle P: load, hover one minute, fly ten doublets, mavdem tune",
+    Stage.RATE: "Stage 1, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
+    Stage.ANGLE: "Stage 2, angle P: load, hover one minute, fly ten doublets, mavdem tune",
 }
 """First line of the parameter files of each stage that is the next to be loaded."""
-WAITING_HEADING = "Second stage of two, angle P: load after a flight with the first, if its log advises them again"
+WAITING_HEADING = (
+    "Stage 2, angle P: load after a flight with stage 1, if its log advises them again"
+)
 """First line of the parameter files of the second stage, if those of the first are to be flown before."""
 NOTCH_HEADING = "Notch filter, with the gains of the log"
 """First line of the parameter files of a notch filter alone."""
@@ -151,6 +154,8 @@ class Tuning(NamedTuple):
     """The judgement of the flight, whose next step is to load the new gains, unless something else is bad."""
     doubtful_axes: frozenset[str] = frozenset()
     """The axes whose measured response contradicts the identified loop, so that its margins may be wrong."""
+    axes_without_controller: frozenset[str] = frozenset()
+    """The axes whose controller or mixer the logged parameters do not describe, so that no flight leads to gains."""
     no_loop: Fact | None = None
     """Why the loops of no axis are known; None if those of at least one axis are."""
 
@@ -263,9 +268,26 @@ def tune_loops(
         notch=notch,
         judgement=tuning_judgement,
         doubtful_axes=axes_with_doubtful_loop(assessment.margins, evidence.loops),
+        axes_without_controller=_axes_without_controller(evidence, axes),
         no_loop=no_loop,
     )
     return freeze(tuning)
+
+
+def _axes_without_controller(evidence: Evidence, axes: Iterable[str]) -> frozenset[str]:
+    """Selects the axes whose controller or mixer the logged parameters do not describe.
+
+    Args:
+        evidence: signals of the vehicle with its parameters; and its loops, or why they are not known.
+        axes: axes to select from.
+    """
+    axes_without_controller = set[str]()
+    for axis in axes:
+        loop = evidence.loops[axis]
+        lacks_mixer = isinstance(loop, Fact) and isinstance(loop.code, ControllerFact)
+        if lacks_mixer or controller_if_known(evidence.signals.for_axis(axis)) is None:
+            axes_without_controller.add(axis)
+    return frozenset(axes_without_controller)
 
 
 def _judgement_with_tuning_step(

@@ -386,6 +386,9 @@ class Chart(NamedTuple):
     levels: Numbers = ()
     """Ordinates of horizontal lines, such as limits."""
 
+    level_names: Names = ()
+    """What is written at the left end of each of these lines, which may be empty; without any, nothing is."""
+
     marks: tuple[Mark, ...] = ()
     """Vertical lines."""
 
@@ -495,6 +498,7 @@ class Chart(NamedTuple):
             ),
             "lines": packed_lines,
             "levels": self.levels,
+            "levelNames": self.level_names,
             "marks": self.marks,
             "spans": self.spans,
             "heat": None,

@@ -10,7 +10,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.axis.responses import NO_STEPS, LoopResponse, Responses, StepsByLoop
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
-from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
+from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget
 from mavdem.loops.filters import gyro_response
 from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.measured_response import MIN_COMPARED_FREQUENCY
@@ -28,7 +28,7 @@ from mavdem.report.charts.chart import (
     step_chart,
 )
 from mavdem.report.charts.model_charts import line_with_quantile_band
-from mavdem.report.numbers import rounded
+from mavdem.report.numbers import display_density_unit, rounded
 from mavdem.report.palette import COMMAND, MEASURED, PHYSICAL, PREDICTED
 from mavdem.vibration.spectra import Spectrum, max_decimated
 from mavdem.vibration.spectral_lines import (
@@ -63,7 +63,7 @@ MAX_BINS = 400
 """Points of a spectrum, and columns of a spectrogram, that are drawn: about as many as pixels on a small screen."""
 
 MIN_DENSITY = 1e-12
-"""Lowest spectral density that is drawn, so that a logarithmic axis has no zero."""
+"""Lowest spectral density that is drawn, in the sensor's unit²/Hz, so that a logarithmic axis has no zero."""
 
 MIN_FILTER_GAIN = 1e-4
 """Lowest gain of the filters that is drawn: −80 dB, the lower end of its axis."""
@@ -89,8 +89,15 @@ LOOP_COLOURS = {"new": PHYSICAL, "now": PREDICTED}
 UNNAMED_LINE = "?"
 """Name at the mark of a spectral line whose cause is not known."""
 
-SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
-"""Horizontal lines of a sensitivity |S|: 1, as without a loop, and the largest one that is allowed."""
+NO_FEEDBACK_SENSITIVITY = 1.0
+"""Sensitivity |S| without a loop, at which its chart has a horizontal line."""
+
+ROOM_ABOVE_GOAL = 2.0
+"""Highest sensitivity of a chart, relative to the goal that is drawn in it, where the lines stay below: the name of the
+goal stands above its line."""
+
+PHASE_LIMIT = -180.0
+"""Phase, degrees, that an open loop must not reach before its gain is below 1."""
 
 
 def step_charts(
@@ -206,7 +213,11 @@ def _gain_lines(response: LoopResponse, measured_response: StepResponse) -> list
     return lines
 
 
-def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
+def loop_charts(
+    loops: Mapping[str, Loop],
+    loop_name: str = "rate",
+    target: MarginTarget = MARGIN_TARGETS["default"],
+) -> Charts:
     """Returns charts of gain, phase and sensitivity of open loops over frequency, with 90 % bands.
 
     With the open-loop response L the sensitivity is S = 1/(1 + L), by which feedback multiplies disturbances. A mark at
@@ -217,6 +228,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     Args:
         loops: the loops of one axis by their names in legends: "now" with the gains that flew, and "new" if any change.
         loop_name: "rate" or "attitude".
+        target: the goal of the margins, whose largest sensitivity has a line.
     """
     shown_loops = []
     for name in LOOP_COLOURS:
@@ -227,7 +239,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     return (
         _open_loop_gain_chart(title, shown_loops),
         _open_loop_phase_chart(title, shown_loops),
-        _sensitivity_chart(title, shown_loops),
+        _sensitivity_chart(title, shown_loops, target.ms),
     )
 
 
@@ -310,25 +322,37 @@ def _open_loop_phase_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Cha
         FREQUENCY,
         Axis("phase (°)", limits=(-300.0, -45.0)),
         tuple(loop.line(_unwrapped_phase(loop.response)) for loop in shown_loops),
-        levels=(-180.0,),
+        levels=(PHASE_LIMIT,),
+        level_names=("−180°",),
         marks=tuple(loop.crossover_mark(f"{loop.phase_margin:.0f}°") for loop in shown_loops),
         group=title,
     )
 
 
-def _sensitivity_chart(title: str, shown_loops: Sequence[_ShownLoop]) -> Chart:
+def _sensitivity_chart(
+    title: str, shown_loops: Sequence[_ShownLoop], largest_sensitivity: float
+) -> Chart:
     """Returns the chart of the sensitivity |1/(1 + L)| of loops, with L the open-loop response.
 
     Args:
         title: axis and loop, such as "Roll rate".
         shown_loops: the loops.
+        largest_sensitivity: the goal of the maximum sensitivity Ms, at which a line is drawn.
     """
+    lines = tuple(loop.line(1 / abs(1 + loop.response)) for loop in shown_loops)
+    sensitivity_axis = Axis("sensitivity |S|", is_logarithmic=True)
+    if max(line.y.max() for line in lines) < largest_sensitivity:
+        # The goal is above all lines, and would not be seen.
+        sensitivity_axis = sensitivity_axis._replace(
+            limits=(None, ROOM_ABOVE_GOAL * largest_sensitivity)
+        )
     return Chart(
         f"{title}: sensitivity",
         FREQUENCY,
-        Axis("sensitivity |S|", is_logarithmic=True),
-        tuple(loop.line(1 / abs(1 + loop.response)) for loop in shown_loops),
-        levels=SENSITIVITY_LEVELS,
+        sensitivity_axis,
+        lines,
+        levels=(NO_FEEDBACK_SENSITIVITY, largest_sensitivity),
+        level_names=("", f"goal: Ms {largest_sensitivity:g} at most"),
         marks=tuple(loop.crossover_mark() for loop in shown_loops),
         group=title,
     )
@@ -470,28 +494,26 @@ def _spectrum_lines(noise: MeasuredNoise, name: str, axis: int | None) -> _Spect
         axis: number of the axis, from 0; None to add up the densities of all axes.
 
     Returns:
-        The lines, with the unit of the density: the square of the sensor's unit per Hz.
+        The lines, with the unit of the density: the square of the unit in which the sensor's values are shown, per Hz.
     """
     lines = []
     slow_spectrum = noise.slow_filtered_spectrum(name)
-    # A signal without a unit has the unit "1", whose square need not be written.
-    unit = "1/Hz"
+    unit = display_density_unit("1")
     for stage in FILTER_STAGES:
         spectrum = noise.spectra.get(stage.key.format(name))
         if spectrum is None:
             continue
-        if spectrum.unit != "1":
-            unit = f"({spectrum.unit})²/Hz"
+        unit = display_density_unit(spectrum.unit)
         density_of_axes = spectrum.mean_density
         density = density_of_axes.sum(axis=0) if axis is None else density_of_axes[axis]
         # The first frequency, 0 Hz, is the mean and no vibration.
         frequency, density = max_decimated(spectrum.frequency[1:], density[1:], MAX_BINS)
-        power = np.maximum(density, MIN_DENSITY)
+        power = unit.scale * np.maximum(density, MIN_DENSITY)
         rate = (
             f" ({2 * spectrum.nyquist_frequency:.0f} Hz only)" if spectrum is slow_spectrum else ""
         )
         lines.append(Line(f"{stage.name}{rate}", stage.colour, frequency, power))
-    return _SpectrumLines(lines, unit)
+    return _SpectrumLines(lines, unit.name)
 
 
 def _lines_of_axis(

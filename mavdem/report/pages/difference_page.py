@@ -55,6 +55,7 @@ from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import (
     UNKNOWN_FIGURE,
     counted,
+    display_density_unit,
     estimate_with_interval,
     listed,
     parameter_value_text,
@@ -91,6 +92,9 @@ where the log begins if the vehicle is in the air then; times in tables and sent
 
 CHARTS_IN_ROW = 2
 """Charts over time side by side: four motors fill two rows, and roll stands beside pitch."""
+
+GYRO_DENSITY_UNIT = display_density_unit("rad/s")
+"""Unit in which power spectral densities of the gyro are shown."""
 
 MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 """Figures in the table of margins, by the loop."""
@@ -728,7 +732,7 @@ def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str)
 
 
 def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chart:
-    """Returns a chart of the power spectral densities of the gyro in both flights, (rad/s)²/Hz, the sum of three axes.
+    """Returns a chart of the power spectral densities of the gyro in both flights, (°/s)²/Hz, the sum of three axes.
 
     The spectrum before the filters is drawn if that was logged, otherwise the one after them. A side without any has no
     line.
@@ -746,10 +750,10 @@ def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Char
         density = np.sum(list(spectrum["density"].values()), axis=0)
         frequency = np.array(spectrum["frequency"])
         # The first frequency, 0 Hz, is the mean and no vibration.
-        power = np.maximum(density[1:], MIN_DENSITY)
+        power = GYRO_DENSITY_UNIT.scale * np.maximum(density[1:], MIN_DENSITY)
         lines.append(Line(legend[side], SIDE_COLOURS[side], frequency[1:], power))
-    power_axis = Axis("power ((rad/s)²/Hz)", is_logarithmic=True)
-    title = "Gyro, power ((rad/s)²/Hz)"
+    power_axis = Axis(f"power ({GYRO_DENSITY_UNIT.name})", is_logarithmic=True)
+    title = f"Gyro, power ({GYRO_DENSITY_UNIT.name})"
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
 

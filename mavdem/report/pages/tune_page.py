@@ -17,8 +17,8 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import LOOP_NAMES
-from mavdem.loops.step_response import StepResponse
-from mavdem.report.blocks import Blocks
+from mavdem.loops.step_response import MIN_RISE_MESSAGES, StepResponse
+from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Chart, Group, Note, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
@@ -28,8 +28,10 @@ from mavdem.report.loops import (
     compared_loops,
     field_sentences,
     goal_sentences,
+    is_headline_of_tuning,
     level_of_summary,
     measured_margins,
+    outcome_sentences,
     tune_blocks,
     tune_details,
     tune_summary,
@@ -46,6 +48,7 @@ from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
+from mavdem.report.templates import render_section
 
 SUBTITLE = "Margins of the loops, and the advice on their gains. Nothing was sent to the vehicle."
 """What stands below the title."""
@@ -99,10 +102,13 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         _open_loops_chapter(tuning, assessment),
         Chapter("More figures of the loops, and their basis", tune_details(tuning), folded=True),
     ]
+    changes = changes_to_load(name, tuning, evidence)
     summary = tune_summary(tuning, result)
+    if changes is None and is_headline_of_tuning(tuning, result):
+        # Without new gains, no table says what becomes of the gains of each axis.
+        summary += outcome_sentences(tuning)
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
-    changes = changes_to_load(name, tuning, evidence)
     signals_by_axis = {axis: evidence.signals.for_axis(axis) for axis in tuning.axes}
     gains = gain_overview(signals_by_axis, changes)
     # The row of status lights (judgements of motors, power and others) is left out: this page is about the loops only.
@@ -165,6 +171,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
             name: response for name, response in responses_of_axis.items() if name not in notes
         }
     reasons = sentences_without_response(responses_without_note)
+    reasons += _sentences_on_identified_steps(responses)
     caption = _step_caption(panels) + feedforward_remark(responses)
     rate_responses = [loops["rate"] for loops in responses.values() if "rate" in loops]
     if any(response.contradiction is not None for response in rate_responses):
@@ -172,6 +179,33 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
         caption = f"{caption} {TRIED_GAINS_MEANING}"
     return Chapter("Step response", reasons, _groups_of_columns(panels, assessment, caption))
+
+
+def _sentences_on_identified_steps(responses: Responses) -> list[Sentence]:
+    """Returns the sentence that says why some charts have the step of the identified loop, and no measured one.
+
+    Args:
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+
+    Returns:
+        A list with the sentence; empty if all steps were measured.
+    """
+    names = []
+    rise_times = []
+    for axis, responses_of_axis in responses.items():
+        for loop_name, response in responses_of_axis.items():
+            step = response.measured
+            if isinstance(step, StepResponse) and step.is_identified:
+                names.append(f"{axis} {loop_name}")
+                rise_times.append(step.rise_time.value)
+    if not names:
+        return []
+    return render_section(
+        "step_identified",
+        names=names,
+        rise_times=(min(rise_times), max(rise_times)),
+        least_messages=MIN_RISE_MESSAGES,
+    )
 
 
 def _step_panels(
@@ -353,6 +387,6 @@ def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             loops = compared_loops(advice)
-            charts[axis] = {loop_name: loop_charts(loops, loop_name) for loop_name in LOOP_NAMES}
+            charts[axis] = {name: loop_charts(loops, name, advice.target) for name in LOOP_NAMES}
     groups = _groups_of_columns(charts, assessment, LOOP_CAPTION)
     return Chapter("Open loops", (), groups, folded=True)

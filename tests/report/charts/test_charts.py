@@ -184,6 +184,10 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     )
     chart = spectrum_chart(MeasuredNoise(spectra, {"gyro_before": (line,)}), loop)
     assert [mark.name for mark in chart.marks] == ["motor"]
+    # Rates are shown in degrees.
+    density = spectra["gyro"].mean_density.sum(axis=0)
+    assert chart.y.label == "power ((°/s)²/Hz)"
+    assert chart.lines[1].y.max() == approx(np.degrees(np.degrees(density[1:].max())))
     assert [drawn_line.name for drawn_line in chart.lines] == [
         "unfiltered",
         "filtered",

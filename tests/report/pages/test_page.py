@@ -526,8 +526,10 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight,
         on_paper = tab.run(ON_PAPER)
         tab.run("document.querySelector('#all').click()")
         on_paper["closedAfterOpenAll"] = tab.run(
-            "document.querySelectorAll('main details:not([open], .on-screen details)').length"
+            "document.querySelectorAll('main details:not([open], .on-screen details, .idle)').length"
         )
+        # A trial of notch filters that the log has off shows nothing before it is used.
+        on_paper["closedTrials"] = tab.run("document.querySelectorAll('.idle:not([open])').length")
         tab.size(390)
         tab.until("!document.querySelector('.contents > details').open")
         columns_of_axes = tab.run("document.querySelectorAll('#three-axes .fold').length")
@@ -549,6 +551,7 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight,
         "hasClosedParts": True,
         "closedWithoutLine": 0,
         "closedAfterOpenAll": 0,
+        "closedTrials": 1,
         "menu": "none",
         "withFewTicks": 0,
         # A sheet may end between the first plots over the flight, each of which has times below it.

@@ -1,0 +1,84 @@
+"""What stands first in the report of ``mavdem tune``: its headline, and what to do next."""
+
+from pytest import mark
+
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
+from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.judgement import Judgement
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light
+from mavdem.facts.loops import LoopAction, LoopFact
+from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import MotorsLight
+from mavdem.report.loops import tune_summary, tuning_result
+
+NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
+FLY_DOUBLETS = Fact(LoopAction.FLY_DOUBLETS, axis="roll", is_biased=False)
+LIMITED = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, names=("motor 1",), share=0.1)
+
+
+def phase_margin_fact(axis, phase_margin, level=Level.BAD):
+    """The phase margin of a rate loop that has too little of it, known to ±5°."""
+    return Fact(
+        MarginsLight.LOOP_MARGINS,
+        level,
+        subject="rate",
+        axis=axis,
+        rating=Level.BAD,
+        lacking="phase_margin",
+        phase_margin=phase_margin,
+        phase_margin_interval=(phase_margin - 5.0, phase_margin + 5.0),
+        reason=None,
+    )
+
+
+def tuning_of(headline, reason_of_next_step, decisions, **fields):
+    """A tuning of a flight with this headline, in which the loops of roll and pitch are not known."""
+    lights = {Light.TRACKING: NOT_STEERED, Light.MARGINS: NOT_STEERED}
+    next_step = Fact(NextStep.DO_AS_ADVISED, reason=reason_of_next_step)
+    judgement = Judgement(headline, next_step, lights, decisions)
+    no_loop = Fact(LoopFact.NO_LOOP, reasons=(NOT_STEERED,))
+    axes = {"roll": no_loop, "pitch": no_loop}
+    return Tuning(axes, (), {}, {}, None, judgement, no_loop=no_loop, **fields)
+
+
+def test_the_headline_names_all_axes_that_lack_the_same_margin_as_much():
+    facts = {
+        "roll": phase_margin_fact("roll", 29.0),
+        "pitch": phase_margin_fact("pitch", 30.0),
+        "yaw": phase_margin_fact("yaw", 40.0, Level.WATCH),
+    }
+    decisions = {
+        axis: LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, fact) for axis, fact in facts.items()
+    }
+    result = tuning_result(tuning_of(facts["roll"], facts["roll"], decisions))
+    assert result.sentence == (
+        "Too little margin: the roll rate loop has 29° (24 to 34) of phase margin, "
+        "that of pitch 30° (25 to 35)."
+    )
+
+
+@mark.parametrize(
+    "reason_of_next_step, axes_without_controller, needs_doublets",
+    [
+        (LIMITED, (), True),
+        (LIMITED, ("roll",), True),
+        # No flight shows the gains of a controller that the log does not describe.
+        (LIMITED, ("roll", "pitch"), False),
+        # The next step leads to gains already.
+        (FLY_DOUBLETS, (), False),
+        (NOT_STEERED, (), False),
+    ],
+)
+def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
+    reason_of_next_step, axes_without_controller, needs_doublets
+):
+    tuning = tuning_of(
+        LIMITED,
+        reason_of_next_step,
+        {},
+        axes_without_controller=frozenset(axes_without_controller),
+    )
+    leads = [sentence.lead for sentence in tune_summary(tuning, LIMITED)]
+    assert ("To tune then:" in leads) is needs_doublets
