@@ -106,7 +106,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     summary = tune_summary(tuning, result)
     if changes is None and is_headline_of_tuning(tuning, result):
         # Without new gains, no table says what becomes of the gains of each axis.
-        summary += outcome_sentences(tuning)
+        summary += [Sentence(sentence.lead, "By axis:") for sentence in outcome_sentences(tuning)]
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
     signals_by_axis = {axis: evidence.signals.for_axis(axis) for axis in tuning.axes}
