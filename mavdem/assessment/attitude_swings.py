@@ -6,13 +6,13 @@ of the attitude shows it. A path that turns to and fro by itself leans a sound v
 (:mod:`mavdem.assessment.commanded_swings`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.commanded_swings import commanded_lean, path_leans
-from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.axes import TILT_AXES, TILT_COLUMNS
 from mavdem.dataset.flight_states import mode_intervals
 from mavdem.dataset.intervals import TimeInterval, in_intervals, intersection
 from mavdem.dataset.signals import Signals
@@ -58,29 +58,15 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
     is_autonomous = in_intervals(tracking.time, autonomous)
     leans_of_path = path_leans(signals, boot, tracking)
     # Angles that the pilot may have commanded are set to 0, so that they are no swings.
-    angles = np.where(is_autonomous[:, np.newaxis], tracking.angles[:, : len(TILT_AXES)], 0.0)
+    angles = np.where(is_autonomous[:, np.newaxis], tracking.angles[:, TILT_COLUMNS], 0.0)
+    roll, pitch = angles.T
     for column, axis in enumerate(TILT_AXES):
         angle = angles[:, column]
-        # Roll is column 0, and pitch column 1.
-        other_column = 1 - column
+        other_axis, other_angle = ("pitch", pitch) if axis == "roll" else ("roll", roll)
         for peaks_of_swing in _alternating_peaks(tracking.time, angle):
-            peak_times = tracking.time[peaks_of_swing]
-            # Successive leans are to opposite sides: half a period apart.
-            mean_half_period = float(np.diff(peak_times).mean())
-            swing = Fact(
-                MotionEvent.ATTITUDE_SWUNG,
-                time=float(peak_times[0]),
-                end_time=float(peak_times[-1]),
-                subject=axis,
-                angle=float(abs(angle[peaks_of_swing]).max()),
-                count=len(peaks_of_swing),
-                period=2 * mean_half_period,
-                boot=boot,
-            )
-            swing_samples = slice(peaks_of_swing[0], peaks_of_swing[-1] + 1)
-            other_angle = float(abs(angles[swing_samples, other_column]).max())
-            if other_angle > SWING_ANGLE:
-                swing = swing.replace(other_axis=TILT_AXES[other_column], other_angle=other_angle)
+            swing = _swing_event(tracking.time, angle, peaks_of_swing)
+            swing = swing.replace(subject=axis, boot=boot)
+            swing = _with_lean_of_other_axis(swing, peaks_of_swing, other_axis, other_angle)
             if leans_of_path is not None:
                 commanded_angle = commanded_lean(
                     tracking.time, angle, leans_of_path[:, column], peaks_of_swing
@@ -88,6 +74,54 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
                 if commanded_angle is not None:
                     swing = swing.replace(Level.GOOD, commanded_angle=commanded_angle)
             yield swing
+
+
+def _swing_event(time: Array, angle: Array, peaks_of_swing: Sequence[int]) -> Fact:
+    """Returns the event that an angle swung to and fro, from its first lean to its last one.
+
+    Args:
+        time: (N,) times of the samples, s, ascending.
+        angle: (N,) roll or pitch, rad.
+        peaks_of_swing: indices of the samples with the largest angles, to alternate sides; at least two.
+
+    Returns:
+        A fact (coded finding) with its times, s, the largest ``angle``, rad, the number of leans as ``count``, and the
+        ``period``, s.
+    """
+    peak_times = time[peaks_of_swing]
+    # Successive leans are to opposite sides: half a period apart.
+    mean_half_period = float(np.diff(peak_times).mean())
+    return Fact(
+        MotionEvent.ATTITUDE_SWUNG,
+        time=float(peak_times[0]),
+        end_time=float(peak_times[-1]),
+        angle=float(abs(angle[peaks_of_swing]).max()),
+        count=len(peaks_of_swing),
+        period=2 * mean_half_period,
+    )
+
+
+def _with_lean_of_other_axis(
+    swing: Fact, peaks_of_swing: Sequence[int], other_axis: str, other_angle: Array
+) -> Fact:
+    """Adds to the swing of one axis that the other axis leaned by more than ``SWING_ANGLE`` meanwhile, if it did.
+
+    A vehicle that circles with a constant heading, for example, swings about both axes.
+
+    Args:
+        swing: the event of the swing, a coded finding.
+        peaks_of_swing: indices of its leans among the samples, ascending.
+        other_axis: name of the other axis, "roll" or "pitch".
+        other_angle: (N,) its angle, rad.
+
+    Returns:
+        The event, with the figures ``other_axis`` and ``other_angle``, rad, the largest one, if the other axis leaned.
+    """
+    samples_of_swing = slice(peaks_of_swing[0], peaks_of_swing[-1] + 1)
+    largest_angle = float(abs(other_angle[samples_of_swing]).max())
+    if largest_angle <= SWING_ANGLE:
+        return swing
+    return swing.replace(other_axis=other_axis, other_angle=largest_angle)
 
 
 def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:

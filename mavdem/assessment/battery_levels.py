@@ -61,8 +61,7 @@ def ardupilot_charge_levels(parameters: Parameters, number: int) -> Limits:
     Returns:
         The limits; 0 where ArduPilot does not act, or the full charge is not set.
     """
-    # The parameters are BATT_… for the first battery, and BATT2_… for the second.
-    prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
+    prefix = _ardupilot_prefix(number)
     # Charges in mAh; 0 if they are not set.
     charges = [parameters.get(name.format(prefix), 0.0) for name in CAPACITY_PARAMETERS]
     low_charge, critical_charge, full_charge = charges
@@ -89,8 +88,7 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     Returns:
         The limits; 0 if neither the parameters nor the number of cells is known.
     """
-    # ArduPilot's parameters are BATT_… for the first battery, and BATT2_… for the second.
-    prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
+    prefix = _ardupilot_prefix(number)
     critical_parameter = parameters.get(CRITICAL_VOLTAGE_PARAMETER.format(prefix), 0.0)
     low_parameter = parameters.get(LOW_VOLTAGE_PARAMETER.format(prefix), 0.0)
     if number == FIRST_BATTERY:
@@ -102,28 +100,57 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
 
 
 def low_voltage_parameters(telemetry: Telemetry, number: int) -> str:
-    """Returns the parameters by which an autopilot knows when a battery is low, for advice to set them.
+    """Returns which parameters a user sets so that the autopilot knows when a battery is low.
+
+    PX4 computes the voltage from the number of cells; ArduPilot has the voltages themselves.
 
     Args:
-        telemetry: autopilot and parameters of the vehicle.
+        telemetry: autopilot and parameters of the vehicle, which show the version of the firmware.
         number: number of the battery, from 1.
 
     Returns:
-        Their names as the firmware of the log has them, such as "BATT_LOW_VOLT and BATT_CRT_VOLT"; empty if the
-        autopilot is neither ArduPilot nor PX4.
+        The names for a sentence: "BAT1_N_CELLS" or "BATT_LOW_VOLT and BATT_CRT_VOLT"; empty for other autopilots.
     """
-    is_first = number == FIRST_BATTERY
-    parameters = telemetry.parameters
     if telemetry.autopilot == "PX4":
-        name = CELL_COUNT_PARAMETER.format(number)
-        is_old = is_first and OLD_CELL_COUNT_PARAMETER in parameters and name not in parameters
-        return OLD_CELL_COUNT_PARAMETER if is_old else name
-    if telemetry.autopilot != "ARDUPILOTMEGA":
-        return ""
-    if is_first and OLD_LOW_VOLTAGE_PARAMETER in parameters:
+        return _px4_cell_count_parameter(telemetry.parameters, number)
+    if telemetry.autopilot == "ARDUPILOTMEGA":
+        return _ardupilot_low_voltage_parameters(telemetry.parameters, number)
+    return ""
+
+
+def _px4_cell_count_parameter(parameters: Parameters, number: int) -> str:
+    """Returns PX4's parameter of the number of cells of a battery, such as "BAT1_N_CELLS", in the log's version.
+
+    Args:
+        parameters: values of the autopilot's parameters by their names.
+        number: number of the battery, from 1.
+    """
+    name = CELL_COUNT_PARAMETER.format(number)
+    has_only_old_name = name not in parameters and OLD_CELL_COUNT_PARAMETER in parameters
+    if number == FIRST_BATTERY and has_only_old_name:
+        return OLD_CELL_COUNT_PARAMETER
+    return name
+
+
+def _ardupilot_low_voltage_parameters(parameters: Parameters, number: int) -> str:
+    """Returns ArduPilot's parameters of the voltages of a low and of a critical battery, in the log's version.
+
+    Args:
+        parameters: values of the autopilot's parameters by their names.
+        number: number of the battery, from 1.
+
+    Returns:
+        The names, such as "BATT_LOW_VOLT and BATT_CRT_VOLT". Older versions have only one such parameter.
+    """
+    if number == FIRST_BATTERY and OLD_LOW_VOLTAGE_PARAMETER in parameters:
         return OLD_LOW_VOLTAGE_PARAMETER
-    prefix = "BATT_" if is_first else f"BATT{number}_"
+    prefix = _ardupilot_prefix(number)
     return f"{LOW_VOLTAGE_PARAMETER.format(prefix)} and {CRITICAL_VOLTAGE_PARAMETER.format(prefix)}"
+
+
+def _ardupilot_prefix(number: int) -> str:
+    """Returns how ArduPilot's parameters of a battery begin: "BATT_" for the first one, "BATT2_" for the second."""
+    return "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
 
 
 def cell_count(parameters: Parameters, battery: Battery) -> int | None:

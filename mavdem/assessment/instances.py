@@ -436,7 +436,8 @@ def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the IMUs with their vibration in flight, m/s²: what the autopilot reports for the most shaken axis.
 
     If the vibration of an IMU is not reported, the magnitude of its specific force, m/s², is used instead. The state of
-    an IMU says whether its accelerometer measured gravity at rest, if the log shows that, or else how often it clipped.
+    an IMU is the first of these that applies: its accelerometer did not measure gravity at rest; it clipped, that is
+    the acceleration exceeded its range; or whether it measured anything.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -534,15 +535,17 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
 
 
 def _clipping_by_imu(evidence: Evidence) -> dict[int, Fact]:
-    """Returns how often the accelerometer of each IMU exceeded its range in the events that report this.
+    """Returns which IMUs clipped, that is how often the acceleration exceeded the range of their accelerometers.
+
+    An event says when accelerometers clipped, but not which ones. So the clips of each IMU are counted in these times.
 
     Args:
         evidence: signals and events of the vehicle. The events in which an accelerometer clipped include the fall after
             a loss.
 
     Returns:
-        Facts (coded findings) by the number of the IMU, from 1, with the number of clips as ``count``, from the first
-        event with clips of this IMU to the last one; an IMU that did not clip has none.
+        For each IMU that clipped, by its number from 1, a fact (a coded finding) with the number of clips as ``count``.
+        It lasts from the first event in which this IMU clipped to the last one.
     """
     clips = reported_clips(evidence.signals)
     facts = dict[int, Fact]()
@@ -551,20 +554,30 @@ def _clipping_by_imu(evidence: Evidence) -> dict[int, Fact]:
     for event in evidence.events:
         if event.code is not MotionEvent.CLIPPED or event.end_time is None:
             continue
-        clips_of_event = clips.of_boot(event.figures["boot"]).within(
-            (event.start_time, event.end_time)
-        )
+        event_interval = (event.start_time, event.end_time)
+        clips_of_event = clips.of_boot(event.figures["boot"]).within(event_interval)
+        # The samples have a row for each time, and a column for each IMU.
         for number, count in enumerate(clips_of_event.values.sum(axis=0), start=1):
-            if count:
-                earlier = facts.get(number)
-                earlier_count = 0 if earlier is None else earlier.figures["count"]
-                facts[number] = Fact(
-                    InstanceState.CLIPPED,
-                    time=event.time if earlier is None else earlier.time,
-                    end_time=event.end_time,
-                    count=earlier_count + int(count),
-                )
+            if not count:
+                continue
+            clipping = Fact(
+                InstanceState.CLIPPED, time=event.time, end_time=event.end_time, count=int(count)
+            )
+            if number in facts:
+                clipping = _joined_clipping(facts[number], clipping)
+            facts[number] = clipping
     return facts
+
+
+def _joined_clipping(earlier: Fact, later: Fact) -> Fact:
+    """Returns one fact that an IMU clipped in two events, from the start of the first to the end of the second.
+
+    Args:
+        earlier: the fact about the first event, with the number of clips as ``count``.
+        later: the fact about the second event.
+    """
+    total_count = earlier.figures["count"] + later.figures["count"]
+    return earlier.replace(end_time=later.end_time, count=total_count)
 
 
 def _speed_controller_instances(evidence: Evidence) -> Iterator[Instance]:
@@ -604,15 +617,26 @@ def _speed_controller_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _errors_in_flight(evidence: Evidence, controller: SpeedController) -> int:
-    """Returns how many errors a controller counted in all flights; 0 if it reports none."""
+    """Returns how many errors a speed controller counted in all flights; 0 if it reports none.
+
+    Args:
+        evidence: when the vehicle flew.
+        controller: the controller, whose counter of errors grows from its start on.
+    """
     count = 0.0
     for flight in evidence.in_flight(controller.error_count):
         count += flight.values[-1] - flight.values[0]
+    # A controller that starts anew in flight begins to count at 0 again, so that the difference may be negative.
     return max(int(count), 0)
 
 
 def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
-    """Returns the name of a controller with its motor: "ESC 2 (motor 1)"; without the motor if that is not known."""
+    """Returns the name of a speed controller with its motor, such as "ESC 2 (motor 1)".
+
+    Args:
+        evidence: signals of the vehicle, with the geometry of its motors.
+        controller: the controller. Without the motor that it drives, only its own name is returned.
+    """
     motors = evidence.signals.motors
     motor = None if motors is None else controller.motor_index(motors.geometry)
     if motors is None or motor is None:
@@ -650,5 +674,12 @@ def _output_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _motor_in_brackets(evidence: Evidence, name: str) -> str:
-    """Returns the motor of an output, as in "output 1 (motor 1)"; nothing for a vehicle that is not a multirotor."""
-    return "" if evidence.other_vehicle is not None else f" ({name_without_place(name)})"
+    """Returns text to follow the name of an output: its motor, such as " (motor 1)".
+
+    Args:
+        evidence: the vehicle. One that is not a multirotor, such as a plane, has no such text.
+        name: name of the motor with its place, such as "motor 1 (front right)".
+    """
+    if evidence.other_vehicle is not None:
+        return ""
+    return f" ({name_without_place(name)})"

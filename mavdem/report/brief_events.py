@@ -45,10 +45,6 @@ class StatedEvents(NamedTuple):
     """Events that a status light, the judgement of one subject such as the power, states."""
 
 
-NOTHING_STATED = StatedEvents(headline_index=None, cause_indices=(), light_indices=())
-"""For a list of events without a headline above it."""
-
-
 class CountedEvent(NamedTuple):
     """The longest event of its kind, which stands for all of them."""
 

@@ -78,30 +78,27 @@ def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
 
 
 def vehicle_state_cells(status: SessionStatus) -> list[Sentence]:
-    """Returns mode, height, battery, satellites and link in a few words, which a telephone always shows.
+    """Returns mode, height, battery, satellites and link of a vehicle in a few words, which a telephone always shows.
 
-    Each is a value and a remark, such as "12 m up" and "3 m away"; what is not known is left out. The battery has the
-    level of its light if that warns. A lost link is bad, and the values before the loss are unknown now.
+    Each has a level if its colour is to differ: the battery that of the status light "power" if this warns. Once the
+    link is lost, it is bad, and all other values are from before the loss, so that they are unknown now.
 
     Args:
         status: state of the session.
 
     Returns:
-        Sentences with the value as lead and the remark as text.
+        A sentence for each that is known, with the value as lead and a remark as text, such as "12 m up", "3 m away".
     """
-    power_light = status.overall_judgement.lights.get(Light.POWER)
     # The section of templates "live_strip" has a paragraph for each.
     mode, height, battery, satellites, link = render_section("live_strip", status=status)
+    power_light = status.overall_judgement.lights.get(Light.POWER)
+    if power_light is not None and power_light.is_watch_or_bad:
+        battery = battery._replace(level=power_light.level)
+    vehicle_cells = [mode, height, battery, satellites]
     if status.link_loss is not None:
-        last_values = [
-            cell._replace(level=Level.UNKNOWN) for cell in (mode, height, battery, satellites)
-        ]
-        cells = [*last_values, link._replace(level=Level.BAD)]
-    elif power_light is not None and power_light.is_watch_or_bad:
-        cells = [mode, height, battery._replace(level=power_light.level), satellites, link]
-    else:
-        cells = [mode, height, battery, satellites, link]
-    return [cell for cell in cells if cell.text]
+        vehicle_cells = [cell._replace(level=Level.UNKNOWN) for cell in vehicle_cells]
+        link = link._replace(level=Level.BAD)
+    return [cell for cell in (*vehicle_cells, link) if cell.text]
 
 
 def status_line_text(status: SessionStatus) -> str:
@@ -162,10 +159,9 @@ def _wrapped_light(light: Fact) -> Fact:
 def light_rows(status: SessionStatus) -> list[LightRow]:
     """Returns the rows of the table of status lights of a live flight, one for each part of the vehicle.
 
-    A light is the judgement of one part as a fact (coded finding) with a level. Its row has the level and one figure,
-    such as the battery's voltage. In the place of the figure, a light that warns without one has the beginning of its
-    sentence; one that is not judged, what it waits for or lacks; and after the link was lost, one that was good, how
-    long ago.
+    A status light is the judgement of one part, such as the motors or the battery, as a fact (coded finding) with a
+    level. Its row has the level and one figure with its unit, such as "15.2 V", or a short text in its place
+    (:func:`_light_figure`, :func:`_text_without_figure`).
 
     Args:
         status: state of the session.
@@ -174,34 +170,53 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     for name, light in status.overall_judgement.lights.items():
         lights[name] = _wrapped_light(light)
     rows = []
-    # The section of templates "live_lights" has a paragraph for each light that the table shows. It is returned as a
-    # sentence, whose lead is the name of the light, and whose text is the figure.
-    for sentence in render_section("live_lights", status=status, lights=lights):
-        name = sentence.lead
+    for name, figure_in_flight in _figures_by_light(lights, status).items():
         light = lights[name]
-        figure = _light_figure(name, light, status, figure_in_flight=sentence.text)
+        figure = _light_figure(name, light, status, figure_in_flight)
         rows.append(LightRow(name, light.level, figure or _text_without_figure(light)))
     return rows
 
 
 def brief_light_figures(status: SessionStatus) -> dict[str, str]:
-    """Returns the figures of :func:`light_rows` by the names of the lights, shortened for the width of a telephone.
+    """Returns what each status light of a live flight shows, cut to ``MAX_FIGURE_LENGTH`` characters for a telephone.
 
     Args:
         status: state of the session.
+
+    Returns:
+        The figure or text of each row of :func:`light_rows` by the name of the light, as {"power": "15.2 V"}.
     """
     return {row.name: shortened(row.figure, MAX_FIGURE_LENGTH) for row in light_rows(status)}
 
 
 def recorded_light_figures(lights: NamedFacts) -> dict[str, str]:
-    """Returns the figure of each status light of a recording, such as "1.9 m/s²"; empty for a light without a figure.
+    """Returns the figure of each status light of a recording, such as {"vibration": "1.9 m/s²"}.
 
     Args:
         lights: the judgement of each part of the vehicle by the recording, a fact (a coded finding), by its name.
+
+    Returns:
+        The figures by the names of the lights; empty for a light without a figure.
     """
-    # Of a recording there is no state of the vehicle now, which a status without any values stands for.
-    figures = render_section("live_lights", status=SessionStatus(), lights=lights)
-    return {sentence.lead: sentence.text for sentence in figures}
+    # A recording has no present state of the vehicle: a status without any values stands for it.
+    return _figures_by_light(lights, status=SessionStatus())
+
+
+def _figures_by_light(lights: NamedFacts, status: SessionStatus) -> dict[str, str]:
+    """Returns the figure of each status light that a table shows, with its unit, such as {"power": "15.2 V"}.
+
+    Args:
+        lights: the judgement of each part of the vehicle, a fact (a coded finding), by its name.
+        status: state of the session, whose latest messages have some of the figures.
+
+    Returns:
+        The figures by the names of the lights, in the order of the table; empty for a light without a figure.
+    """
+    figures = {}
+    # The section of templates "live_lights" has a paragraph for each light: its lead is the name, its text the figure.
+    for sentence in render_section("live_lights", status=status, lights=lights):
+        figures[sentence.lead] = sentence.text
+    return figures
 
 
 def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_flight: str) -> str:
@@ -214,8 +229,12 @@ def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_fligh
         figure_in_flight: its figure by the latest messages of the flight; empty for none.
 
     Returns:
-        How long ago the part was good, if the link was lost since; the figure of the recording or, without one, the
-        beginning of its sentence, if that was judged after the flight; otherwise the figure in flight.
+        The first of these that applies:
+
+        - If the link was lost since the part was judged: how long ago that was, such as "good 12 s ago".
+        - If the recording was judged after the flight: the figure of the recording or, without one, the beginning of
+          its sentence.
+        - Otherwise ``figure_in_flight``.
     """
     if light.code is Unjudged.KNOWN_BEFORE:
         voltage = None
@@ -417,7 +436,11 @@ def unrepaired_fault_text(status: SessionStatus) -> str:
 
 
 def states_unrepaired_fault(next_step: Fact) -> bool:
-    """Returns whether a next step itself states the fault of an earlier flight, which then needs no line of its own."""
+    """Returns whether a next step says to repair the fault of an earlier flight, which then needs no line of its own.
+
+    Args:
+        next_step: what the pilot is to do next, such as to take off only if motor 3 was repaired.
+    """
     return next_step.code in (NextStep.FLY_ON_IF_REPAIRED, NextStep.TAKE_OFF_IF_REPAIRED)
 
 

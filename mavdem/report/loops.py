@@ -108,34 +108,45 @@ class GainOutcome(StrEnum):
     """No loop was identified."""
 
 
+OUTCOMES_WITHOUT_MARGINS = (GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN)
+"""Outcomes of axes whose stability margins are not known, or may be wrong."""
+
+
 def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     """Returns the sentences that begin the report and the page of ``mavdem tune``: the result, and what to do next.
 
-    A result about the control loops, or a bad one, is the headline. Otherwise the headline says for each axis what
-    becomes of its gains. Whatever else the flight shows that is watch or bad follows with its remedy, so that no gains
-    are loaded on a vehicle that needs a repair.
+    1. The headline: the most important result if it is about the control loops or bad, and otherwise what becomes of
+       the gains of each axis.
+    2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
+       that needs a repair.
+    3. The next step and, if the tuning needs them after it, doublets.
 
     Args:
         tuning: the advice for each axis, with the judgement of the flight.
         result: the most important result (:func:`tuning_result`).
     """
-    next_step = Sentence(str(tuning.judgement.next_step), "Next:")
-    further_steps = render_section("tune_doublets") if _needs_doublets_later(tuning) else []
     facts_on_flight = [fact for fact in faults_besides_loops(tuning.judgement) if fact != result]
     if is_headline_of_tuning(tuning, result):
         heading = [headline_sentence(headline(result))]
     else:
         heading = outcome_sentences(tuning)
         facts_on_flight.insert(0, result)
-    texts_beside = (*[sentence.lead for sentence in heading], next_step.text)
-    sentences_on_flight = _sentences_on_flight(facts_on_flight, texts_beside)
-    return [*heading, *sentences_on_flight, next_step, *further_steps]
+    next_step = Sentence(str(tuning.judgement.next_step), "Next:")
+    # The remedies in the headline and in the next step are not repeated between them.
+    texts_beside = [sentence.lead for sentence in heading]
+    texts_beside.append(next_step.text)
+    summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
+    if _needs_doublets_after_next_step(tuning):
+        summary += render_section("tune_doublets")
+    return summary
 
 
-def _needs_doublets_later(tuning: Tuning) -> bool:
-    """Returns whether a flight with doublets must follow the next step, which is about something else than the loops.
+def _needs_doublets_after_next_step(tuning: Tuning) -> bool:
+    """Returns whether a tuning still needs a flight with doublets after the next step, such as a repair, is done.
 
-    So it is if the margins of an axis are unknown or may be wrong, and another flight could show them.
+    Doublets are quick stick movements to one side and then to the other, from which the margins of a loop are
+    identified. They are needed if an axis has no reliable margins, but a controller whose margins could be computed. If
+    the next step is about the control loops, it names the flight to make already, so that nothing comes after it.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with its next step.
@@ -145,35 +156,44 @@ def _needs_doublets_later(tuning: Tuning) -> bool:
     is_action_on_loops = isinstance(reason, Fact) and isinstance(reason.code, LoopAction)
     if is_action_on_loops or is_about_loops(next_step, tuning.judgement):
         return False
-    outcomes_without_margins = (GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN)
-    return any(
-        _gain_outcome(tuning, axis) in outcomes_without_margins
-        for axis in tuning.axes.keys() - tuning.axes_without_controller
-    )
+    for axis in tuning.axes:
+        lacks_margins = _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_MARGINS
+        if lacks_margins and axis not in tuning.axes_without_controller:
+            return True
+    return False
 
 
 def is_headline_of_tuning(tuning: Tuning, result: Fact) -> bool:
-    """Returns whether a result is the headline of a tuning: if it is about the control loops, or bad.
+    """Returns whether the most important result is the headline of a tuning's report: if it is about loops, or bad.
 
     Args:
-        tuning: the judgement of the flight.
-        result: the most important result (:func:`tuning_result`).
+        tuning: the advice for each axis, with the judgement of the flight.
+        result: the most important result. It is about the loops unless it is the headline of the flight, which may be
+            about anything, such as the wind (:func:`tuning_result`).
     """
-    judgement = tuning.judgement
-    is_about_gains = result is not judgement.headline or is_about_loops(result, judgement)
-    return is_about_gains or result.is_bad
+    is_of_whole_flight = result is tuning.judgement.headline
+    if not is_of_whole_flight or result.is_bad:
+        return True
+    return is_about_loops(result, tuning.judgement)
 
 
 def outcome_sentences(tuning: Tuning) -> list[Sentence]:
-    """Returns the sentence that says for each axis what becomes of its gains, such as "Roll: new gains."."""
+    """Returns the sentence on what becomes of the gains of each axis, as "Roll: new gains. Yaw: keep the gains.".
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
+
+    Returns:
+        A list with the sentence. If no axis has reliable margins, it says only that there are no gains for this reason.
+    """
     axes_by_outcome = group_by(tuning.axes, lambda axis: _gain_outcome(tuning, axis))
-    unreliable_outcomes = {GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN}
+    reliable_outcomes = axes_by_outcome.keys() - set(OUTCOMES_WITHOUT_MARGINS)
     return render_section(
         "tune_axes",
         axes=[*tuning.axes],
         axes_by_outcome=axes_by_outcome,
         outcomes=[*GainOutcome],
-        has_reliable_margins=not axes_by_outcome.keys() <= unreliable_outcomes,
+        has_reliable_margins=bool(reliable_outcomes),
     )
 
 
@@ -216,7 +236,11 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
-        result: the most important result (:func:`tuning_result`). If it is not the headline, the sentence stands there.
+        result: the most important result (:func:`tuning_result`). If it is not the headline of the report, the sentence
+            is, and is left out here.
+
+    Returns:
+        The sentence and the tables; empty if no loop is known.
     """
     rows_by_header = dict[str, list[list[str]]]()
     for axis, advice in tuning.axes.items():
@@ -226,9 +250,11 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
     blocks = Blocks()
     if rows_by_header and is_headline_of_tuning(tuning, result):
         blocks += outcome_sentences(tuning)
-    # The doubtful loops come last.
-    for header, rows in sorted(rows_by_header.items(), key=lambda item: item[0] == DOUBTFUL_HEADER):
-        figure_headers = [OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]
+    if DOUBTFUL_HEADER in rows_by_header:
+        # The table of doubtful loops comes last.
+        rows_by_header[DOUBTFUL_HEADER] = rows_by_header.pop(DOUBTFUL_HEADER)
+    figure_headers = [OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]
+    for header, rows in rows_by_header.items():
         blocks.append(Table([header, *figure_headers], rows))
     return blocks
 
@@ -514,7 +540,7 @@ def _without_contained_texts(texts: list[str]) -> list[str]:
 
 
 def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
-    """Returns whether a fact asks for a repair before the next flight, and so does the next step of the report.
+    """Returns whether the remedy of a fact has to wait, since it and the next step both ask for a repair before flying.
 
     Then a report states only the repair of its next step, which is the more urgent one.
 
@@ -526,39 +552,41 @@ def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
 
 
 def _forbids_flight(fact: Fact) -> bool:
-    """Returns whether a fact, or one of its reasons, forbids to fly before something is repaired.
+    """Returns whether a fact, or any fact that it gives as a reason, forbids to fly before something is repaired.
 
     Args:
-        fact: such as a next step, which has a ``reason``, or why there are no gains, which has ``reasons``.
+        fact: a coded finding. A next step has the fact that it follows from as its figure ``reason``; the fact that
+            there are no gains has several as ``reasons``. These may have reasons of their own.
     """
     if fact.forbids_flight:
         return True
-    for reason in (fact.figures.get("reason"), *fact.figures.get("reasons", ())):
-        # Other figures of this name are texts.
-        if isinstance(reason, Fact) and _forbids_flight(reason):
-            return True
-    return False
+    reasons = [fact.figures.get("reason"), *fact.figures.get("reasons", ())]
+    # A figure "reason" is None where it is missing, and a text in some facts.
+    facts_given_as_reasons = [reason for reason in reasons if isinstance(reason, Fact)]
+    return any(_forbids_flight(reason) for reason in facts_given_as_reasons)
 
 
 def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:
-    """Returns what was measured of the stability margins of the axes whose loops are not known, such as a resonance.
+    """Returns sentences on the stability margins of the axes whose loops could not be identified.
 
-    Margins that were measured by an injected signal are left out: the reason why the loop is not known has them.
+    Some of these margins were measured without a model of the loop, for example from a resonance. Those that were
+    measured by an injected test signal are left out, since the report states them as the reason why there is no loop.
 
     Args:
         tuning: the advice for each axis; for an axis whose loop is not known, the fact (coded finding) that says why.
         margins: what was measured of the stability margins of each axis, as facts.
 
     Returns:
-        The facts as sentences; axes with the same text share one.
+        The sentences; axes with the same text share one.
     """
-    axes_and_facts = []
+    axes_and_facts: list[tuple[str, Fact]] = []
     for axis_margins in margins:
-        axis = axis_margins.axis
-        is_loop_unknown = isinstance(tuning.axes.get(axis), Fact)
-        has_injected_signal = axis_margins.injected is not None
-        if is_loop_unknown and not has_injected_signal:
-            axes_and_facts += [(axis, fact) for fact in axis_margins.facts]
+        is_loop_unknown = isinstance(tuning.axes.get(axis_margins.axis), Fact)
+        was_signal_injected = axis_margins.injected is not None
+        if not is_loop_unknown or was_signal_injected:
+            continue
+        for fact in axis_margins.facts:
+            axes_and_facts.append((axis_margins.axis, fact))
     return sentences_by_axes(axes_and_facts)
 
 
@@ -703,7 +731,7 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
 
 
 def _group_key(tuning: Tuning, axis: str) -> str:
-    """Returns a text that is the same for axes which share one report on their gains.
+    """Returns the text by which axes are grouped: axes with the same text share one report on their gains.
 
     Args:
         tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact (coded
@@ -711,16 +739,18 @@ def _group_key(tuning: Tuning, axis: str) -> str:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The name of an axis with an identified loop, which has a report of its own. Otherwise why no loop was
-        identified, without the name of the axis, and what to do about it.
+        Why no loop was identified, without the name of the axis, and what to do about it. For an axis with an
+        identified loop it is only the axis's name, which no other axis has: such an axis has a report of its own.
     """
-    reason = tuning.axes[axis]
-    if isinstance(reason, Advice):
+    advice_or_reason = tuning.axes[axis]
+    if isinstance(advice_or_reason, Advice):
         return axis
-    remedies = _remedies_besides_tuning(tuning, axis)
-    # The reason may state a remedy already.
-    further_remedies = [remedy for remedy in remedies if remedy not in reason.sentence_and_remedy]
-    return " ".join([_text_without_axis(reason, axis), *further_remedies])
+    texts = [_text_without_axis(advice_or_reason, axis)]
+    for remedy in _remedies_besides_tuning(tuning, axis):
+        is_stated_by_reason = remedy in advice_or_reason.sentence_and_remedy
+        if not is_stated_by_reason:
+            texts.append(remedy)
+    return " ".join(texts)
 
 
 def _text_without_axis(reason: Fact, axis: str) -> str:
@@ -1077,7 +1107,9 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
 
 
 def tuning_result(tuning: Tuning) -> Fact:
-    """Returns the fact that heads the report of ``mavdem tune``, the first of these that applies.
+    """Returns the most important result of a tuning, with which the report of ``mavdem tune`` begins.
+
+    It is a fact (a coded finding), the first of these that applies:
 
     1. The headline of the flight's judgement, if it is bad or about control loops; with all axes that lack the same
        margin.
@@ -1090,68 +1122,77 @@ def tuning_result(tuning: Tuning) -> Fact:
     """
     flight_headline = tuning.judgement.headline
     if flight_headline.is_bad or is_about_loops(flight_headline, tuning.judgement):
-        return _with_axes_alike(flight_headline, tuning.judgement.loop_decisions)
-    advice_on_axes_with_room = _advice_with_room_for_gains(tuning)
-    if advice_on_axes_with_room:
-        slower_axes = [
-            axis for axis, advice in advice_on_axes_with_room.items() if _slower_attitude(advice)
-        ]
-        return Fact(
-            GainFact.ROOM_FOR_GAINS, names=[*advice_on_axes_with_room], slower_axes=slower_axes
-        )
+        return _headline_on_all_axes(flight_headline, tuning.judgement.loop_decisions)
+    advice_with_room = _advice_with_room_for_gains(tuning)
+    if advice_with_room:
+        slower_axes = []
+        for axis, advice in advice_with_room.items():
+            if _slower_attitude(advice):
+                slower_axes.append(axis)
+        return Fact(GainFact.ROOM_FOR_GAINS, names=[*advice_with_room], slower_axes=slower_axes)
     return _worst_rating(tuning) or flight_headline
 
 
-def _with_axes_alike(flight_headline: Fact, decisions: DecisionsByAxis) -> Fact:
-    """Returns a headline on the too small margin of one axis with the facts on other axes that lack it alike.
+def _headline_on_all_axes(flight_headline: Fact, decisions: DecisionsByAxis) -> Fact:
+    """Extends a headline on a too small margin of one axis to all axes on which the same margin is too small.
+
+    The headline of a flight names only the axis with the smallest margin, such as roll. If pitch lacks the same margin,
+    a pilot who reads of roll alone would take pitch for sound.
 
     Args:
-        flight_headline: the headline of a flight, a coded finding on the axis with the smallest margin.
+        flight_headline: the headline of a flight, a coded finding.
         decisions: decision on the loops by axis, each with the fact on its margins as the reason.
 
     Returns:
-        The headline, whose figure ``alike`` has the facts on axes that lack the same margin of the same loop, at the
-        same level; unchanged if there are none, or if it is about something else.
+        The headline with the facts on the other axes as its figure ``alike``; unchanged if there are none, or if it is
+        about something else.
     """
-    lack_of_headline = _margin_lack(flight_headline)
-    if lack_of_headline is None:
+    missed_goal = _missed_goal(flight_headline)
+    if missed_goal is None:
         return flight_headline
-    facts_alike = []
+    facts_on_other_axes = []
     for axis, decision in decisions.items():
-        is_same_axis = axis == flight_headline.figures["axis"]
-        if not is_same_axis and _margin_lack(decision.reason) == lack_of_headline:
-            facts_alike.append(decision.reason)
-    return flight_headline.replace(alike=tuple(facts_alike)) if facts_alike else flight_headline
+        is_other_axis = axis != flight_headline.figures["axis"]
+        if is_other_axis and _missed_goal(decision.reason) == missed_goal:
+            facts_on_other_axes.append(decision.reason)
+    if not facts_on_other_axes:
+        return flight_headline
+    return flight_headline.replace(alike=tuple(facts_on_other_axes))
 
 
-class _MarginLack(NamedTuple):
-    """What an identified loop lacks."""
+class _MissedGoal(NamedTuple):
+    """Which goal the margins of an identified loop miss, and how badly; the same for axes that share a sentence."""
 
     loop_name: str
     """"rate" or "attitude"."""
     margin_name: str
-    """"phase_margin", "gain_margin" or "ms"."""
+    """The margin that is too small: "phase_margin" or "gain_margin"; or "ms", the maximum sensitivity, if too large."""
     level: Level
     """How bad that is for the vehicle."""
     rating: Level
-    """Whether the goal of the margins is probably met or missed."""
+    """Whether the goal of the margins is probably missed (bad), or may be missed (watch)."""
 
 
-def _margin_lack(fact: Fact) -> _MarginLack | None:
-    """Returns what the loop of a fact lacks; None unless the fact is that the margins of a loop are too small.
-
-    None also if a measured response contradicts the loop, so that the margins are in doubt.
+def _missed_goal(fact: Fact) -> _MissedGoal | None:
+    """Returns which goal the margins of a loop miss by a fact, such as the phase margin of the rate loop.
 
     Args:
         fact: a coded finding, such as the headline of a flight.
+
+    Returns:
+        The goal; None if the fact is about something else, if the margins are sufficient, and if a measured response
+        contradicts the loop, so that its margins are in doubt.
     """
     if fact.code is not MarginsLight.LOOP_MARGINS or not fact.is_watch_or_bad:
         return None
-    is_doubtful = fact.figures["reason"] is not None
-    if is_doubtful:
+    contradiction = fact.figures["reason"]
+    if contradiction is not None:
         return None
-    return _MarginLack(
-        fact.subject, fact.figures["lacking"], fact.level, rating=fact.figures["rating"]
+    return _MissedGoal(
+        loop_name=fact.subject,
+        margin_name=fact.figures["lacking"],
+        level=fact.level,
+        rating=fact.figures["rating"],
     )
 
 
@@ -1271,16 +1312,21 @@ def compared_loops(advice: Advice) -> dict[str, Loop]:
 
 
 def _gains_header(gains: str, advice: Advice, *, waits_for_stage_1: bool) -> str:
-    """Returns the header of the column of the present or the new gains of an axis, such as "now" or "advised, stage 2".
+    """Returns the header of a column of a table of loops: with which gains of the axis its figures were computed.
 
     Args:
         gains: "now" for the gains that flew, "new" for those that are computed from the identified loop.
-        advice: advice on the axis. New gains that are not sound are shown, but must not be loaded.
+        advice: advice on the axis, with the new gains.
         waits_for_stage_1: whether the new gains are a second stage, to be loaded only after a flight with the gains of
             the first one.
+
+    Returns:
+        "now" or, for new gains, "advised", "advised, stage 2", or ``TRIED_HEADER`` if another flight is to confirm them
+        before they are loaded.
     """
     if gains == "now":
         return "now"
+    # Gains are sound if this flight is a sufficient basis for them.
     if not advice.is_sound:
         return TRIED_HEADER
     if waits_for_stage_1:

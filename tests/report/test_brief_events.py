@@ -16,7 +16,7 @@ from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
 from mavdem.report.brief_events import (
-    NOTHING_STATED,
+    StatedEvents,
     count_text,
     short_list,
     stated_events,
@@ -152,8 +152,9 @@ def test_the_short_list_has_the_landings_and_take_offs_between_three_flights_but
         pairs = [(TAKE_OFF.replace(time=t), LANDING.replace(time=t + 50)) for t in starts]
         return [event for pair in pairs for event in pair]
 
-    assert len(short_list(events_of(3), NOTHING_STATED)) == 6
-    assert [index for index, _ in short_list(events_of(4), NOTHING_STATED)] == [0, 7]
+    nothing_stated = StatedEvents(headline_index=None, cause_indices=(), light_indices=())
+    assert len(short_list(events_of(3), nothing_stated)) == 6
+    assert [index for index, _ in short_list(events_of(4), nothing_stated)] == [0, 7]
 
 
 def test_the_short_list_of_a_lost_flight_leaves_out_other_flights_and_what_followed_the_loss():

@@ -120,7 +120,15 @@ def parameter_sets(
 
 
 def stage_to_load(advice_on_loops: Sequence[Advice]) -> Stage | None:
-    """Returns the stage whose gains are loaded before the next flight: the first of all axes; None if none are."""
+    """Returns the stage of tuning whose gains are loaded before the next flight, which all axes fly together.
+
+    Args:
+        advice_on_loops: the advice on each axis whose loops are known.
+
+    Returns:
+        The earliest stage of all axes: that of the rate gains before that of the angle gain; None if no gains are to be
+        loaded.
+    """
     sets = parameter_sets(advice_on_loops, notch_parameters={})
     return sets[0].stage if sets else None
 
@@ -277,15 +285,20 @@ def tune_loops(
 def _axes_without_controller(evidence: Evidence, axes: Iterable[str]) -> frozenset[str]:
     """Selects the axes whose controller or mixer the logged parameters do not describe.
 
+    Without both no margins can be computed, so that another flight would not lead to gains either.
+
     Args:
         evidence: signals of the vehicle with its parameters; and its loops, or why they are not known.
-        axes: axes to select from.
+        axes: axes to select from: "roll", "pitch" and "yaw".
     """
     axes_without_controller = set[str]()
     for axis in axes:
-        loop = evidence.loops[axis]
-        lacks_mixer = isinstance(loop, Fact) and isinstance(loop.code, ControllerFact)
-        if lacks_mixer or controller_if_known(evidence.signals.for_axis(axis)) is None:
+        loop_or_reason = evidence.loops[axis]
+        # A reason with such a code says what the parameters lack, such as the mixer.
+        lacks_parameters = isinstance(loop_or_reason, Fact) and isinstance(
+            loop_or_reason.code, ControllerFact
+        )
+        if lacks_parameters or controller_if_known(evidence.signals.for_axis(axis)) is None:
             axes_without_controller.add(axis)
     return frozenset(axes_without_controller)
 
@@ -357,9 +370,9 @@ def _judgement_with_tuning_step(
 def _raises_gains_while_others_lack_margin(
     judgement: Judgement, advice_on_loops: Sequence[Advice], other_axes: Sequence[str]
 ) -> bool:
-    """Returns whether new gains are only for axes with enough stability margin, while another axis has too little.
+    """Returns whether an axis that was not requested is to be tuned first, since it has too little stability margin.
 
-    The other axis is then to be tuned first.
+    So it is if all new gains are for axes that have enough margin, and only make them faster.
 
     Args:
         judgement: judgement of the flight, with the decision on the loops of each axis and the reason for it.
@@ -511,7 +524,8 @@ def _step_to_fly_before_gains(judgement: Judgement, changed_loops: Sequence[Advi
         changed_loops: for each axis whose gains should change, the advice with the new gains.
 
     Returns:
-        The finding ``FLY_BEFORE_GAINS``. Its ``reason`` says which flight is needed, and names all these axes.
+        The fact (coded finding) ``FLY_BEFORE_GAINS``. Its ``reason`` says which flight is needed, and names all these
+        axes; ``also`` is what is to be mended before.
     """
     # One flight serves all axes. The advice with the strongest case for new gains describes it.
     advice_with_strongest_case = max(changed_loops, key=_certainty_of_change)
@@ -558,25 +572,29 @@ def faults_besides_loops(judgement: Judgement) -> list[Fact]:
 
 
 def _faults_before_gains(judgement: Judgement) -> Facts:
-    """Returns what is to be mended before new gains are loaded, although it does not forbid to fly.
+    """Returns the faults of a vehicle that a pilot mends before loading new gains, such as a weak motor.
 
-    These are the headline of the flight, and the status lights (judgements with a level) of motors, vibration and
-    battery, as far as they are watch or bad.
+    New gains fit the vehicle as it flew, and mending the motors, the vibration or the battery changes its control
+    loops. So these are the status lights (judgements of one part with a level) of ``LIGHTS_BEFORE_GAINS`` and the
+    headline of the flight, as far as they are watch or bad, are not about the loops, and can be mended.
 
     Args:
         judgement: headline and status lights of the flight.
+
+    Returns:
+        The faults, coded findings; empty if nothing is to be mended.
     """
-    urgent_facts = [judgement.headline]
+    facts_that_matter = [judgement.headline]
     for name in LIGHTS_BEFORE_GAINS:
         if name in judgement.lights:
-            urgent_facts.append(judgement.lights[name])
-    faults = []
+            facts_that_matter.append(judgement.lights[name])
+    faults_to_mend = []
     for fault in faults_besides_loops(judgement):
         # What only another flight can clear up is nothing to mend.
         is_mendable = bool(fault.without_flight_advice.remedy)
-        if fault in urgent_facts and is_mendable:
-            faults.append(fault)
-    return tuple(faults)
+        if fault in facts_that_matter and is_mendable:
+            faults_to_mend.append(fault)
+    return tuple(faults_to_mend)
 
 
 def _step_to_load_gains(
@@ -746,7 +764,11 @@ def _next_step_towards_gains(judgement: Judgement, advice_by_axis: AdviceByAxis)
 
 
 def _conclusion(advice: Advice | Fact) -> Fact:
-    """Returns what to do with the gains of an axis or, if its loop is not known, the fact that says why."""
+    """Returns the fact that sums up the advice on an axis: what to do with its gains or, without a loop, why not.
+
+    Args:
+        advice: the advice, or the fact (coded finding) that says why the loop is not known.
+    """
     return advice if isinstance(advice, Fact) else advice.conclusion
 
 

@@ -118,7 +118,7 @@ def power_light(evidence: Evidence) -> Fact:
         *_supply_facts(evidence),
         *evidence.warnings_in_flight((ReportedEvent.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
-        *_current_facts(evidence, batteries),
+        *_uncalibrated_current_facts(evidence, batteries),
     ]
     if not facts:
         # Without a flight, a battery that the autopilot reports as empty becomes the headline, so that the light must
@@ -137,25 +137,29 @@ def power_light(evidence: Evidence) -> Fact:
 
 
 def further_power_warnings(evidence: Evidence, light: Fact) -> NamedFacts:
-    """Returns the warnings about supply and current sensor that the light of power does not state.
+    """Returns the warnings about the board's supply and the current sensor that the status light of power leaves out.
 
-    The light states only the worst of all facts on the power, and another one may be as bad.
+    The light states only the worst fact about the power. If a battery is low, for example, it does not say that the
+    current sensor is uncalibrated as well.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        light: the light of power.
+        light: the light of power, which is the worst fact.
 
     Returns:
-        Facts (coded findings) that are to be watched or bad, by the part of the hardware that they are about.
+        Facts (coded findings) that are to be watched or bad, by the name of the part of the hardware that they are
+        about.
     """
+    batteries = batteries_in_flight(evidence)
     facts_by_part = {
         HardwarePart.SUPPLY: _supply_facts(evidence),
-        HardwarePart.CURRENT_SENSOR: _current_facts(evidence, batteries_in_flight(evidence)),
+        HardwarePart.CURRENT_SENSOR: _uncalibrated_current_facts(evidence, batteries),
     }
     warnings = {}
     for part, facts in facts_by_part.items():
         for fact in facts:
-            if fact.is_watch_or_bad and fact.code is not light.code:
+            is_stated_by_light = fact.code is light.code
+            if fact.is_watch_or_bad and not is_stated_by_light:
                 warnings[str(part)] = fact
     return warnings
 
@@ -221,7 +225,9 @@ def mark_battery_reports_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
 
 
 def with_low_supply(evidence: Evidence) -> tuple[Fact, ...]:
-    """Adds the event that the supply of the board was low in flight, unless an event states that already.
+    """Adds the event that the supply voltage of the autopilot's board was low in flight, if it was.
+
+    If the events have one already, by the message POWER_STATUS, none is added.
 
     Args:
         evidence: events of the vehicle, and its voltages in flight.
@@ -230,24 +236,27 @@ def with_low_supply(evidence: Evidence) -> tuple[Fact, ...]:
         All events of the evidence and the new one, if any, in the order of boot and time. It has the lowest average
         over 2 s as ``voltage``, and the ``voltage_limit`` that it was below, V.
     """
+    for event in evidence.events:
+        if event.code is ReportedEvent.BOARD_VOLTAGE_LOW:
+            return tuple(in_time_order(evidence.events))
     events = list(evidence.events)
-    is_reported = any(event.code is ReportedEvent.BOARD_VOLTAGE_LOW for event in events)
-    if not is_reported:
-        for supply in _supply_facts(evidence):
-            if supply.code is PowerLight.SUPPLY_LOW:
-                low_supply = Fact(
-                    ReportedEvent.BOARD_VOLTAGE_LOW,
-                    time=supply.time,
-                    boot=supply.figures["boot"],
-                    voltage=supply.figures["voltage"],
-                    voltage_limit=supply.figures["voltage_limit"],
-                )
-                events.append(low_supply)
+    for supply in _supply_facts(evidence):
+        if supply.code is PowerLight.SUPPLY_LOW:
+            low_supply = Fact(
+                ReportedEvent.BOARD_VOLTAGE_LOW,
+                time=supply.time,
+                boot=supply.figures["boot"],
+                voltage=supply.figures["voltage"],
+                voltage_limit=supply.figures["voltage_limit"],
+            )
+            events.append(low_supply)
     return tuple(in_time_order(events))
 
 
 def with_supply_before_open_end(evidence: Evidence) -> tuple[Fact, ...]:
-    """Adds a low supply of the board to the event that the log ends in the air, as the suspected reason.
+    """Names a low supply of the board as the suspected reason why a log ends in the air.
+
+    If the supply fails, the autopilot stops, and so does its log.
 
     Args:
         evidence: events of the vehicle, and its voltages in flight.
@@ -297,15 +306,16 @@ def _unmeasured_batteries(
 
 
 def _power_module_parameter(telemetry: Telemetry) -> str:
-    """Returns the parameter by which an autopilot knows its power module, for advice to set it up.
+    """Returns the parameter that chooses where an autopilot measures its battery, for advice to set it.
 
-    It is the one of ``POWER_MODULE_PARAMETERS`` that the log has, since its name depends on the version of PX4.
+    It depends on the autopilot and, for PX4, on the version.
 
     Args:
         telemetry: autopilot and parameters of the vehicle.
 
     Returns:
-        Its name; without parameters in the log the present one of the autopilot; empty if it is not known.
+        Its name in the log, such as "BATT_MONITOR". If the log has no parameters at all, the name in the present
+        version of the autopilot. Empty if it is not known.
     """
     if telemetry.parameters:
         return _parameter_in_log(telemetry, POWER_MODULE_PARAMETERS)
@@ -313,7 +323,12 @@ def _power_module_parameter(telemetry: Telemetry) -> str:
 
 
 def _parameter_in_log(telemetry: Telemetry, names: Iterable[str]) -> str:
-    """Returns the first of some names that is a parameter of the vehicle; empty if none is."""
+    """Returns which of some names of the same parameter the log of a vehicle has; empty if it has none.
+
+    Args:
+        telemetry: parameters of the vehicle.
+        names: names in various autopilots and versions. If the log has several, the first one counts.
+    """
     for name in names:
         if name in telemetry.parameters:
             return name
@@ -366,6 +381,7 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     levels = voltage_levels(parameters, battery.number, cells or 0)
     load = _battery_load([*evidence.in_flight(battery.load)])
     if _uncalibrated_current(evidence, battery) is not None:
+        # A wrong current gives neither its largest value nor a resistance.
         load = _BatteryLoad()
     # None is the usual level of a code.
     level = None
@@ -465,8 +481,8 @@ def _start_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> _Star
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        voltage: (N,) V.
-        limit: V.
+        voltage: (N,) samples of the voltage, V.
+        limit: the limit, V.
     """
     for flight in evidence.in_flight(voltage):
         is_below = time_series.moving_average(flight) < limit
@@ -621,19 +637,17 @@ def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float 
     return None
 
 
-def _current_facts(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
-    """Yields a fact (coded finding) if the current of the only battery is too small to hover on.
-
-    Of several batteries one may supply only the autopilot, so that its current is small.
+def _uncalibrated_current_facts(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
+    """Yields the fact (coded finding) that the current sensor is uncalibrated: no vehicle hovers on so small a current.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         batteries: batteries that were measured in flight.
 
     Yields:
-        At most one fact with the median ``current`` in flight and the ``least_current`` of a hover, A, the lowest
-        average ``voltage`` over 2 s, V, and the ``parameter`` that calibrates the current sensor; empty if the log has
-        none.
+        At most one fact, since a vehicle with several batteries is not judged (:func:`_uncalibrated_current`). It has
+        the median ``current`` in flight and the ``least_current`` of a hover, A, the lowest average ``voltage`` over 2
+        s, V, and the ``parameter`` that calibrates the current sensor; empty if the log has none.
     """
     for battery in batteries:
         current = _uncalibrated_current(evidence, battery)
@@ -648,24 +662,25 @@ def _current_facts(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator
 
 
 def _uncalibrated_current(evidence: Evidence, battery: Battery) -> float | None:
-    """Returns the median current of a battery in flight, A, if it is too small to hover on (``MIN_HOVER_CURRENT``).
+    """Returns the median current of a battery in flight, A, if it is too small to hover on; None if it is plausible.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         battery: battery that was measured in flight.
 
     Returns:
-        The median of the averages over 2 s; None if it is large enough, was not measured in ``LOW_VOLTAGE_SECONDS`` of
-        flight, or the vehicle has several batteries. A current that is never above 0, or never changes, is not
-        measured.
+        The median of the averages over 2 s if it is below ``MIN_HOVER_CURRENT``. None also if the current was measured
+        for less than ``LOW_VOLTAGE_SECONDS`` of flight, and for a vehicle with several batteries: one of them may
+        supply only the autopilot.
     """
-    if battery.current is None or len(evidence.signals.batteries) > 1:
+    has_several_batteries = len(evidence.signals.batteries) > 1
+    if battery.current is None or has_several_batteries:
         return None
-    flights = list(evidence.in_flight(battery.current))
     averages = evidence.averages_in_flight(battery.current)
-    seconds = sum(np.ptp(flight.time) for flight in flights)
-    is_measured_in_flight = len(averages) > 0 and averages.max() > 0 and np.ptp(averages) > 0
-    if seconds < LOW_VOLTAGE_SECONDS or not is_measured_in_flight:
+    flight_seconds = sum(np.ptp(flight.time) for flight in evidence.in_flight(battery.current))
+    # A sensor that is not connected shows 0, or a constant.
+    is_sensor_connected = len(averages) > 0 and averages.max() > 0 and np.ptp(averages) > 0
+    if flight_seconds < LOW_VOLTAGE_SECONDS or not is_sensor_connected:
         return None
     median_current = float(np.median(averages))
     return median_current if median_current < MIN_HOVER_CURRENT else None

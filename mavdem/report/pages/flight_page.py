@@ -43,7 +43,6 @@ from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, headline_sentence, warning
 from mavdem.report.brief_events import (
-    NOTHING_STATED,
     event_identity,
     stated_events,
     with_saturations_counted,
@@ -424,7 +423,7 @@ def _titles_to_open(
     for title in watched_titles:
         if _explains_headline(title, lights, headline):
             return [title, TUNING_TITLE]
-    # None of these chapters explains the headline, which may be an event. So the first of them is opened, if any.
+    # The headline is about an event, or nothing warns. So the first chapter with a warning is opened, if any.
     return [*watched_titles[:1], TUNING_TITLE]
 
 
@@ -440,14 +439,18 @@ def _titles_with_level(chapters: Sequence[Chapter], lights: NamedFacts, level: L
 
 
 def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
-    """Returns whether a chapter of a page explains the headline: whether one of its status lights is the headline.
+    """Returns whether a chapter explains the headline of its page, as "Vibration" explains "Vibration is strong.".
+
+    A chapter explains some of the status lights, each the judgement of one part of the vehicle. The headline may be the
+    judgement of one of them, and then has its code.
 
     Args:
         title: title of the chapter.
-        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
-        headline: the fact in the headline.
+        lights: the lights by name, each a fact (a coded finding) with a level.
+        headline: the fact in the headline, which may also be an event.
     """
-    return any(lights[light].code is headline.code for light in lights_of_chapter(title, lights))
+    codes_of_lights = [lights[name].code for name in lights_of_chapter(title, lights)]
+    return headline.code in codes_of_lights
 
 
 def chapter_of_light(light: Light, fact: Fact) -> str:
@@ -528,98 +531,119 @@ def _numbered_events(
 ) -> list[PageEvent]:
     """Returns the events of a log as the list on its page shows them; those with a time are numbered from 1 on.
 
-    Several events may have the same remedy or the same evidence, which the page shows only once. So each event gets the
-    texts that stand above it, which are not shown with it.
-
     Args:
         events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
         headline: the headline of the page, which may be one of the events; None for a page without one.
-        lights: status lights of the page, which may state some of the events; None for a page without them.
+        lights: status lights of the page, each the judgement of one part of the vehicle, which may be one of the
+            events; None for a page without them.
         next_step: text of the next step, which the page shows above the events.
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
 
     Returns:
-        The events in order.
+        The events in the order of ``events``. Each has its number, what states it elsewhere on the page, and the texts
+        that the page shows before it.
     """
     facts = tuple(with_saturations_counted(events))
-    stated = NOTHING_STATED if headline is None else stated_events(facts, headline, lights or {})
+    page_events = _events_with_numbers(facts, timeline)
+    if headline is not None:
+        page_events = _events_marked_as_stated(page_events, headline, lights or {})
+    return _events_with_texts_before(page_events, evidence_of_headline, next_step)
+
+
+def _events_with_numbers(facts: Facts, timeline: Timeline | None) -> list[PageEvent]:
+    """Returns the events of a log for the list on its page, in which those with a time are numbered from 1 on.
+
+    Args:
+        facts: what happened, each a fact (a coded finding), in the order of the list.
+        timeline: charts of one boot of the autopilot; events of other boots are not on its clock. None without charts.
+    """
     page_events = []
-    for index, fact in enumerate(facts):
+    last_number = 0
+    for fact in facts:
+        if fact.time is None:
+            # An event without a known time has NaN.
+            page_events.append(PageEvent(Event(nan, fact)))
+            continue
+        last_number += 1
+        # An event that names no boot counts as one of the boot of the charts.
+        boot = fact.figures.get("boot")
+        has_clock_of_charts = timeline is not None and boot in (None, timeline.boot)
         page_event = PageEvent(
-            Event(nan, fact),
+            Event(fact.time, fact),
+            number=last_number,
+            is_on_clock_of_charts=has_clock_of_charts,
+        )
+        page_events.append(page_event)
+    return page_events
+
+
+def _events_marked_as_stated(
+    page_events: Sequence[PageEvent], headline: Fact, lights: NamedFacts
+) -> list[PageEvent]:
+    """Marks the events that the headline of a page or one of its status lights states, so that the list is brief there.
+
+    Args:
+        page_events: the events in the order of the list.
+        headline: the fact (a coded finding) in the headline. It may be an event, and name others as its causes.
+        lights: the judgement of each part of the vehicle by name, a fact that may be an event.
+    """
+    facts = [page_event.event.fact for page_event in page_events]
+    stated = stated_events(facts, headline, lights)
+    marked_events = []
+    for index, page_event in enumerate(page_events):
+        marked_event = page_event._replace(
             is_headline=index == stated.headline_index,
             is_cause_of_headline=index in stated.cause_indices,
             is_light=index in stated.light_indices,
         )
-        page_events.append(page_event)
-    page_events = _with_texts_above(page_events, evidence_of_headline, next_step)
-    return _with_times_and_numbers(page_events, timeline)
+        marked_events.append(marked_event)
+    return marked_events
 
 
-def _with_texts_above(
+def _events_with_texts_before(
     page_events: Sequence[PageEvent], evidence_of_headline: str, next_step: str
 ) -> list[PageEvent]:
-    """Returns the events of a page with the texts that the page has above each of them, and that it does not repeat.
+    """Returns the events of a page, each with the texts that the page shows before it (``texts_shown_before``).
 
-    These are the remedies and the evidence of the events before, and what stands above all events.
+    Several events may have the same remedy (what to do) or the same evidence (what sensors measured). The page shows
+    each of these texts only once: in the next step, as evidence of the headline, or else with the first event.
 
     Args:
         page_events: the events in the order of the list.
         evidence_of_headline: sentence with the measurements that confirm the headline, above the events.
-        next_step: text of the next step, above the events, which has the remedy of some of them.
+        next_step: text of the next step, above the events, which contains the remedy of some of them.
     """
-    texts_above = {evidence_of_headline}
+    shown_texts = {evidence_of_headline}
     events_with_texts = []
     for page_event in page_events:
         fact = page_event.event.fact
         if fact.remedy in next_step:
-            texts_above.add(fact.remedy)
-        events_with_texts.append(page_event._replace(texts_above=frozenset(texts_above)))
-        texts_above.add(fact.remedy)
-        texts_above.update(evidence_texts(fact))
+            shown_texts.add(fact.remedy)
+        events_with_texts.append(page_event._replace(texts_shown_before=frozenset(shown_texts)))
+        # The event itself shows its remedy and evidence, so that later events do not.
+        shown_texts.add(fact.remedy)
+        shown_texts.update(evidence_texts(fact))
     return events_with_texts
-
-
-def _with_times_and_numbers(
-    page_events: Sequence[PageEvent], timeline: Timeline | None
-) -> list[PageEvent]:
-    """Returns the events of a log with their times, and those with a time numbered from 1 on.
-
-    Args:
-        page_events: the events in the order of the list.
-        timeline: charts of one boot of the autopilot; events of other boots are not on its clock. None without charts.
-    """
-    numbered_events = []
-    number = 0
-    for page_event in page_events:
-        fact = page_event.event.fact
-        if fact.time is not None:
-            number += 1
-            # An event that names no boot counts as one of the boot of the charts.
-            boot = fact.figures.get("boot")
-            has_clock_of_charts = timeline is not None and boot in (None, timeline.boot)
-            page_event = page_event._replace(
-                event=Event(fact.time, fact),
-                number=number,
-                is_on_clock_of_charts=has_clock_of_charts,
-            )
-        numbered_events.append(page_event)
-    return numbered_events
 
 
 def with_messages_around_loss(
     page_events: Sequence[PageEvent], telemetry: Telemetry
 ) -> list[PageEvent]:
-    """Returns the events of a log, how its flight was lost with what the autopilot sent around that.
+    """Adds what the autopilot reported around the loss of a flight to the event of the loss; other events stay.
 
     Args:
-        page_events: the events. One that names no boot of the autopilot counts as one of the first.
-        telemetry: the vehicle's messages, with the texts of its autopilot.
+        page_events: the events of a log. One that names no boot of the autopilot counts as one of the first.
+        telemetry: the vehicle's messages, with the status texts of its autopilot.
+
+    Returns:
+        All events in the same order. A loss has up to ``MAX_MESSAGES_AROUND_LOSS`` texts from at most
+        ``SECONDS_AROUND_LOSS`` before or after it, such as "“Crash: Disarming” at 114.1 s".
     """
     events_with_messages = []
     for page_event in page_events:
-        if page_event.event.fact.code in Ending and page_event.has_time:
+        is_loss_of_flight = page_event.event.fact.code in Ending
+        if is_loss_of_flight and page_event.has_time:
             messages = []
             for text in status_texts(telemetry):
                 is_of_boot = text.boot == (page_event.boot or 0)
@@ -631,11 +655,14 @@ def with_messages_around_loss(
 
 
 def with_utc_of_bad_events(page_events: Sequence[PageEvent], messages: Tables) -> list[PageEvent]:
-    """Returns the events of a log, the bad ones of them with their times in UTC.
+    """Adds the date and time in UTC to the bad events of a log, by which they are found in other records.
 
     Args:
         page_events: the events. One that names no boot of the autopilot counts as one of the first.
         messages: the vehicle's messages by name, among which SYSTEM_TIME has UTC and time since boot.
+
+    Returns:
+        All events in the same order; without UTC where the log does not show it.
     """
     events_with_utc = []
     for page_event in page_events:
@@ -1143,9 +1170,8 @@ def _marked_live_timeline(
     numbered_events = [event for event in page_events if event.number is not None]
     events = [page_event.event for page_event in numbered_events]
     first_time, last_sample_time = timeline.span
-    end_time = max(
-        last_sample_time + _shown_silence(status), _time_of_last_event(events, last_sample_time)
-    )
+    end_of_silence = last_sample_time + _shown_silence(status)
+    end_time = max(end_of_silence, _time_of_last_event(events, last_sample_time))
     # The order is the same in every state of every flight, so that the chart that a reader looks at stays in its place.
     timeline = timeline.with_chart_first(MOTORS_CHART)
     return timeline._replace(
@@ -1157,19 +1183,19 @@ def _marked_live_timeline(
 
 
 def _time_of_last_event(events: Sequence[Event], last_sample_time: float) -> float:
-    """Returns the time of the last event during a flight or right after it, such as the touchdown, s.
+    """Returns the time up to which the charts of a flight show its events, such as the touchdown after the last sample.
 
     Args:
-        events: events on the clock of the charts.
+        events: events with their times on the clock of the charts, s.
         last_sample_time: time of the last sample of the flight, s.
 
     Returns:
-        The time, at most ``MAX_EVENT_DELAY`` after the last sample; that of the last sample itself without an event
-        after it.
+        The time, s, of the last event up to ``MAX_EVENT_DELAY`` after the last sample. It is the time of that sample if
+        no event comes after it.
     """
-    latest_end = last_sample_time + MAX_EVENT_DELAY
-    times = [event.seconds for event in events if event.seconds <= latest_end]
-    return max([last_sample_time, *times])
+    latest_time = last_sample_time + MAX_EVENT_DELAY
+    times_of_flight = [event.seconds for event in events if event.seconds <= latest_time]
+    return max([last_sample_time, *times_of_flight])
 
 
 def _live_head(
@@ -1230,43 +1256,87 @@ def _live_head(
 def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[Sentence]:
     """Returns the sentences at the top of a live page: the headline, what to do next, and how late estimates are.
 
-    What to do stands right below the headline, so that a pilot need not read the reason first. On the ground a fault of
-    an earlier flight follows it, if neither of both states that; in flight it stands below the lights.
+    What to do stands right below the headline, so that a pilot need not read the reason first.
 
     Args:
         status: state of the session now, or at its end.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import statement_of_headline, states_unrepaired_fault
+    from mavdem.report.live import statement_of_headline
 
     judgement = status.session_judgement
-    sentences = judgement_sentences(judgement)
-    heading = sentences.headline
+    heading = judgement_sentences(judgement).headline
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
-    next_step = sentences.next_step
-    if saved_flight is not None and judgement.headline.code is SessionFact.RECORDING_JUDGED:
-        # The page in the library has what the step needs, such as the advised gains.
-        next_step = next_step._replace(address=saved_flight.address)
-    if states_unrepaired_fault(judgement.next_step):
-        # The page of the earlier flight shows its fault; a fault of this session has none.
-        earlier_fault = judgement.next_step.figures["reason"].figures["reason"]
-        next_step = next_step._replace(address=earlier_fault.figures.get("address", ""))
     summary = [heading]
     if str(judgement.next_step) != str(judgement.headline):
+        next_step = _next_step_with_link(judgement, saved_flight)
         summary += _sentences_on_next_step(next_step)
-    is_on_ground = status.is_over or not status.is_flying
-    fault = status.unrepaired_fault
-    if fault is not None and is_on_ground and not states_unrepaired_fault(judgement.next_step):
-        # The page of the earlier flight shows its fault; a fault of this session has none.
-        address = fault.figures["reason"].figures.get("address", "")
-        summary.append(Sentence(fault.sentence, level=Level.WATCH, address=address))
-        summary.append(Sentence(fault.remedy, level=Level.WATCH))
+    summary += _sentences_on_earlier_fault(status)
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
     return summary
+
+
+def _next_step_with_link(judgement: Judgement, saved_flight: PageLink | None) -> Sentence:
+    """Returns the next step of a live page, with a link to the page that has what the step is about, if there is one.
+
+    Args:
+        judgement: the judgement of the vehicle in the session, with its headline and the next step.
+        saved_flight: the page of this flight in the library of a server, where it is over; None for none.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import states_unrepaired_fault
+
+    next_step = judgement_sentences(judgement).next_step
+    if states_unrepaired_fault(judgement.next_step):
+        unrepaired_fault = judgement.next_step.figures["reason"]
+        return next_step._replace(address=_address_of_earlier_flight(unrepaired_fault))
+    if saved_flight is not None and judgement.headline.code is SessionFact.RECORDING_JUDGED:
+        # The page in the library has what the step needs, such as the advised gains.
+        return next_step._replace(address=saved_flight.address)
+    return next_step
+
+
+def _sentences_on_earlier_fault(status: SessionStatus) -> list[Sentence]:
+    """Returns two sentences on a fault of an earlier flight that may not have been repaired: the fault and its remedy.
+
+    They are for the top of a live page, whose reader is to repair the fault before the take-off.
+
+    Args:
+        status: state of the session now, or at its end.
+
+    Returns:
+        The sentences. Empty without such a fault, if the next step states it, and in flight, when the page shows it
+        below the status lights.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import states_unrepaired_fault
+
+    fault = status.unrepaired_fault
+    is_in_flight = status.is_flying and not status.is_over
+    if fault is None or is_in_flight:
+        return []
+    if states_unrepaired_fault(status.session_judgement.next_step):
+        return []
+    address = _address_of_earlier_flight(fault)
+    return [
+        Sentence(fault.sentence, level=Level.WATCH, address=address),
+        Sentence(fault.remedy, level=Level.WATCH),
+    ]
+
+
+def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:
+    """Returns the address of the page of the earlier flight that had a fault; empty if that flight has no page yet.
+
+    Args:
+        unrepaired_fault: the fact that the fault may not have been repaired; its ``reason`` is the fault itself.
+    """
+    fault: Fact = unrepaired_fault.figures["reason"]
+    address: str = fault.figures.get("address", "")
+    return address
 
 
 def _judgement_with_reason(status: SessionStatus) -> Judgement:
@@ -1548,7 +1618,7 @@ def _numbered_live_events(
             is_headline=cause == cause_of_headline,
             is_over=cause not in active_causes,
             is_advice_current=not is_ended_silence,
-            texts_above=frozenset([fact.remedy] if fact.remedy in next_step else []),
+            texts_shown_before=frozenset([fact.remedy] if fact.remedy in next_step else []),
             moment=moment_text(event),
         )
         page_events.append(page_event)

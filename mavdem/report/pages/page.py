@@ -122,14 +122,22 @@ class Chapter(NamedTuple):
 
     @property
     def printed_rows(self) -> Sequence[Sequence[str]]:
-        """The rows of its long table that paper has."""
-        if self.searchable is None or not self.searchable.is_printed:
+        """The rows of the long table ``searchable`` that are printed, each a list of cell texts; empty without a table.
+
+        Paper cannot be searched, and hundreds of rows would fill many sheets. So only rows with a warning are printed.
+        A table without any warning is printed whole if it has at most ``MAX_PRINTED_ROWS`` rows.
+        """
+        table = self.searchable
+        if table is None or not table.is_printed:
             return ()
-        rows = self.searchable.rows
-        rated_rows = [row for row in rows if any(isinstance(cell, Rated) for cell in row)]
-        if not rated_rows and len(rows) <= MAX_PRINTED_ROWS:
-            return rows
-        return rated_rows
+        rows_with_warning = []
+        for row in table.rows:
+            # A cell with a warning is a ``Rated`` text, which has the colour of its level.
+            if any(isinstance(cell, Rated) for cell in row):
+                rows_with_warning.append(row)
+        if not rows_with_warning and len(table.rows) <= MAX_PRINTED_ROWS:
+            return table.rows
+        return rows_with_warning
 
     @property
     def has_charts(self) -> bool:
@@ -174,8 +182,8 @@ class PageEvent(NamedTuple):
     is_advice_current: bool = True
     """Whether what to do about it is still to be done: no longer of a silence of a live link that has ended."""
 
-    texts_above: frozenset[str] = frozenset()
-    """Texts that the page has above it, and that are not repeated: what to do about it, and what shows it."""
+    texts_shown_before: frozenset[str] = frozenset()
+    """What the page shows before this event of what to do and of what sensors measured, which it does not repeat."""
 
     total: int = 1
     """Number of events of its kind for which it stands in a short list."""
@@ -223,30 +231,33 @@ class PageEvent(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What happened and, unless the page has that already, what to do about it."""
-        is_remedy_repeated = self.event.fact.remedy in self.texts_above
+        """What happened, then what to do about it unless the page shows that before, or it is no longer to be done."""
+        is_remedy_repeated = self.event.fact.remedy in self.texts_shown_before
         if is_remedy_repeated or not self.is_advice_current:
             return self._without_time(str(self.event.fact))
         return self._without_time(self.event.sentence)
 
     def _without_time(self, sentence: str) -> str:
-        """Returns a sentence about the event without its time, such as " at 114.1 s", which stands beside it in a log.
+        """Removes the event's time from a sentence: "Motor 2 failed at 114.1 s." becomes "Motor 2 failed.".
 
-        In a live session the time of day stands beside it, so that nothing is left out.
+        The page of a log has this time in a column of its own. A live page has the time of day there, so that the
+        sentence stays as it is. It stays too if the time of the event is not known.
 
         Args:
             sentence: sentence about the event.
         """
-        if self.moment or not self.has_time:
+        is_on_live_page = bool(self.moment)
+        if is_on_live_page or not self.has_time:
             return sentence
+        # For example " at 114.1 s".
         time_in_sentence = re.escape(period(self.seconds))
         # A time within a list of times, such as " at 3.2 s and 4.0 s", stays.
         return re.sub(f"{time_in_sentence}(?=[,.:;])", "", sentence, count=1)
 
     @property
     def why(self) -> str:
-        """What shows it; empty if nothing does, or if the page has that already."""
-        return new_evidence_text(self.event.fact, self.texts_above)
+        """What sensors measured that confirms the event; empty without any, or if the page shows it before."""
+        return new_evidence_text(self.event.fact, self.texts_shown_before)
 
     @property
     def seconds(self) -> float:
@@ -286,10 +297,10 @@ class Provenance(NamedTuple):
 
     @classmethod
     def of_log(cls, path: Path) -> Self:
-        """Returns the digest of a log and the present day.
+        """Returns the provenance of a page that is written today: the digest of its log, and the present day in UTC.
 
         Args:
-            path: the file of the log.
+            path: the file of the log. The digest is empty if there is no such file, as for a folder.
         """
         digest = ""
         if path.is_file():
@@ -424,24 +435,28 @@ class Head(NamedTuple):
 
     @property
     def whole_flight(self) -> Group | None:
-        """Small plots of the whole flight for the printed page of a lost flight, whose other plots show only the loss.
+        """Small plots of the whole flight, for the printed page of a lost flight; None for other pages.
 
-        They are the first plots over the flight, mostly roll, pitch, height and motors. The time around the loss, which
-        the other plots show (``opening_span``), is grey in them. None if the other plots show the whole flight, or
-        nothing can be plotted.
+        The large plots of such a page show only some seconds around the loss (``opening_span``), and paper cannot be
+        zoomed. The small ones are those over the whole flight that matter most, mostly roll, pitch, height and motors,
+        in which these seconds are grey. None also if the large plots show the whole flight, or nothing can be plotted.
         """
-        opening_span = self.opening_span
-        if self.timeline is None or opening_span in (None, self.timeline.span):
+        if self.timeline is None or self.opening_span is None:
             return None
-        return self.timeline.whole_flight_group(opening_span)
+        if self.opening_span == self.timeline.span:
+            return None
+        return self.timeline.whole_flight_group(self.opening_span)
 
     @property
     def further_plots(self) -> str:
-        """What the plots after the first ones show, for their heading, such as "motors minus their mean, battery"."""
+        """Heading of the plots that are folded below the first ones, such as "motors minus their mean, battery".
+
+        It names what each of them shows; empty without plots.
+        """
         if self.timeline is None:
             return ""
         names: list[str] = []
-        _, *further_groups = self.timeline.overview_groups
+        _first_group, *further_groups = self.timeline.overview_groups
         columns = chain.from_iterable(group.columns for group in further_groups)
         for panel in chain.from_iterable(columns):
             name = panel.title[0].lower() + panel.title[1:]
@@ -460,52 +475,43 @@ class Head(NamedTuple):
     def brief_events(self) -> Sequence[PageEvent]:
         """The short list of events, which a page shows until its reader unfolds the list of all.
 
-        For a flight that is over it tells how that began, went and ended, and has the worst events
-        (:func:`mavdem.report.brief_events.short_list`), where events of the same kind are shown once, with their number
-        as ``total``. For a live session that goes on, it has all events, the newest first. Events on the session's own
-        state are left out.
+        For a flight that is over it has the take-off, the changes of the flight mode, the landing and the worst events
+        (:func:`mavdem.report.brief_events.short_list`). Events of the same kind are shown once, with their number as
+        ``total``. For a live session that goes on, it has all events, the newest first. Events on the session's own
+        state, such as its learning, are left out.
         """
         events_of_flight = [shown for shown in self.events if not shown.event.is_session_state]
         if self.is_newest_first:
             return events_of_flight
-        headline_indices = []
-        cause_indices = []
-        light_indices = []
-        for index, page_event in enumerate(events_of_flight):
-            if page_event.is_headline:
-                headline_indices.append(index)
-            if page_event.is_cause_of_headline:
-                cause_indices.append(index)
-            if page_event.is_light:
-                light_indices.append(index)
-        # Of an alarm that a live session repeated, the first report is the headline's event.
-        headline_index = headline_indices[0] if headline_indices else None
-        stated = StatedEvents(headline_index, cause_indices, light_indices)
-        facts = [page_event.finding for page_event in events_of_flight]
+        findings = [page_event.finding for page_event in events_of_flight]
         brief_events = []
-        for index, total in short_list(facts, stated):
+        for index, total in short_list(findings, _events_stated_elsewhere(events_of_flight)):
             brief_events.append(events_of_flight[index]._replace(total=total))
         return brief_events
 
     @property
     def newest_events(self) -> Sequence[PageEvent]:
-        """The newest of the brief events of a session that goes on, which its page shows at first.
+        """The events that the page of a live session shows at first: its ``MAX_NEWEST_EVENTS`` newest ones.
 
-        The newest alarm of the flight is among them however old it is, since plots mark only what a list in sight has.
+        The newest alarm with a number follows them if it is older, so that the plots mark it: they have marks only for
+        the events of a list that is in sight.
         """
-        newest_events = self.brief_events[:MAX_NEWEST_EVENTS]
-        numbered_alarms = [
-            shown
-            for shown in self.brief_events
-            if shown.event.is_alarm and shown.number is not None
-        ]
-        if numbered_alarms and numbered_alarms[0] not in newest_events:
-            newest_events = [*newest_events, numbered_alarms[0]]
+        newest_events = [*self.brief_events[:MAX_NEWEST_EVENTS]]
+        for page_event in self.brief_events:
+            is_numbered_alarm = page_event.event.is_alarm and page_event.number is not None
+            if is_numbered_alarm:
+                if page_event not in newest_events:
+                    newest_events.append(page_event)
+                # Events are the newest first, so that all other alarms are older.
+                break
         return newest_events
 
     @property
     def earlier_events(self) -> Sequence[PageEvent]:
-        """The other brief events of a session that goes on, the newest first."""
+        """The events that the page of a live session shows once its reader unfolds them, the newest first.
+
+        These are all ``brief_events`` that are not among its ``newest_events``.
+        """
         newest_events = self.newest_events
         return [shown for shown in self.brief_events if shown not in newest_events]
 
@@ -533,11 +539,32 @@ class Head(NamedTuple):
 
     @property
     def has_more_of_events(self) -> bool:
-        """Whether there are more events than the brief ones, or one has advice or witnesses, which these leave out."""
+        """Whether the full list of events says more than the short one: more events, advice, or measured evidence."""
         if len(self.brief_events) < len(self.events):
             return True
+        # The short list leaves out what to do about an event, and what sensors measured of it.
         facts = [page_event.event.fact for page_event in self.events]
         return any(fact.remedy or evidence_text(fact) for fact in facts)
+
+
+def _events_stated_elsewhere(page_events: Sequence[PageEvent]) -> StatedEvents:
+    """Returns which events of a page its headline or its status lights state, by their indices in the list.
+
+    Args:
+        page_events: events in order of time, each marked by what states it.
+    """
+    headline_index = None
+    cause_indices = []
+    light_indices = []
+    for index, page_event in enumerate(page_events):
+        # A live session may repeat an alarm. Its first report is then the event of the headline.
+        if page_event.is_headline and headline_index is None:
+            headline_index = index
+        if page_event.is_cause_of_headline:
+            cause_indices.append(index)
+        if page_event.is_light:
+            light_indices.append(index)
+    return StatedEvents(headline_index, cause_indices, light_indices)
 
 
 class KeyEntry(NamedTuple):
