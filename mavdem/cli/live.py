@@ -594,31 +594,32 @@ def _moved_first_frames(
 
 
 def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
-    """Returns the JSON document of the last flight, with those before it as earlier ones.
+    """Returns the JSON document that --json prints: that of the last flight, with those before it under "earlier".
 
     Args:
-        flights: Flights of one vehicle after the other, at least one, each with its document.
+        flights: The flights of one vehicle after the other, the last one last; at least one. Each has its document,
+            since --json was given.
     """
     documents = []
     for flight in flights:
-        # Each flight has a document if --json was given.
         document = flight.document
         assert document is not None
         if flight.recording is not None:
-            # The frames of the next vehicle were moved out of the recording after the document was made.
+            # The count changed when the frames of the next vehicle were moved out of the recording.
             document = document.with_frames(flight.recording.frame_count)
         documents.append(document)
-    last_document = documents.pop()
-    if not documents:
+    last_document = documents[-1]
+    earlier_documents = documents[:-1]
+    if not earlier_documents:
         return last_document
-    return last_document.model_copy(update={"earlier": documents})
+    return last_document.model_copy(update={"earlier": earlier_documents})
 
 
 def _drag_of_prior(prior: Path) -> EarlierDrag | None:
-    """Returns the drag of an earlier flight, and of which vehicle it is; None if its folder has no report with that.
+    """Returns the drag of the vehicle in an earlier flight, by which wind is estimated; None if it was not stored.
 
     Args:
-        prior: File or folder of the model of that flight.
+        prior: File or folder of the model of that flight, beside which a report has the drag.
     """
     with suppress(Unreadable):
         return earlier_drag(prior)
@@ -665,7 +666,7 @@ def _refuse_prior_of_another_vehicle(
 
 
 def _refuse_silent_link(link: Link, name: str) -> None:
-    """Checks that data will arrive on a link to which nothing is sent.
+    """Refuses a link whose other end sends only after it has received something, for a session that sends nothing.
 
     Args:
         link: Connection to the vehicle: UDP, TCP or serial.
@@ -739,8 +740,8 @@ def _write_model(learned: Learned | None, path: Path | None) -> int:
     """Writes the final model to its file, and returns the exit code of the command as far as the model decides it.
 
     Args:
-        learned: The model; None without one.
-        path: The file; None if no file is named, with which the model counts as done.
+        learned: The model; None if none was learned.
+        path: The file; None to write none, which is no failure.
     """
     if learned is None:
         return EXIT_UNSUPPORTED

@@ -79,10 +79,11 @@ class Backlog:
 
     @property
     def analysed_until(self) -> float:
-        """Everything that arrived before this time is analysed, s of the monotonic clock."""
+        """Time until which all that arrived has been analysed, s of the monotonic clock: now if nothing waits."""
         if self._batches:
             return self._batches[0].arrival_time
         if not self._is_link_empty:
+            # What waits in the link arrived later than everything that was received.
             return self._latest_arrival
         return clock.monotonic()
 
@@ -110,15 +111,16 @@ class Backlog:
 
     @property
     def delay(self) -> float:
-        """How long the oldest batch has waited, s; 0 without one."""
+        """How long the oldest frames that are not analysed have waited, s; 0 if none wait."""
         return clock.monotonic() - self.analysed_until
 
     def add(self, batches: list[FrameBatch], *, is_link_empty: bool = True) -> None:
-        """Adds what was received.
+        """Adds received frames to the queue.
 
         Args:
-            batches: the batches in the order of arrival.
-            is_link_empty: whether nothing more waits in the link; otherwise what waits arrived after these batches.
+            batches: frames by the time of their arrival, the oldest first.
+            is_link_empty: whether all that has arrived is received now. Otherwise more waits in the link, so that the
+                analysis has not caught up even when the queue is empty.
         """
         self._is_link_empty = is_link_empty
         self._batches += batches
@@ -141,7 +143,7 @@ class Backlog:
         return batches
 
     def postpones(self, task: DelayedWork) -> bool:
-        """Returns whether a task is put off now."""
+        """Returns whether a task, such as the drawing of plots, is put off now, since the analysis is late."""
         return task in self.postponed_tasks
 
     def update(self, dropped_datagrams: int) -> Fact | None:

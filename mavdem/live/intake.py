@@ -45,7 +45,8 @@ class LinkIntake:
         recording: recording of the raw stream; None for none, and after it has failed.
         is_lost: whether the link is lost and not open again yet.
         read_until: everything that arrived before this time has been received, s of the monotonic clock.
-        is_link_empty: whether the last call received all that waited in the link; it receives ``MAX_PIECES`` at most.
+        is_link_empty: whether the last :meth:`receive` took all that waited in the link; it takes ``MAX_PIECES`` at
+            most.
     """
 
     def __init__(
@@ -203,7 +204,7 @@ class LinkIntake:
         return stamped_frames
 
     def send(self, frames: list[bytes]) -> None:
-        """Sends frames; a link that is lost is reported, and nothing more is sent."""
+        """Sends encoded MAVLink frames; if the link is lost meanwhile, that is reported, and the rest is not sent."""
         try:
             for frame in frames:
                 self._link.send(frame)

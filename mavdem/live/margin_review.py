@@ -120,7 +120,9 @@ class FlightMessages:
             self._forget_first_piece()
 
     def _records_at(self, stamp: float, boot: int) -> BytesIO:
-        """Returns the records of the piece to which messages of a time belong; another piece begins where that is due.
+        """Returns the buffer to which messages of a time are appended: that of the latest piece, or of a new one.
+
+        A piece ends after ``PIECE_SECONDS``, when it is full (``MAX_PIECE_BYTES``), or when the autopilot restarts.
 
         Args:
             stamp: when the messages were received, UNIX s.
@@ -183,10 +185,7 @@ def review_margins(
 ) -> ReviewedMargins:
     """Judges the stability margins of a flight so far, as the review of a log does.
 
-    A flight that is still too short to identify a loop by its setpoints would have margins by inputs and outputs alone,
-    which are less certain. They are left out while the vehicle flies, since a later review will have more data.
-
-    It takes some seconds, and runs in the executor that learns models.
+    It takes some seconds of processor time, and runs in the process that learns models.
 
     Args:
         records: content of a telemetry log.
@@ -197,7 +196,8 @@ def review_margins(
         clock: time of the latest message, s of the boot clock; None if it is not known.
 
     Returns:
-        The margins as the fact of their status light, and the processor time that the review took.
+        The margins as the fact of their status light, and the processor time that the review took. Margins that are
+        unknown have the reason.
     """
     start_time = process_time()
     # The loops of all axes are judged; the axis is that of a model, and none is learned.
@@ -211,16 +211,18 @@ def review_margins(
         refusal = _refusal_of_judged_loop(assessment, margins)
         is_log_too_short = refusal is not None and refusal.code is LoopFact.LOOP_TOO_SHORT
         if is_flying and is_log_too_short:
+            # These margins are by inputs and outputs alone. Later in the flight the loop can be identified by its
+            # setpoints, which gives more certain ones.
             margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=refusal, rate=None)
     except Refusal as error:
         margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
     if is_flying:
-        margins = _with_duration_for_loops(margins, clock, assessment)
+        margins = _state_needed_duration(margins, clock, assessment)
     return ReviewedMargins(margins, process_time() - start_time)
 
 
 def _settled_seconds(assessment: Assessment | None) -> float | None:
-    """Returns how long the settled flight in a log lasts, s, without take-off and landing.
+    """Returns how long the settled flight in a log lasts, s, that is the flight without take-offs and landings.
 
     Args:
         assessment: the assessment of the log; None if it was refused.
@@ -233,26 +235,24 @@ def _settled_seconds(assessment: Assessment | None) -> float | None:
     return sum(segment.duration for segment in assessment.evidence.learnability.segments)
 
 
-def _with_duration_for_loops(
+def _state_needed_duration(
     margins: Fact, clock: float | None, assessment: Assessment | None
 ) -> Fact:
-    """Returns the judgement of the margins with the duration of settled flight that identifying the loops needs.
+    """Adds to unknown margins of a flight that is still too short how many seconds of settled flight they need.
 
-    Any model needs some seconds of settled flight (without take-off and landing), and the loops need more. If the
-    flight is too short for any model, the judgement states that shorter duration. It is replaced, so that the pilot
-    reads the longer one from the beginning. The judgement also states until when it is about the flight, since the
-    next one follows some time later, and until then the flight becomes longer than it says.
+    Any model needs some seconds of settled flight (without take-off and landing), and the control loops need more. So
+    a reason that states the shorter duration is replaced too: the pilot reads the same goal from the beginning.
 
     Args:
-        margins: the judgement of the margins, as a review of the flight so far has it.
-        clock: time of the latest message that was reviewed, s of the boot clock; None if it is not known.
+        margins: the judgement of the margins. If its reason is not that the flight is too short, it is returned as it
+            is.
+        clock: until when the flight was reviewed, s of the boot clock; None if that is not known. It is stated, since
+            the flight becomes longer until the next review.
         assessment: the assessment of the flight until then; None if it was refused.
     """
     reason = margins.figures.get("reason")
-    if reason is None or reason.code not in (
-        LoopFact.LOOP_TOO_SHORT,
-        NotLearnableReason.TOO_SHORT,
-    ):
+    too_short_codes = (LoopFact.LOOP_TOO_SHORT, NotLearnableReason.TOO_SHORT)
+    if reason is None or reason.code not in too_short_codes:
         return margins
     too_short_for_loops = Fact(
         LoopFact.LOOP_TOO_SHORT,
@@ -266,8 +266,8 @@ def _with_duration_for_loops(
 def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:
     """Returns why the loop with the smallest margins was not identified by its setpoints; None if it was.
 
-    Margins are most reliable if setpoints moved the vehicle enough to identify its plant, the response to the motors,
-    in the closed loop. Otherwise the plant has the reason as its ``refusal``.
+    Margins are most certain if setpoints moved the vehicle enough to identify its plant (the response to the motors) in
+    the closed loop. Otherwise the plant has the reason as its ``refusal``.
 
     Args:
         assessment: the assessment of the log.
@@ -283,7 +283,7 @@ def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | Non
 
 
 def _with_parameters(log: Log, parameters: Parameters) -> Log:
-    """Returns a log of one vehicle, with the parameters added that it does not contain."""
+    """Returns a log with parameters of the autopilot added; values that the log has already are kept."""
     vehicles = [
         replace(telemetry, parameters={**parameters, **telemetry.parameters})
         for telemetry in log.vehicles
@@ -292,7 +292,7 @@ def _with_parameters(log: Log, parameters: Parameters) -> Log:
 
 
 class MarginReview:
-    """Has the stability margins of a live flight computed again and again, where setpoints of the body rate come.
+    """Reviews the stability margins of a live flight again and again, if setpoints of the body rate are received.
 
     Attributes:
         margins: the fact on the margins, as the latest review of the latest flight shows them; None before one.
@@ -322,7 +322,7 @@ class MarginReview:
 
     @property
     def awaited_light(self) -> Fact | None:
-        """The light of the margins until they are reviewed; None where no setpoint comes by which they can be."""
+        """What is said of the margins before the first review; None if no setpoint comes that a review needs."""
         return MARGINS_AWAITED if self.has_rate_setpoint else None
 
     def add_messages(
@@ -344,11 +344,9 @@ class MarginReview:
     ) -> None:
         """Takes the result of a finished review of the stability margins, or begins another one if that is due.
 
-        Reviews are computed in another process, for which this method never waits.
-
-        It is called once a second. Reviews begin ``FIRST_REVIEW_SECONDS`` after the take-off, and follow each other
-        while the vehicle flies. The last one is of the whole flight, after its landing, unless its recording is
-        assessed then, which shows the same margins.
+        It is called once a second, and never waits: reviews are computed in another process. The first one begins
+        ``FIRST_REVIEW_SECONDS`` after the take-off. The last one is of the whole flight, after its landing, unless the
+        recording is assessed then, which shows the same margins.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -368,7 +366,7 @@ class MarginReview:
             self._start_review(now, stream)
 
     def _note_phase(self, now: float, stream: LiveStream) -> None:
-        """Notes a take-off, which begins the reviews of another flight, and what has come for the next review.
+        """Notes a take-off, with which the reviews begin anew, and whether there are messages for another review.
 
         Args:
             now: present time, s of the monotonic clock.

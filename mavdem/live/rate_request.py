@@ -162,7 +162,7 @@ class ArrivalRates:
 
 @dataclass
 class _MessageInterval:
-    """The interval between two messages of one name: what is requested, and what has become of the request."""
+    """The interval at which the vehicle sends one message: what is requested, and what became of the requests."""
 
     message_id: int
     name: str
@@ -215,8 +215,9 @@ class _MessageInterval:
 
     @property
     def is_requested_in_vain(self) -> bool:
-        """Whether the message was requested, and has not come so far; also where it may still come."""
-        return self.is_absent or (self.may_have_changed and not self.was_received)
+        """Whether the message was requested and has not come so far. Just after the request it may still come."""
+        is_requested = self.may_have_changed
+        return self.is_absent or (is_requested and not self.was_received)
 
     def allow_new_settings(self) -> None:
         """Allows the interval to be set again at once, since the vehicle may have rebooted and forgotten it."""
@@ -265,7 +266,7 @@ class _MessageInterval:
         self.request_time = now
 
     def accept_present_rate(self, rate: float) -> None:
-        """Ends the settings, which did not help: a little less than the present rate, Hz, is enough from now on."""
+        """Lowers the goal, since settings did not help: ``MIN_RATE_RATIO`` of the present rate, Hz, is enough now."""
         self.reachable_rate = rate
         self.needed_rate = MIN_RATE_RATIO * rate
 
@@ -491,14 +492,18 @@ class RateRequest:
             self.events.append(Fact(code, subject=interval.name, **figures))
 
     def _report_absence(self, interval: _MessageInterval) -> None:
-        """Reports once that a message does not come although it was requested, unless more was reported of it."""
+        """Marks a requested message as absent, and reports that once.
+
+        Args:
+            interval: the message. If ``is_reported``, the caller has reported already that its request failed.
+        """
         if not interval.is_absent and not interval.is_reported:
             self.events.append(Fact(RateFact.MESSAGE_ABSENT, subject=interval.name))
         interval.is_absent = True
 
     @property
     def absent_messages(self) -> frozenset[str]:
-        """Names of the messages that have not come since they were requested, even if that was a moment ago."""
+        """Names of the messages that were requested and have not come, even if the request was a moment ago."""
         return frozenset(
             interval.name for interval in self._intervals if interval.is_requested_in_vain
         )

@@ -245,9 +245,9 @@ class LiveSession:
             self._judge_and_report(now)
 
     def analyse_rest(self) -> None:
-        """Analyses the messages that wait at the end of the session, for ``MAX_REST_SECONDS`` at most.
+        """Analyses the messages that still wait at the end of the session, for ``MAX_REST_SECONDS`` at most.
 
-        Otherwise a computer that is far behind would take a vehicle for lost in flight that has landed meanwhile.
+        On a computer that is far behind, they may show a landing. Without them the vehicle would seem lost in flight.
         """
         end_time = clock.monotonic() + MAX_REST_SECONDS
         while self.backlog and clock.monotonic() < end_time:
@@ -255,7 +255,10 @@ class LiveSession:
         self._report_events()
 
     def _report_events(self) -> None:
-        """Reports the first model, and what the stream and the link have reported since the last step."""
+        """Reports the first model, and the events of vehicle and link since the last step, to the user.
+
+        The status is reported before an alarm: it may be a second old, and call the vehicle sound beside the alarm.
+        """
         self._milestone_reporter.note_first_model(
             self.flight.learning, self.stream.now, self.stream.takeoff_time
         )
@@ -263,7 +266,7 @@ class LiveSession:
         has_alarm = any(event.fact.is_bad for event in events)
         has_vehicle = any(event.fact.code is VehicleFact.FOLLOWING_VEHICLE for event in events)
         if has_alarm or has_vehicle:
-            # Neither must stand beside a status of up to a second before, which calls the vehicle sound or not found.
+            # An old status would call the vehicle sound beside the alarm, or say that no vehicle was found.
             self._report_status_unless_late(self.status)
         for event in events:
             # A vehicle that is to be followed after a silent one has been reported as its successor.
@@ -285,28 +288,26 @@ class LiveSession:
         # The more messages wait, the more kinds of work are postponed. Estimates are the last of them.
         is_far_behind = self.backlog.postpones(DelayedWork.ESTIMATES)
         if not is_far_behind:
-            self._report_status(self._with_awaited_recording(status))
+            self._report_status(self._withhold_all_clear(status))
 
     def _request_rates(self) -> None:
-        """Requests higher message rates from the vehicle where its messages come too slowly.
+        """Measures the message rates of the vehicle, and requests higher ones where messages come too slowly.
 
-        The rates are those per second of the vehicle's clock: a simulated vehicle may run slower than real time, and
-        then sends fewer messages per second of this computer's clock.
+        Rates are counted per second of the vehicle's clock, since a simulated vehicle may run slower than real time.
         """
-        # Up to this time of arrival all messages are analysed and counted, s of this computer's monotonic clock.
-        analysed_time = self.backlog.analysed_until
-        # The latest time that a message of the vehicle states, s since its boot.
-        vehicle_time = self.stream.now
-        self._clock_speed.update(analysed_time, vehicle_time)
+        # All messages that arrived until this time have been counted, s of this computer's monotonic clock.
+        count_time = self.backlog.analysed_until
+        # The speed of the vehicle's clock follows from its latest time since boot, s.
+        self._clock_speed.update(count_time, vehicle_time=self.stream.now)
         self._rates.update(
-            analysed_time,
+            count_time,
             self._silence_monitor.message_time,
             is_busy=self.backlog.is_late,
-            vehicle_seconds=self._clock_speed.elapsed_seconds(analysed_time),
+            vehicle_seconds=self._clock_speed.elapsed_seconds(count_time),
         )
 
     def _judge_and_report(self, now: float) -> None:
-        """Judges the latest model, and reports advice on gains, the status and milestones, once per ``STATUS_PERIOD``.
+        """Judges the latest model, and reports advice on gains, status and milestones; called every ``STATUS_PERIOD``.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -332,7 +333,7 @@ class LiveSession:
         )
 
     def _judge_model(self, now: float) -> None:
-        """Judges the latest model of the flight, and the stability margins, if this computer has time for it.
+        """Judges the latest model of the flight and its stability margins, if this computer has time for it.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -357,10 +358,10 @@ class LiveSession:
         )
 
     def _postpone_tasks(self) -> None:
-        """Puts off tasks if this computer is too slow to analyse the messages of the link as they come.
+        """Postpones tasks if this computer is too slow to analyse the messages of the link as they come.
 
-        By the delay of the analysis, ``Backlog.update`` decides which tasks wait: first new fits, then the drawing of
-        plots, and in the end estimates. Before any of them, the process that learns is suspended for a moment.
+        The longer the delay of the analysis, the more tasks wait: first new fits, then the drawing of plots, and in the
+        end estimates. Before any of them, the process that learns is suspended for a moment.
         """
         # The report that this computer begins to be too slow, or keeps up again; None where neither has changed.
         delay_report = self.backlog.update(self.link.dropped_datagrams)
@@ -476,7 +477,7 @@ class LiveSession:
 
     @property
     def _restart_seconds(self) -> float:
-        """Time for which nothing was received while the vehicle restarted last, s; 0 without a restart."""
+        """Time for which nothing was received during the latest restart of the vehicle, s; 0 without a restart."""
         restart = self.stream.latest_restart
         if restart is None:
             return 0.0
@@ -761,7 +762,7 @@ class LiveSession:
 
     @property
     def recording_failure(self) -> Fact | None:
-        """Why the recording of the latest flight is not judged, if that failed or took too long; None if not."""
+        """Why the recording of the latest flight could not be judged; None if it was, or is still being judged."""
         is_of_latest_flight = self._recorded_flight == self.stream.flight_number
         if self.gain_adviser is None or not is_of_latest_flight:
             return None
@@ -769,26 +770,30 @@ class LiveSession:
 
     @property
     def shown_status(self) -> SessionStatus:
-        """The status as of now, for users: a headline that all is well waits for the judgement of the recording."""
-        return self._with_awaited_recording(self.status)
+        """The present status as users see it: no all-clear before the recording of a flight is judged."""
+        return self._withhold_all_clear(self.status)
 
-    def _with_awaited_recording(self, status: SessionStatus) -> SessionStatus:
-        """Adds to a status that the recording of the latest flight is still being judged, if it is.
+    def _withhold_all_clear(self, status: SessionStatus) -> SessionStatus:
+        """Withholds the all-clear of a status while the recording of the latest flight is still being judged.
 
-        The recording may show faults that the session did not see. So the status then shows no headline that all is
-        well, but that the judgement of the recording is awaited; warnings are shown as ever.
+        The recording may show faults that the session did not find. Until then a headline that all is well gives way to
+        one that says so; warnings stay.
 
         Args:
             status: the present status.
         """
-        # After a landing, the adviser reads the recording, judges the flight by it and finds the gains to advise.
-        if self.gain_adviser is None or not self.gain_adviser.is_awaited:
+        # After a landing the adviser reads the recording, from which it judges the flight and computes gains.
+        is_recording_read = self.gain_adviser is not None and self.gain_adviser.is_awaited
+        if not is_recording_read:
             return status
         return replace(status, recording_verdict=RECORDING_AWAITED)
 
     @property
     def ending_status(self) -> SessionStatus:
-        """The status of a session that ends, until its verdict is known: an all-clear waits for that of a recording."""
+        """The status to show while a session ends: its recording, if it has one, is still to be judged.
+
+        So it has no all-clear, unless that judgement has failed already.
+        """
         status = replace(self.status, is_over=True)
         if self.gain_adviser is None or status.recording_verdict is not None:
             return status

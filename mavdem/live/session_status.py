@@ -375,9 +375,9 @@ class SessionStatus(ImmutableResult):
         3. how the flight was lost;
         4. in flight, what cannot wait until the landing; at the end of the session, that the link was lost in flight;
            just after it, that the motors may have stopped in the air, or are still armed; otherwise the verdict of the
-           recording, or that it is awaited.
+           recording, or that this is not known yet.
         """
-        judgement = self._judgement_with_all_lights
+        judgement = self._judgement_by_model_and_checks
         is_nothing_checked = judgement.headline.code in (
             HeadlineCode.NOTHING_CHECKED,
             *STATES_OF_LEARNING,
@@ -394,26 +394,31 @@ class SessionStatus(ImmutableResult):
         return self._judgement_after_flight(judgement)
 
     def _judgement_after_flight(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement for a vehicle that does not fly now, or whose session is over; before any flight, too.
+        """Corrects a judgement for a vehicle that does not fly now, or whose session is over.
 
-        Its headline is the first of these that applies: the link was lost in flight; the end of the flight is not known
-        yet, unless something was wrong in it; what the recording of the flight shows, or that this is awaited. If the
-        session has ended in flight, the next step begins with the landing.
+        The headline, the fact that matters most, is the first of these that applies:
+
+        1. The link was lost in flight.
+        2. The server ended in flight, so that nobody watches the vehicle any more.
+        3. It is not certain that the flight ended well, unless something was wrong in it anyway.
+        4. What the recording of the flight shows, or that it is not judged yet.
+
+        If the session has ended in flight, the next step begins with the landing.
 
         Args:
-            judgement: judgement of the latest flight by this session.
+            judgement: judgement of the latest flight by this session; the one before any flight, too.
         """
         link_loss = self.link_loss
         if link_loss is not None:
-            # What was found before, such as a weak motor, is the cause that this fact has.
+            # What was found before, such as a weak motor, is the figure "cause" of this fact.
             lights_to_show = self._lights_with_recording(judgement.lights)
             return _judgement_with_headline(link_loss, lights_to_show)
         if self._is_left_in_air:
             return self._judgement_of_vehicle_left_in_air(judgement)
-        end_awaited = self._awaited_end_of_flight
-        if end_awaited is not None and not judgement.headline.is_watch_or_bad:
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=end_awaited)
-            return replace(judgement, headline=end_awaited, next_step=next_step)
+        uncertainty = self._uncertainty_after_landing
+        if uncertainty is not None and not judgement.headline.is_watch_or_bad:
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=uncertainty)
+            return replace(judgement, headline=uncertainty, next_step=next_step)
         judgement = self._judgement_with_recording(judgement)
         has_ended_in_flight = self._is_in_air and self.loss is None
         if has_ended_in_flight:
@@ -421,14 +426,14 @@ class SessionStatus(ImmutableResult):
         return judgement
 
     def _judgement_until_landing(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement whose next step begins with the landing, after a session that has ended in flight.
+        """Puts the landing before the next step of a judgement, after a session that has ended in flight.
 
         Args:
-            judgement: judgement of the flight; its next step, such as a repair, comes after the landing.
+            judgement: judgement of the flight. Its next step, such as a repair, is for the vehicle on the ground.
         """
         step_on_ground = judgement.next_step
         if self._is_urgent(judgement.headline):
-            # The fault is as urgent as before: the end of the session has changed nothing about the vehicle.
+            # The end of the session has not changed how urgent the fault is.
             step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=step_on_ground)
         elif self._lands_by_itself:
             step = Fact(NextStep.LET_LAND, reason=step_on_ground)
@@ -438,7 +443,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _is_left_in_air(self) -> bool:
-        """Whether the session has ended with its server while the vehicle flew, so that nobody watches it any more."""
+        """Whether the session has ended with its server while the vehicle flew, so that nobody watches it any more.
+
+        Then the recording of the flight is judged only once the server runs again, which ``recording_verdict`` states.
+        """
         if not self.is_over or not self._is_in_air or self.loss is not None:
             return False
         verdict = self.recording_verdict
@@ -447,10 +455,13 @@ class SessionStatus(ImmutableResult):
         return verdict.figures["kind"] is RecordingState.READ_AT_NEXT_START
 
     def _judgement_of_vehicle_left_in_air(self, judgement: Judgement) -> Judgement:
-        """Returns the judgement after the server has ended in flight: as after a lost link, no light is good any more.
+        """Returns the judgement after the server has ended in flight: how the vehicle flies is not known any more.
+
+        So no light, which judges one part of the vehicle, stays good.
 
         Args:
-            judgement: judgement of the flight until then. A fault in its headline becomes the cause of the new one.
+            judgement: judgement of the flight until then. If its headline is a fault, the new headline names it as its
+                cause.
         """
         cause = judgement.headline if judgement.headline.is_watch_or_bad else None
         delay = self.analysis_delay if self.is_late else None
@@ -460,12 +471,14 @@ class SessionStatus(ImmutableResult):
         return Judgement(headline, next_step, lights)
 
     @property
-    def _awaited_end_of_flight(self) -> Fact | None:
-        """Why a flight that seems to be over is not called sound yet; None if nothing of it is awaited.
+    def _uncertainty_after_landing(self) -> Fact | None:
+        """What is uncertain just after a flight, so that the flight is not called sound yet; None if nothing is.
 
-        Motors that stop in the air are found a moment later, and so is a vehicle that topples over as it lands.
+        The motors may have stopped in the air: a fall is found a moment later. While they are still armed after the
+        landing, the vehicle may topple over.
         """
-        if self.is_flying or self.is_over or self.flight_number == 0:
+        is_after_flight = self.flight_number > 0 and not self.is_flying
+        if not is_after_flight or self.is_over:
             return None
         if not self.has_landed:
             return Fact(WatchFact.MOTORS_JUST_STOPPED)
@@ -521,7 +534,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def verdict(self) -> FlightVerdict:
-        """The verdict by what was found in the latest flight, without what a pilot must do while it goes on."""
+        """The judgement of the latest flight so far as if it were over: without what a pilot must do in flight."""
         flight_so_far = replace(self, is_flying=False, is_over=True)
         return FlightVerdict(
             self.flight_number, flight_so_far.overall_judgement, self.flight_seconds
@@ -529,12 +542,12 @@ class SessionStatus(ImmutableResult):
 
     @property
     def verdicts_worst_first(self) -> list[FlightVerdict]:
-        """The verdicts on all flights of the session, the worst first, with which a session of several flights ends.
+        """The verdicts on all flights of the session, the worst first; a verdict is the judgement of one flight.
 
-        A verdict is the judgement of one flight with its number; it was made when the flight ended. That on the latest
-        flight is made anew, since its judgement may be by the recording meanwhile. But if the autopilot restarted after
-        a loss in the air, the present judgement is about the time after the restart: then the verdict from before the
-        restart stays until the recording is judged.
+        Each was made when its flight ended. That on the latest flight is made anew, since the recording of the flight
+        may have been judged meanwhile. There is one exception: if the autopilot restarted after a loss in the air, the
+        present judgement is about the time after the restart, and the verdict from before it stays until the recording
+        is judged.
         """
         if not self.verdicts:
             return []
@@ -556,14 +569,14 @@ class SessionStatus(ImmutableResult):
 
     @property
     def session_judgement(self) -> Judgement:
-        """The judgement to show: of the latest flight, with what is known of faults of earlier ones.
+        """The judgement to show: that of the latest flight, with a warning of faults that earlier flights had.
 
-        A take-off does not repair what was found before. On the ground, and at the end, the worst verdict of the
-        session heads the judgement. A next step that lets the vehicle fly, or take off for the first flight of the
-        session, gets the condition that the fault of an earlier flight was repaired; while the link is lost in flight,
-        what to do about that comes first. The lights remain those of the latest flight.
+        A take-off repairs nothing. So a next step that lets the vehicle fly on, or take off for the first flight of the
+        session, gets the condition "if the fault was repaired". On the ground the headline is that of the worst flight
+        of the session. While the link is lost in flight, what to do about that comes first. The lights, which judge the
+        parts of the vehicle, remain those of the latest flight.
         """
-        judgement = self._judgement_headed_by_worst_flight
+        judgement = self._judgement_of_worst_flight
         if self.link_loss is not None:
             return judgement
         fault = self.unrepaired_fault
@@ -583,14 +596,15 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _is_first_take_off_awaited(self) -> bool:
-        """Whether a vehicle that is received has not flown in this session, so that its next step is to take off."""
+        """Whether the vehicle is received but has not flown in this session, so that its next step is to take off."""
         return self.flight_number == 0 and not self.is_over and self._is_vehicle_received
 
     @property
-    def _judgement_headed_by_worst_flight(self) -> Judgement:
-        """The judgement of the latest flight; on the ground, with headline and next step of an earlier one if worse.
+    def _judgement_of_worst_flight(self) -> Judgement:
+        """The judgement whose headline and next step are those of the worst flight of the session.
 
-        The lights, which judge the parts of the vehicle, remain those of the latest flight.
+        In flight, or if no earlier flight was worse, it is the judgement of the latest flight. The lights, which judge
+        the parts of the vehicle, are those of the latest flight in any case.
         """
         judgement = self.overall_judgement
         worst_verdict = self.worst_earlier_verdict
@@ -604,26 +618,24 @@ class SessionStatus(ImmutableResult):
 
     @property
     def unrepaired_fault(self) -> Fact | None:
-        """The warning that a fault which forbids to fly, found in an earlier flight, may not have been repaired.
+        """The warning that a fault of an earlier flight, with which the vehicle must not fly, may still be there.
 
         The earlier flight is one of this session or, if none of these has such a fault, one of a former session, whose
-        recording was judged by the library. None if there is no such fault, or if the headline states it already.
+        recording the library has judged. None if there is no such fault, or if the headline states it already.
         """
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or not worst_verdict.judgement.headline.forbids_flight:
             return self._warning_by_library
-        is_stated_by_headline = (
-            self._judgement_headed_by_worst_flight.headline == worst_verdict.fact
-        )
+        is_stated_by_headline = self._judgement_of_worst_flight.headline == worst_verdict.fact
         if is_stated_by_headline:
             return None
         return self._warning_of_fault(worst_verdict.fact, worst_verdict.judgement.next_step)
 
     @property
     def _warning_by_library(self) -> Fact | None:
-        """The warning that a fault which the library found in a flight of a former session may not have been repaired.
+        """The warning of a fault that the library of recordings found in a flight before this session; None without.
 
-        None if the library found none, or if a flight of this session has shown meanwhile whether it is repaired.
+        There is none either if a flight of this session has shown meanwhile whether the fault is still there.
         """
         fault = self.fault_in_library
         if fault is None or self._was_fault_checked_again:
@@ -632,10 +644,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _was_fault_checked_again(self) -> bool:
-        """Whether a flight of this session shows if the fault that the library found in an earlier one is still there.
+        """Whether a flight of this session has shown if the fault that the library found before is still there.
 
-        That holds for a fault with which the vehicle may fly, such as a small stability margin, once it has flown. A
-        fault that forbids to fly, and a flight whose end was not received, are named as long as the session lasts.
+        A flight does so for a fault with which the vehicle may fly, such as a small stability margin. A fault that
+        forbids to fly, and an earlier flight whose end was not received, are warned of as long as the session lasts.
         """
         fault = self.fault_in_library
         if fault is None or fault.code is not SessionFact.RECORDING_JUDGED or fault.forbids_flight:
@@ -658,12 +670,12 @@ class SessionStatus(ImmutableResult):
 
     @property
     def link_loss(self) -> Fact | None:
-        """The fact that a flying vehicle is silent, with its last known state; None while messages and motion come.
+        """The fact that a vehicle in flight sends nothing, with its last known state; None while its messages come.
 
-        A vehicle whose loss is known is not missed: it has met the ground, or is about to. If a session ends while this
-        computer is late, the vehicle may have landed in the messages that were not analysed.
+        None also if the vehicle is known to be lost, since it has met the ground or is about to.
         """
         if self.is_over and self.is_late:
+            # The vehicle may have landed in the messages that were not analysed.
             return None
         # Without messages no model can be learned, so that the silence is why there is none.
         silence = self.no_model_reason
@@ -696,13 +708,13 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _likely_cause_of_silence(self) -> Fact | None:
-        """The fault of the vehicle that may be why no messages come any more; None if none was known at the last one.
+        """The fault of the vehicle that may have ended its messages; None if no such fault was known before.
 
         It is the first of these: a fault for which a pilot must land at once, such as a loss of control; then what is
         wrong with the power supply, such as an empty battery. Both explain a silence better than a radio link out of
         range.
         """
-        judgement = self._judgement_with_all_lights
+        judgement = self._judgement_by_model_and_checks
         most_urgent_fact = self._most_urgent_headline(judgement.headline)
         if self._is_urgent(most_urgent_fact):
             return most_urgent_fact
@@ -732,40 +744,44 @@ class SessionStatus(ImmutableResult):
         A judgement has a headline, a next step, and for each part of the vehicle a light: the fact (coded finding) that
         judges this part.
         """
-        lights_without_model = self._lights_before_model
+        preliminary_lights = self._preliminary_lights
         if self.model_judgement is None:
             headline = self._weak_motors[0] if self._weak_motors else self._reason_without_model
-            return replace(unjudged(headline), lights=lights_without_model)
+            return replace(unjudged(headline), lights=preliminary_lights)
         # A model does not show how the vehicle tracks its setpoints, nor how good the autopilot's estimator is. The
         # lights of both only say that they are judged later; here they get the reason why not in flight.
         lights = dict(self.model_judgement.lights)
         for part in (Light.TRACKING, Light.ESTIMATOR):
             if lights[part].code is Unjudged.JUDGED_LATER:
-                reason = lights_without_model[part].figures["reason"]
+                reason = preliminary_lights[part].figures["reason"]
                 lights[part] = lights[part].replace(reason=reason)
         return replace(self.model_judgement, lights=lights)
 
     @property
-    def _lights_before_model(self) -> dict[str, Fact]:
-        """The light of each part of the vehicle as long as no model was judged: no alarm so far, or why not judged."""
-        watch_facts = self._followed_watch_facts
+    def _preliminary_lights(self) -> dict[str, Fact]:
+        """What is said of each part of the vehicle, such as its motors, before the first model of the flight is judged.
+
+        A part that is watched for faults has the light (judgement) that no alarm was raised so far. Any other part has
+        a light of unknown level with the reason, such as that a message does not come.
+        """
+        watch_states = self._watch_states
         if self._is_silent_after_flight:
-            # The flight is over, and nothing need be watched any more. So no light gets the silent link as its reason.
-            watch_facts = {}
+            # After the flight nothing need be watched any more, so that the silence is no reason to state.
+            watch_states = {}
         return lights_before_model(
-            self._reason_without_model,
-            self.rates,
-            watch_facts,
-            self.no_wind_reason,
-            self.margins_awaited,
+            no_model_reason=self._reason_without_model,
+            rates=self.rates,
+            watch_facts=watch_states,
+            no_wind_reason=self.no_wind_reason,
+            margins_awaited=self.margins_awaited,
         )
 
     @property
-    def _judgement_with_all_lights(self) -> Judgement:
-        """The judgement by the learned model and by the checks that need no model, such as those for alarms.
+    def _judgement_by_model_and_checks(self) -> Judgement:
+        """The judgement of the flight by the learned model and by the checks that need no model, such as for alarms.
 
-        A light is the judgement of one part of the vehicle; the worse one of the model and of the checks counts. The
-        headline, the sentence that matters most, then agrees with these lights:
+        Each light (the judgement of one part of the vehicle) is the worse of both. The headline, the sentence that
+        matters most, is made to agree with the lights:
 
         - If a light is bad, the headline is a fault.
         - If there is no model yet, the headline sums up the lights.
@@ -773,7 +789,7 @@ class SessionStatus(ImmutableResult):
         - Otherwise the headline of the model stays.
         """
         by_model = self._judgement_by_model
-        lights = self._combined_lights(by_model.lights, self._lights_without_model)
+        lights = self._combined_lights(by_model.lights, self._lights_by_checks)
         lights = self._lights_after_landing(lights)
         lights = self._lights_during_oscillation(lights)
         judgement = self._without_vain_requests(replace(by_model, lights=lights))
@@ -806,14 +822,14 @@ class SessionStatus(ImmutableResult):
         False while no messages come from a vehicle in flight: how it flies is not known then. After the flight or the
         session no message need come any more, and the checks still judge what was received.
         """
-        is_part_judged = any(part in self._lights_without_model for part in VEHICLE_LIGHTS)
+        is_part_judged = any(part in self._lights_by_checks for part in VEHICLE_LIGHTS)
         is_silent_in_flight = not (
             self._is_vehicle_received or self.is_over or self._is_silent_after_flight
         )
         return self.model_judgement is None and is_part_judged and not is_silent_in_flight
 
     def _lights_during_oscillation(self, lights: NamedFacts) -> dict[str, Fact]:
-        """Returns the lights, of which motors and tracking are not judged sound while the vehicle oscillates.
+        """Returns the lights, in which good ones of motors and tracking become unknown while the vehicle oscillates.
 
         The motors go from limit to limit then, and the attitude swings about its setpoint, whatever was judged before.
 
@@ -832,10 +848,10 @@ class SessionStatus(ImmutableResult):
         return present_lights
 
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
-        """Returns the lights, which after a landing say why a part of the vehicle was not judged in the flight.
+        """Corrects, after a landing, the reasons why parts of the vehicle were not judged in the flight.
 
-        On the ground nothing is watched, and nothing is learned any more: these are the reasons that such a light has
-        now. But the lights are about the flight, which was too short to judge this part, or did not show it.
+        On the ground the reason is that nothing is watched, or nothing is learned any more. But the lights are about
+        the flight, which was too short to judge such a part, or did not show it.
 
         Args:
             lights: the judgement of each part of the vehicle, by the name of the part. One of the level "unknown" has a
@@ -862,65 +878,65 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _too_little_received(self) -> Fact:
-        """The fact that a flight was too short to be judged, or its messages too few unless rows were made of them."""
+        """The fact that a flight was too short to be judged or, if it gave no samples, that too few messages came."""
         has_rows = self.learned_rows + self.unlearned_rows > 0
         return Fact(SessionFact.TOO_LITTLE_RECEIVED, has_rows=has_rows)
 
     def _without_vain_requests(self, judgement: Judgement) -> Judgement:
-        """Removes advice to request a message that the vehicle was asked for and did not send.
+        """Removes the advice to request a message if that was done already, and the message does not come.
+
+        For example, the vibration is unknown without the message VIBRATION, and its light (the judgement of this part)
+        advises to request that. The next step may be the same advice.
 
         Args:
-            judgement: judgement of the flight so far. Where a light is unknown for want of a message, light and next
-                step may advise to request it (``REQUESTED_MESSAGES``).
+            judgement: judgement of the flight so far.
 
         Returns:
-            A copy of the judgement without that advice; the judgement itself if it does not give it.
+            The judgement with corrected lights and, if it was such a request, another next step.
         """
-        lights = {
-            name: self._with_vain_request_stated(light) for name, light in judgement.lights.items()
-        }
+        lights = dict(judgement.lights)
+        for part, light in lights.items():
+            if self._is_request_in_vain(light):
+                # The sentence of the light then says that the message was requested, and advises something else.
+                lights[part] = light.replace(is_asked=True)
         if lights == judgement.lights:
             return judgement
         next_step = judgement.next_step
         advised_fact = next_step.figures.get("reason")
-        is_step_in_vain = isinstance(advised_fact, Fact) and (
-            self._with_vain_request_stated(advised_fact) != advised_fact
-        )
-        if is_step_in_vain:
+        if isinstance(advised_fact, Fact) and self._is_request_in_vain(advised_fact):
             next_step = choose_next_step(judgement.headline, lights, None)
         return replace(judgement, next_step=next_step, lights=lights)
 
-    def _with_vain_request_stated(self, light: Fact) -> Fact:
-        """Returns a light that is unknown for want of a message with the figure that this was requested in vain.
+    def _is_request_in_vain(self, fact: Fact) -> bool:
+        """Returns whether a fact advises to request a message that was requested already, and that does not come.
 
         Args:
-            light: the judgement of a part of the vehicle. Any other is returned as it is.
+            fact: any fact, such as that the vibration is unknown; ``REQUESTED_MESSAGES`` has those with such advice.
         """
-        if REQUESTED_MESSAGES.get(light.code) in self.absent_messages:
-            return light.replace(is_asked=True)
-        return light
+        message = REQUESTED_MESSAGES.get(fact.code)
+        return message in self.absent_messages
 
     def _combined_lights(
-        self, lights_by_model: NamedFacts, lights_without_model: NamedFacts
+        self, lights_by_model: NamedFacts, lights_by_checks: NamedFacts
     ) -> dict[str, Fact]:
-        """Returns one light for each part of the vehicle, where the model and the checks without a model judge it both.
+        """Merges two sets of lights, which are judgements of the parts of the vehicle, into one light for each part.
 
-        In flight it is the worse of the two. Once the recording of the flight is judged, the light "by the model" is
-        that of the recording, which the other one seldom replaces (:func:`_light_after_recording`).
+        In flight the worse light of a part counts. Once the recording of the flight is judged, ``lights_by_model`` are
+        the lights of the recording. Then :func:`_light_after_recording` decides, mostly for the recording.
 
         Args:
-            lights_by_model: the lights of all parts, as the model or the recording shows them, by the name of the part.
-            lights_without_model: the lights of some parts, by the checks in flight that need no model.
+            lights_by_model: a light for each part, by the learned model or the recording; keys are names of parts.
+            lights_by_checks: the lights of some parts, by the checks in flight that need no model.
         """
         combined_lights = dict(lights_by_model)
         for part, light_by_model in lights_by_model.items():
-            light_in_flight = lights_without_model.get(part)
-            if light_in_flight is None:
+            light_by_checks = lights_by_checks.get(part)
+            if light_by_checks is None:
                 continue
             if self.is_recording_judged:
-                combined_light = _light_after_recording(light_by_model, light_in_flight)
+                combined_light = _light_after_recording(light_by_model, light_by_checks)
             else:
-                combined_light = worst_fact([light_in_flight, light_by_model])
+                combined_light = worst_fact([light_by_checks, light_by_model])
             combined_lights[part] = combined_light
         return combined_lights
 
@@ -952,9 +968,9 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
 
     def _qualified_headline(self, headline: Fact, lights: NamedFacts) -> Fact:
-        """Adds to a headline in flight what is not known of the flight, unless the headline states a fault.
+        """Adds to a headline without fault what is not known of the flight so far.
 
-        That is for how long no messages came, and which parts of the vehicle were not judged so far.
+        That is for how long no messages came, and which parts of the vehicle were not judged.
 
         Args:
             headline: the headline. One that states a fault is returned as it is.
@@ -974,10 +990,11 @@ class SessionStatus(ImmutableResult):
         return headline
 
     def _judgement_with_recording(self, judgement: Judgement) -> Judgement:
-        """Returns the judgement of a flight that is over, with the verdict of its recording as headline.
+        """Makes the verdict of the recording the headline of the judgement of a flight that is over.
 
-        While that is awaited, what was found in flight stays the headline, but an all-clear does not: the recording
-        may show more. Where nothing was recorded, no step needs a log.
+        Before the recording is judged, a fault that was found in flight stays the headline. An all-clear does not: the
+        headline then says that the recording, which may show more, is still to be judged. Where nothing was recorded,
+        the next step is not to keep a log.
 
         Args:
             judgement: judgement of the flight by this session.
@@ -994,16 +1011,17 @@ class SessionStatus(ImmutableResult):
             verdict = verdict.replace(is_switched_off=True)
         lights = self._lights_with_recording(judgement.lights)
         if is_awaited and verdict.figures["kind"] is not RecordingState.FAILED:
-            # Margins in flight are of the axis and the time learned so far: their advice on gains may be the opposite
-            # of what the recording shows a moment later.
+            # Stability margins in flight are of one axis and a part of the flight. Their advice on gains may be the
+            # opposite of what the recording shows a moment later.
             lights = {**lights, Light.MARGINS: Fact(Unjudged.NOT_JUDGED, reason=verdict)}
         next_step = self._step_after_recording(verdict)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
     def _step_after_recording(self, verdict: Fact) -> Fact:
-        """Returns what to do by the verdict of the recording, unless the vehicle was asked for that in vain already.
+        """Returns the next step after a flight: what its recording advises, or to keep the log if that was tried.
 
-        A recording has what the vehicle sent, but not what it was asked for: it may advise to ask for VIBRATION.
+        A recording does not show which messages were requested. So it may advise to request VIBRATION, although that
+        was requested in this session and did not come.
 
         Args:
             verdict: what the recording of the flight shows, or that it is not judged yet.
@@ -1011,22 +1029,21 @@ class SessionStatus(ImmutableResult):
         for code, message in REQUESTED_MESSAGES.items():
             if message not in self.absent_messages:
                 continue
-            advice_by_log = Fact(code, recorder="", asked=False, axis="")
-            if verdict.remedy == advice_by_log.remedy:
+            # The library stores sentences, and no codes: advice to request this message is recognised by its text.
+            advice_to_request = Fact(code, recorder="", asked=False, axis="").remedy
+            if verdict.remedy == advice_to_request:
                 return Fact(NextStep.KEEP_LOG)
         return Fact(NextStep.DO_AS_ADVISED, reason=verdict)
 
     def _lights_with_recording(self, lights: NamedFacts) -> NamedFacts:
-        """Corrects the lights of a flight that is over by its recording, once that is judged.
-
-        The lights are the judgements of the vehicle's parts. The session judges them while the vehicle flies. After the
-        landing, the recording of the flight may be judged like a log, which shows more.
+        """Replaces the lights of a flight that is over by those of its recording, once that is judged as a log is.
 
         Args:
-            lights: the fact with the judgement of each part by this session, by the name of the part.
+            lights: the judgement of each part of the vehicle by this session, by the name of the part.
 
         Returns:
-            The lights, those that the recording contradicts replaced; all unchanged before it is judged.
+            The lights of the recording, or of the session where the recording leaves a part unknown; before the
+            recording is judged, the lights of the session.
         """
         recording_verdict = self.recording_verdict
         if recording_verdict is None or recording_verdict.code is not SessionFact.RECORDING_JUDGED:
@@ -1075,7 +1092,7 @@ class SessionStatus(ImmutableResult):
         lights = dict(present_lights)
         if self.status_before_silence is None:
             return lights
-        lights_before_silence = self.status_before_silence._judgement_with_all_lights.lights
+        lights_before_silence = self.status_before_silence._judgement_by_model_and_checks.lights
         for part, light_before_silence in lights_before_silence.items():
             if light_before_silence.is_good and not lights[part].is_watch_or_bad:
                 lights[part] = light_before_silence
@@ -1216,13 +1233,16 @@ class SessionStatus(ImmutableResult):
 
     @property
     def is_hover_awaited(self) -> bool:
-        """Whether the vehicle has to hover until an oscillation, or a loss of thrust, would be noticed."""
+        """Whether the vehicle should hover now, since an oscillation or a loss of thrust would not be noticed yet."""
         return self.is_oscillation_awaited or self.are_motors_awaited
 
     @property
     def are_motors_awaited(self) -> bool:
-        """Whether the oscillation is watched, but the first seconds of hover that the motors are compared with lack."""
-        watch_fact = self._followed_watch_facts.get(WatchedQuantity.MOTORS)
+        """Whether a loss of thrust would not be noticed yet, for want of some seconds of hover to compare motors with.
+
+        The hover for the oscillation comes first: False as long as ``is_oscillation_awaited``.
+        """
+        watch_fact = self._watch_states.get(WatchedQuantity.MOTORS)
         if watch_fact is None or not self.is_flying or self.is_oscillation_awaited:
             return False
         reason = watch_fact.figures.get("reason")
@@ -1230,8 +1250,8 @@ class SessionStatus(ImmutableResult):
 
     @property
     def is_oscillation_awaited(self) -> bool:
-        """Whether the vehicle flies, but for too short a time to judge whether it oscillates."""
-        watch_fact = self._followed_watch_facts.get(WatchedQuantity.OSCILLATION)
+        """Whether the vehicle has flown for too short a time to judge whether it oscillates."""
+        watch_fact = self._watch_states.get(WatchedQuantity.OSCILLATION)
         if watch_fact is None or not self.is_flying:
             return False
         reason = watch_fact.figures.get("reason")
@@ -1249,17 +1269,18 @@ class SessionStatus(ImmutableResult):
         return Fact(SessionFact.ESTIMATES_LATE, level, delay=self.analysis_delay)
 
     @property
-    def _followed_watch_facts(self) -> dict[str, Fact]:
-        """The ``watch_facts`` of the followed vehicle, by the quantity that is watched.
+    def _watch_states(self) -> dict[str, Fact]:
+        """For each watched quantity of the followed vehicle: since when it is watched for faults, or why it is not.
 
-        Facts on other vehicles of the link have the figure "vehicle", and are left out.
+        A key is the name of a quantity, such as "vibration". ``watch_facts`` also has facts on other vehicles of the
+        link; these have the figure "vehicle", and are left out.
         """
         return {fact.subject: fact for fact in self.watch_facts if "vehicle" not in fact.figures}
 
     @property
     def _watched_names(self) -> tuple[str, ...]:
-        """Names of the quantities of the followed vehicle that are watched without a model."""
-        facts = self._followed_watch_facts
+        """Names of the quantities of the followed vehicle, such as "vibration", that are watched for faults now."""
+        facts = self._watch_states
         return tuple(name for name, fact in facts.items() if fact.code is WatchFact.WATCHED)
 
     @property
@@ -1268,8 +1289,8 @@ class SessionStatus(ImmutableResult):
         return thrust_losses(self.motor_alarms_of_flight)
 
     @property
-    def _lights_without_model(self) -> dict[str, Fact]:
-        """The status lights that need no learned model, by the part of the vehicle that each judges.
+    def _lights_by_checks(self) -> dict[str, Fact]:
+        """The lights by the checks that need no learned model, by the part of the vehicle that each judges.
 
         A light is the judgement of one part: the worst fact (coded finding) about it, of equally bad ones the first. A
         part about which nothing is known has no light. The watchdog, which looks for faults twice a second, finds facts
@@ -1449,17 +1470,17 @@ def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
 
 
 def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) -> dict[str, Fact]:
-    """Returns the lights of a flight that is over: for each part of the vehicle the coded finding that judges it.
+    """Returns the lights (judgements of the parts of the vehicle) after the recording of a flight was judged.
 
-    The session has judged the parts in flight; later the library judges the recording of the flight. Where the
-    recording judges a part, its light replaces that of the session, even one of the same level, so that all figures on
-    the page are those of the recording. Where it leaves a part unknown, the light of the session stays; a good one then
-    also says that the recording does not show it, and why.
+    Where the recording judges a part, its light takes the place of the light in flight, even one of the same level, so
+    that all figures on the page are those of the recording. Where it leaves a part unknown, the light in flight stays;
+    a good one then also says that the recording does not show it, and why.
 
     Args:
         lights_in_flight: the judgement of each part by the session, by the name of the part.
-        recording_verdict: the judgement by the recording. By the same names it has the level of each part, empty if
-            that is not judged; and a sentence and a short figure, which earlier versions of mavdem did not store.
+        recording_verdict: the library's judgement of the recording. By the same names, its figures have the level of
+            each part, empty if that is not judged; a sentence; and a short figure such as "14.9 V". Libraries of
+            earlier versions have neither sentence nor figure.
     """
     levels: Mapping[str, str] = recording_verdict.figures["levels"]
     sentences: Mapping[str, str] = recording_verdict.figures["light_sentences"]
@@ -1469,15 +1490,15 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
         level = levels[part]
         sentence = sentences.get(part, "")
         if level == Level.UNKNOWN and light_in_flight.is_good and sentence:
-            # The headline of the recording counts this part as unknown: the light says why it is good all the same.
+            # The headline of the recording counts this part as unknown, so the light says why it is good all the same.
             unknown = Fact(SessionFact.LIGHT_OF_RECORDING, Level.UNKNOWN, statement=sentence)
             lights[part] = Fact(WatchFact.GOOD_IN_FLIGHT, light=light_in_flight, reason=unknown)
             continue
         if level in ("", Level.UNKNOWN):
             continue
-        is_same_level_only = not sentence and level == light_in_flight.level
-        if is_same_level_only:
-            # The light of the session has the same level, and figures too.
+        has_same_level = level == light_in_flight.level
+        if has_same_level and not sentence:
+            # The light in flight says more: it has figures, too.
             continue
         lights[part] = Fact(
             SessionFact.LIGHT_OF_RECORDING,

@@ -324,8 +324,11 @@ class Watchdog:
         return reported_facts
 
     def _has_new_urgent_change(self) -> bool:
-        """Returns whether an urgent message has changed since this was asked last, that is since the last review."""
-        # How often an urgent message has differed from the one before, in the whole boot.
+        """Returns whether an urgent message, such as HEARTBEAT, has changed its content since the last call.
+
+        It is called once in each review (``URGENT_MESSAGES``).
+        """
+        # How often an urgent message differed from the one before, since the autopilot started.
         change_count = sum(self._slow_messages.changes[name] for name in URGENT_MESSAGES)
         has_changed = change_count > self._change_count
         self._change_count = change_count
@@ -335,7 +338,7 @@ class Watchdog:
         """Updates status lights and alarms by a new report of the autopilot in flight.
 
         Args:
-            report: the report, or the alarm that the autopilot restarted, whose status light was set before.
+            report: the report; or the alarm that the autopilot restarted, which has its status light already.
             now: present time on the boot clock, s.
 
         Returns:
@@ -349,7 +352,7 @@ class Watchdog:
         return self._alarm_or_report(report_in_flight, now)
 
     def _store_warning(self, report: Fact) -> None:
-        """Stores a warning of the autopilot, by which power and estimator are judged, and adds it to its status light.
+        """Stores a warning of the autopilot, since power and estimator are judged by it, and adds it to a status light.
 
         Args:
             report: a new report of the autopilot in flight; one that is no warning (level "watch" or "bad") is ignored.
@@ -405,7 +408,7 @@ class Watchdog:
         self.alarms.raise_alarm(WatchedQuantity.BATTERY, worse_fact, now)
 
     def _power_report_for_user(self, report: Fact) -> Fact:
-        """Returns what is reported to the user of a power report: an alarm if it is bad, otherwise the report itself.
+        """Returns what the user reads of a power report: an alarm if it is bad, otherwise the report itself.
 
         Args:
             report: a new report of the autopilot on the power, which is among the active alarms if it is a warning.
@@ -416,7 +419,7 @@ class Watchdog:
         active_alarm = self.alarms.facts.get(WatchedQuantity.BATTERY)
         is_alarm_bad = active_alarm is not None and active_alarm.is_bad
         if report.is_watch_or_bad and is_alarm_bad:
-            # The alarm said to land now: this later warning must not advise to land earlier in the next flight.
+            # The alarm says to land now. The advice of a mere warning, to land earlier next time, would contradict it.
             return report.without_flight_advice
         return report
 
@@ -532,8 +535,7 @@ class Watchdog:
     def review_lights(self) -> None:
         """Judges battery, estimator and, in settled flight, vibration, by the functions that judge a log.
 
-        This is a step of each thorough review in flight, which must have begun. It adds the judgements to the ``facts``
-        of the review.
+        It is called once in each thorough review in flight, and adds the judgements to the ``facts`` of that review.
         """
         review = self._review
         assert review is not None
@@ -560,27 +562,32 @@ class Watchdog:
         return tuple(warning for warning in self._warnings if warning.start_time > start_time)
 
     def _judge_battery(self, review: Review, condition: Condition) -> None:
-        """Judges the power by all messages and warnings of the boot, since a battery does not recover in flight.
+        """Judges the battery by all messages and warnings since the autopilot started: it does not recover in flight.
 
         Args:
             review: the review, whose ``facts`` get the judgement.
-            condition: figures of the vehicle, with the duration of the flight so far.
+            condition: figures of the vehicle; its ``duration`` is that of the flight so far, s.
         """
-        all_signals = self._status_signals(review.vehicle, review.now, start_time=-inf)
-        # The current that a crashed vehicle draws is no fault of its battery: the light gets the crash with its time.
+        signals_since_boot = self._status_signals(review.vehicle, review.now, start_time=-inf)
+        # The time of a crash is passed on, since the current that a crashed vehicle draws is no fault of its battery.
         findings = LiveFindings(
             events=tuple(self._warnings), ending=self.loss_watch.loss_that_ended_flight
         )
-        power = power_light(live_evidence(all_signals, condition, findings))
+        power = power_light(live_evidence(signals_since_boot, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
-        # Just after the take-off too few voltages have come to say whether they measure the battery: what was known
-        # before stays.
-        if condition.duration >= LISTENING_SECONDS:
+        # In the first seconds of a flight too few voltages have come to tell whether they are the battery's at all.
+        has_enough_voltages = condition.duration >= LISTENING_SECONDS
+        if has_enough_voltages:
             self._battery_not_judged = reason_battery_not_judged(power)
             self._is_battery_judged = True
 
     def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
-        """Returns whether the body rate of an axis has a setpoint, as :meth:`TrackingWatch.has_rate_setpoint` does."""
+        """Returns whether a setpoint of the body rate comes for an axis (:meth:`TrackingWatch.has_rate_setpoint`).
+
+        Args:
+            vehicle: identity and parameters of the vehicle, without messages.
+            axis: name of the axis, such as "roll".
+        """
         return self._tracking.has_rate_setpoint(vehicle, axis)
 
     @property
@@ -713,10 +720,10 @@ class Watchdog:
             review.add_event(WatchedQuantity.HEIGHT, worst_fact(height_events))
 
     def _judge_attitude_estimate(self, review: Review) -> None:
-        """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.
+        """Judges whether the estimated attitude is NaN (not a number): then the estimator has failed for certain.
 
         Args:
-            review: the review. The fact that it has on the estimator is replaced, unless that is worse. Its
+            review: the review. Its fact on the estimator is replaced by this failure, unless that fact is worse. Its
                 ``last_found_times`` are the ends of faults that are over; a fault without one is there now.
         """
         invalid_attitude = self.control.invalid_attitude(review.vehicle)
@@ -756,15 +763,17 @@ class Watchdog:
         return []
 
     def _is_search_for_drift_due(self, review: Review) -> bool:
-        """Returns whether a drift of barometer or satellite receiver is still looked for after the latest flight.
+        """Returns whether to search now for a height sensor that drifted in the latest flight.
+
+        The search begins at the landing. It ends when a drift is found, or after ``MAX_WAIT_SECONDS``.
 
         Args:
-            review: the review, in which the vehicle is on the ground.
+            review: the review, in which the vehicle is on the ground since ``phase_start``.
         """
-        has_flown_and_landed = self._landed_states.flight_end is not None and self.has_landed
+        has_landed_after_flight = self._landed_states.flight_end is not None and self.has_landed
         seconds_on_ground = review.now - review.phase_start
-        is_recently_landed = has_flown_and_landed and seconds_on_ground <= MAX_WAIT_SECONDS
-        return is_recently_landed and not self._is_height_drift_found
+        is_time_left = seconds_on_ground <= MAX_WAIT_SECONDS
+        return has_landed_after_flight and is_time_left and not self._is_height_drift_found
 
     def _show_height_drift(self, drift: Fact) -> None:
         """Updates the status light of the estimator by the drift of a height sensor, found at rest after a flight.
@@ -775,8 +784,8 @@ class Watchdog:
             drift: the event that barometer or satellite receiver has drifted. Its level is good if only the altitude by
                 satellites wandered, which is no fault of the vehicle.
         """
-        # In flight, the light may have become that barometer and satellites disagree, without which of the two was
-        # wrong. The drift says so. It replaces that fact even if its own level is better.
+        # In flight, the light may have become that both sensors disagree. The drift says which of them was wrong, so
+        # that it replaces that fact even if its own level is better.
         self.status_lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
         # Any other fact stays the light if its level is worse than that of the drift.
         self.status_lights.add(Light.ESTIMATOR, drift)
@@ -788,18 +797,17 @@ class Watchdog:
         start_time: float,
         settled_intervals: Intervals | None = None,
     ) -> Signals:
-        """Returns the vehicle's status messages as signals of a log, so that the functions for logs can judge them.
+        """Returns messages on the state of the vehicle in the form of a log, so that the functions for logs judge them.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
-            now: time of the review, s of the boot clock.
-            start_time: time on the same clock, s; messages before it are left out.
-            settled_intervals: intervals of settled flight, without take-off and landing, on the same clock, s. None if
+            now: end of the signals, s of the boot clock.
+            start_time: beginning of the signals, s of the boot clock; minus infinity for all messages since the boot.
+            settled_intervals: intervals of settled flight, without take-off and landing, s of the boot clock; None if
                 the caller judges nothing that depends on them.
 
         Returns:
-            The signals, from ``start_time`` until ``now``. Their landed state is not a message, but what the reviews so
-            far have found.
+            The signals. Whether the vehicle was in the air is not taken from a message, but from the reviews so far.
         """
         # Messages that come again and again, such as the state of the battery.
         repeated_messages = (*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES)
@@ -818,9 +826,9 @@ class Watchdog:
     def _new_reports(self, signals: Signals, vehicle: Telemetry, now: float) -> list[Fact]:
         """Returns what the autopilot itself has reported since the last search, such as a failsafe or a crash.
 
-        Two kinds of reports may be wrong. A crash that the motion does not show gets a lower level ("watch")
-        (:meth:`_checked_reports_of_loss`). A report of a landing is kept back: ``finish_review`` returns it once the
-        vehicle is found on the ground.
+        Two kinds of reports may be wrong. A crash that the motion does not show gets the lower level "watch"
+        (:meth:`_checked_reports_of_loss`). A landing is reported later, by ``finish_review``, once the vehicle is found
+        on the ground.
 
         Args:
             signals: time series and texts of the last minute of messages.
@@ -990,11 +998,14 @@ class Watchdog:
         return alarm_over
 
     def _is_alarm_over(self, quantity: WatchedQuantity, review: Review) -> bool:
-        """Returns whether an active alarm is over: after the landing, or if its fault has not been found for some time.
+        """Returns whether an active alarm is over.
 
-        The time is that of ``ActiveAlarms.is_calm``. There are two exceptions. The alarm that control was lost stays
-        after the landing. The alarm that the attitude does not track its setpoint stays at least until the next
-        judgement of the tracking, which is made only every ``TRACKING_PERIOD``.
+        It is after the landing, or in flight once its fault has not been found for some seconds
+        (:meth:`ActiveAlarms.is_calm`). There are two exceptions:
+
+        - The alarm that control was lost stays after the landing.
+        - The alarm that the attitude does not track its setpoint stays at least until the tracking is judged again,
+          every ``TRACKING_PERIOD``.
 
         Args:
             quantity: what the alarm is about, such as the vibration.
@@ -1010,11 +1021,11 @@ class Watchdog:
         return self.alarms.is_calm(quantity, review.now)
 
     def _is_end_reported(self, quantity: WatchedQuantity, review: Review) -> bool:
-        """Returns whether it is reported to the user that an alarm is over.
+        """Returns whether to report to the user that an alarm is over.
 
-        In flight it is not reported in two cases: the fault had no duration, such as a reset of the estimator; or the
-        autopilot itself has reported the end. A landing ends all alarms, but it is not reported as the end of a fault
-        that lasts on the ground (:meth:`_outlasts_landing`).
+        In flight its end is not reported if the fault had no duration, such as a reset of the estimator, or if the
+        autopilot itself has reported the end. A landing ends all alarms; the end of a fault that may last on the ground
+        (:meth:`_outlasts_landing`) is not reported then.
 
         Args:
             quantity: quantity of the alarm, which is still active.
@@ -1087,12 +1098,12 @@ class Watchdog:
         return reasons
 
     def _add_quantities_not_judged_yet(self, reasons: dict[WatchedQuantity, Fact]) -> None:
-        """Adds the quantities whose messages come in flight, but of which no status light says anything so far.
+        """Adds battery and tracking as not watched as long as they have not been judged in this flight.
 
-        What the light of the power or of the tracking calls unknown must not be called watched beside it.
+        Their messages may come, but their status lights are still unknown: beside these, "watched" would be wrong.
 
         Args:
-            reasons: why a quantity cannot be watched, to which these are added; reasons that it has already stay.
+            reasons: why each quantity cannot be watched; it is extended, and reasons that it has already stay.
         """
         if not self._is_battery_judged:
             reasons.setdefault(WatchedQuantity.BATTERY, BATTERY_NOT_KNOWN_YET)
@@ -1114,20 +1125,21 @@ class Watchdog:
         return has_just_taken_off and not is_oscillating
 
     def set_motors_watched(self, reason: Fact | None, now: float) -> None:
-        """Notes whether a motor that loses thrust would be detected at present, for watch list and status light.
+        """Notes whether a loss of thrust of a motor would be detected now, for watch list and status light.
 
-        The test for such a loss is made by ``MotorAlarms``. While it runs, the status light of the motors states that
-        no loss was found, unless it states something else already. After a loss of control, and while the vehicle
-        oscillates, it does not: then the motors go from limit to limit, and the test does not show that they are sound.
-        After a long gap the test begins anew, and would not find a loss in the gap: then the statement is withdrawn.
+        ``MotorAlarms`` makes the test for such a loss. While the test runs, the status light of the motors states that
+        no loss was found, unless it states something else. After a loss of control, and while the vehicle oscillates,
+        it does not state that: the motors go from limit to limit then, and the test does not show that they are sound.
 
         Args:
-            reason: why a motor that loses thrust would not be detected; None if it would be.
+            reason: why a loss of thrust would not be detected now; None if it would be.
             now: present time on the boot clock, s.
         """
         self.watch_list.set(WatchedQuantity.MOTORS, reason, now)
         if reason is not None:
             if reason.code is WatchFact.REFERENCE_SHORT:
+                # After a long gap in the messages the test begins anew. A loss in the gap would not be found, so that
+                # the light no longer states that there was none.
                 self.status_lights.remove_good(Light.MOTORS)
             return
         is_oscillating = WatchedQuantity.OSCILLATION in self.alarms.facts
@@ -1158,10 +1170,10 @@ def _was_reported_by_autopilot(quantity: WatchedQuantity, fault: Fact) -> bool:
 
 
 def _fault_for_user(quantity: WatchedQuantity, fault: Fact) -> Fact:
-    """Returns a fault as it is reported to a pilot in flight.
+    """Returns a fault in the words for a pilot in flight; most faults are returned as they are.
 
-    One of the battery says what to do now, and one of the innovations that its duration is the one so far: in the list
-    of what happened it stands beside the whole duration.
+    A fault of the battery says what to do now. A fault of the estimator's innovations says that its duration is the one
+    so far, since the list of events later has its whole duration too.
 
     Args:
         quantity: what the fault is about, such as the battery.
@@ -1175,11 +1187,11 @@ def _fault_for_user(quantity: WatchedQuantity, fault: Fact) -> Fact:
 
 
 def _battery_report_in_flight(report: Fact) -> Fact:
-    """Returns a warning of the battery for a pilot in flight: short, and with what to do now instead of next time.
+    """Shortens a warning of the battery for a pilot in flight, and advises what to do now instead of next time.
 
     Args:
-        report: the warning. Its figure ``batteries`` has the facts on further batteries, which the page shows; its
-            remedy is for the next flight, such as to land earlier.
+        report: the warning. Its figure ``batteries`` has facts on further batteries, which are left out here; the page
+            shows them.
     """
     if "batteries" in report.figures:
         report = report.replace(batteries=())

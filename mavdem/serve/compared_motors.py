@@ -52,7 +52,7 @@ from ({ROWS_WITH_ANOMALY_SQL}) group by flight
 
 
 def has_anomaly_sql(condition: str) -> str:
-    """Returns the SQL condition that the motors of an entry have an anomaly beside the vehicle's other flights.
+    """Returns the SQL condition that a flight's motors have an anomaly compared with the vehicle's other flights.
 
     Args:
         condition: SQL condition on the anomaly, whose columns are ``health``, ``reason`` and ``suspect_motor``.
@@ -64,10 +64,10 @@ def has_anomaly_sql(condition: str) -> str:
 
 
 HAS_FAULT_SQL = has_anomaly_sql(f"health = '{MotorHealth.FAULT}'")
-"""SQL condition that the motors of an entry have a fault beside the vehicle's other flights."""
+"""SQL condition that a flight's motors have a fault compared with the vehicle's other flights."""
 
 HAS_DRIFT_SQL = has_anomaly_sql(f"health = '{MotorHealth.DRIFT}'")
-"""SQL condition that they have a drift."""
+"""SQL condition that a flight's motors have a drift compared with the vehicle's other flights."""
 
 KEPT_LEVELS_SQL = ", ".join(f"'{level}'" for level in Level if not is_headline_replaced(level))
 """SQL list of the levels at which the headline by the log alone stays."""
@@ -87,7 +87,7 @@ SHOWN_URGENCY_SQL = (
 def level_compared_with_fleet_sql(column: str) -> str:
     """Returns the SQL expression of a level that an anomaly of the motors may make worse.
 
-    It does what ``level_beside_other_flights`` does.
+    It is the SQL of ``level_beside_other_flights``.
 
     Args:
         column: column of the table ``entries`` with the level by the log alone.
@@ -101,7 +101,7 @@ def level_compared_with_fleet_sql(column: str) -> str:
 
 
 def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:
-    """Returns the SQL expression of a level of flights whose motors have an anomaly.
+    """Returns the SQL expression of the level that a flight gets if its motors have an anomaly.
 
     Args:
         column: column with the level by the log alone. A log that is not judged yet has none, which counts as unknown.
@@ -116,28 +116,28 @@ def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:
 
 
 def order_sql(order: ListingOrder) -> str:
-    """Returns the SQL of an order in which flights are listed; the most urgent flights are those of shown verdicts."""
+    """Returns the SQL of an order in which flights are listed; urgency also counts anomalies of the motors."""
     if order is ListingOrder.URGENCY:
         return SQL_ORDERS[order].replace("urgency", SHOWN_URGENCY_SQL, 1)
     return SQL_ORDERS[order]
 
 
 def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:
-    """Returns a flight's index entry with the verdict that is shown to everyone who may see the flight.
+    """Returns a flight's index entry with the verdict that is shown: by its log, and by comparison with other flights.
 
     Args:
         entry: the entry, whose verdict is by the log alone.
         row: the row of the fleet's table with the worst anomaly of the flight's motors; None if they have none.
 
     Returns:
-        A copy with the headline, its level, the next step, the suspected motor, and level and sentence of the motors
-        without a figure; the entry itself without an anomaly.
+        A copy in which the anomaly decides headline, level, next step, suspected motor, and the light of the motors;
+        without an anomaly the entry itself.
     """
     anomaly = motor_anomaly(row)
     if row is None or anomaly is None:
         return entry
-    # What an anomaly replaces is decided for review documents. The columns of the entry are put into such a document,
-    # and taken out of it again.
+    # What an anomaly replaces is decided for review documents. So the columns of the entry are put into such a
+    # document, and taken out of it again.
     light_sentences = json.loads(entry.light_sentences)
     motors_sentence = light_sentences.get("motors", "")
     review_by_log = {
@@ -148,7 +148,7 @@ def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> Lib
     review = review_with_anomaly(review_by_log, anomaly)
     motors_light = review["lights"]["motors"]
     light_sentences["motors"] = motors_light["sentence"]
-    # The figure by the log alone is not what the sentence states now.
+    # The figure of the motors is by the log alone, and does not fit the new sentence.
     light_figures = json.loads(entry.light_figures)
     light_figures.pop("motors", None)
     return replace(

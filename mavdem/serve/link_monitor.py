@@ -69,17 +69,17 @@ fades, is mostly back before.
 NO_VEHICLE_CODES = frozenset(
     {LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED, VehicleFact.NO_VEHICLE_YET}
 )
-"""Obstacles of a session on whose link no vehicle has come yet."""
+"""Reasons for learning no model with which no vehicle has been received on the link yet."""
 
-AWAITED_IN_SESSION = Fact(
+NOT_JUDGED_IN_SESSION = Fact(
     SessionFact.RECORDING_NOT_JUDGED,
     kind=RecordingState.IN_SESSION,
     duration=MAX_SILENT_PAGES_AFTER_LANDING * PAGE_SECONDS,
 )
-"""States that the recording of the running session is not judged yet, in the place of the library's verdict on it."""
+"""The fact that the recording of the running session is not judged yet, in the place of the library's verdict on it."""
 
 READ_AT_NEXT_START = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.READ_AT_NEXT_START)
-"""States that the recording of a session that ends with the server is judged once the server runs again."""
+"""The fact that the recording of a session that ends with the server is judged once the server runs again."""
 
 MAX_LAST_PAGE_SECONDS = 5.0
 """Longest time for which the end of the server waits for the last page, s: a choice; a slow computer renders a page in
@@ -110,7 +110,7 @@ class _IncomingRecording(NamedTuple):
 
 
 class _LinkedVehicle(NamedTuple):
-    """What tells the vehicles of a link from each other, also those that had the same ids one after the other."""
+    """A vehicle of the link by its ids, autopilot and type, since another one may use the same ids later."""
 
     name: str
     """Its ids on the link, such as "1:1"."""
@@ -123,7 +123,7 @@ class _LinkedVehicle(NamedTuple):
 
     @classmethod
     def of_component(cls, component: Component) -> Self:
-        """Returns the vehicle that a component of the link is, by its latest HEARTBEAT."""
+        """Returns the vehicle of a MAVLink component, with the autopilot and type of its latest HEARTBEAT."""
         return cls(component.name, component.autopilot, component.vehicle_type)
 
 
@@ -175,7 +175,7 @@ class _StoredFlight(NamedTuple):
 
     @property
     def is_verdict_awaited(self) -> bool:
-        """Whether the library will judge its recording, but has not done so when the verdict was looked up last."""
+        """Whether the library had not judged its recording yet when the verdict was looked up last, but will."""
         if self.verdict is None:
             return True
         is_unjudged = self.verdict.code is SessionFact.RECORDING_NOT_JUDGED
@@ -386,7 +386,7 @@ class LinkMonitor:
 
     @property
     def summary(self) -> str:
-        """What the session is about in one line: its vehicle, and what it does; why no session runs any more."""
+        """One line on the running session: its vehicle, and what that does; or why no session runs any more."""
         if self.problem is not None:
             return str(self.problem)
         return self._summary
@@ -598,7 +598,7 @@ class LinkMonitor:
             )
 
     def _show_stored_flight(self, flight: _StoredFlight) -> None:
-        """Makes a stored flight the one whose finished session is shown until another vehicle comes.
+        """Shows a stored flight on the page of its finished session until another vehicle comes.
 
         The flight that was shown before is kept with the earlier ones: its verdict may forbid the vehicle to fly.
 
@@ -656,10 +656,10 @@ class LinkMonitor:
         return self._library.add(path, _recording_name(first_time))
 
     def _with_verdict(self, flight: _StoredFlight) -> _StoredFlight:
-        """Looks up how the library judges a stored flight now, its verdict, and shows the verdict if it has changed.
+        """Looks up how the library judges a stored flight now (its verdict), and shows the verdict if it has changed.
 
-        The library reads and judges a recording some time after it was stored. Then its judgement is reported, and the
-        page of the finished session is made anew, if that still shows the flight.
+        The library judges a recording some time after it was stored. Then the verdict is reported, and the page of the
+        finished session, if that still shows the flight, is made anew.
 
         Args:
             flight: the flight, with the verdict that was looked up last.
@@ -741,7 +741,7 @@ class LinkMonitor:
         return next_recording._replace(first_pieces=pieces)
 
     def _take_event(self, event: Event) -> None:
-        """Takes an event of a session: updates the state of the flight, and reports the event on the server's terminal.
+        """Updates the state of the flight by an event of a session, and reports the event on the server's terminal.
 
         Args:
             event: event that the session reports.
@@ -860,10 +860,11 @@ class LinkMonitor:
     def _show_last_page(self, session: LiveSession) -> None:
         """Makes the last page before the server ends: browsers keep it until a server answers them again.
 
-        It is of the session that the page has shown until now, which is the one before until a vehicle is received.
+        It shows the same session as the page before. That is the session before this one, if no vehicle has been
+        received since.
 
         Args:
-            session: the running session, which has just ended.
+            session: the latest session, which has just ended.
         """
         start_time = clock.monotonic()
         shown_session = session
@@ -871,6 +872,7 @@ class LinkMonitor:
         verdict = READ_AT_NEXT_START
         flight = self._stored_flight
         if flight is not None and flight.session is not None and flight.verdict is not None:
+            # The session before is still shown; its flight is in the library, and may be judged.
             shown_session = flight.session
             shown_entry_id = flight.entry_id
             if not flight.is_verdict_awaited:
@@ -892,9 +894,10 @@ class LinkMonitor:
             self._stored_flight = self._stored_flight._replace(session=None)
 
     def _update_verdicts(self) -> None:
-        """Looks up how the library judges the stored recordings of this link, its verdicts, some time after they came.
+        """Looks up the verdicts of the library, which judges a recording some time after it was stored.
 
-        They are those of the latest flight, of the flights before it, and of the part of a flight whose link was lost.
+        They are those on the latest flight, on faulty flights before it, and on the stored part of a flight whose link
+        was lost.
         """
         # Of the flights before the latest one only those are kept that are faulty, or may yet turn out to be.
         self._faulty_flights = [
@@ -908,7 +911,9 @@ class LinkMonitor:
             self._stored_part = self._with_verdict(self._stored_part)
 
     def _page_of_running_session(self, session: LiveSession, status: SessionStatus) -> str:
-        """Renders the HTML page of the running session, with a link to the flight before if there was one.
+        """Renders the HTML page of the running session, with links to the latest recording and to the library.
+
+        While a vehicle that was lost in the air is searched, it also links to what was stored of this flight.
 
         Args:
             session: the running session.
@@ -917,7 +922,6 @@ class LinkMonitor:
         saved_flight = None
         is_link_lost_in_air = status.link_loss is not None
         if is_link_lost_in_air and self._stored_part is not None:
-            # The part of the flight that was stored can be read while the vehicle is searched.
             saved_flight = self._stored_part.saved_flight
         links = [] if self._latest_flight is None else [self._latest_flight]
         return session_page(
@@ -930,30 +934,30 @@ class LinkMonitor:
         )
 
     def _shown_status(self, session: LiveSession) -> SessionStatus:
-        """Returns the status of the running session, with the library's verdict on a faulty flight of its vehicle.
+        """Returns the status of the running session as users see it: with the fault that an earlier flight had, if any.
 
-        While the session goes on, its own recording is not judged, so that no all-clear is given.
+        It has no all-clear, since the recording of a session is judged only after its end.
 
         Args:
             session: the running session.
         """
         return replace(
             session.status,
-            recording_verdict=AWAITED_IN_SESSION,
+            recording_verdict=NOT_JUDGED_IN_SESSION,
             fault_in_library=self._fault_before_session(session),
         )
 
     def _flights_from_before_start(
         self, vehicle: _LinkedVehicle, session: LiveSession
     ) -> list[_StoredFlight]:
-        """Returns the latest flights of a vehicle that the library had when the vehicle was first followed.
+        """Returns the latest flights of a vehicle that were in the library before this server was started.
 
-        They are needed since a new start of the server repairs no fault. The library is asked once for each name under
-        which it may have the vehicle: until its parameters come, that is one made of its system id.
+        They are needed since a new start of the server repairs no fault. The library is searched once for each name of
+        the vehicle: its name is made of its system id until its parameters come, and of these later.
 
         Args:
             vehicle: the vehicle.
-            session: its session, which has the name by which its logs are recognised.
+            session: its session, with the name under which the library lists the vehicle.
 
         Returns:
             At most two flights, the later one last (:meth:`_latest_judged_flights`).
@@ -969,40 +973,42 @@ class LinkMonitor:
     def _latest_judged_flights(
         self, vehicle: _LinkedVehicle, state: VehicleState
     ) -> list[_StoredFlight]:
-        """Asks the library for the latest flight that it has judged of a vehicle, and for a later one of its system id.
+        """Finds the latest judged flight of a vehicle in the library, and a later one that it may have flown.
 
-        A recording without the vehicle's parameters is listed under a name made of its system id. So a flight with this
-        name counts too, though another vehicle may have flown it: it does not take the place of the vehicle's own.
+        The library lists a recording without the vehicle's parameters under a name made of its system id. Such a
+        flight may be of this vehicle or of another one with the same id, so that both flights are returned.
 
         Args:
             vehicle: the vehicle.
-            state: its state in the session, with the names by which the library and its logs know it.
+            state: its state in the session, with its names in the library and in logs.
 
         Returns:
-            The vehicle's own flight, and the one of its system id if that is later; none of them if there is none.
+            The flight under the vehicle's name, and after it the one under the name of its system id if that is later;
+            each only if there is one.
         """
         flights = []
-        date_of_own_flight = ""
-        own_entry = self._latest_judged_entry(state.library_name, vehicle)
-        if own_entry is not None:
-            date_of_own_flight = own_entry.date
-            flights.append(self._flight_of_entry(own_entry, vehicle, state.name_in_logs))
+        date_of_named_flight = ""
+        named_entry = self._latest_judged_entry(state.library_name, vehicle)
+        if named_entry is not None:
+            date_of_named_flight = named_entry.date
+            flights.append(self._flight_of_entry(named_entry, vehicle, state.name_in_logs))
         name_by_id = system_id_name(state.autopilot, state.system)
         if name_by_id == state.library_name:
             return flights
-        entry_of_id = self._latest_judged_entry(name_by_id, vehicle)
-        if entry_of_id is not None and entry_of_id.date > date_of_own_flight:
-            flights.append(self._flight_of_entry(entry_of_id, vehicle, name_in_logs=""))
+        entry_by_id = self._latest_judged_entry(name_by_id, vehicle)
+        # Dates in ISO 8601 are compared as texts; the empty text is before all of them.
+        if entry_by_id is not None and entry_by_id.date > date_of_named_flight:
+            flights.append(self._flight_of_entry(entry_by_id, vehicle, name_in_logs=""))
         return flights
 
     def _latest_judged_entry(self, name: str, vehicle: _LinkedVehicle) -> LibraryEntry | None:
-        """Asks the library for the latest recording under a name that it has judged; None without one.
+        """Finds the latest flight under a name that the library has judged; None without one.
 
         Args:
             name: name under which the library lists the vehicle.
-            vehicle: the vehicle, whose autopilot and frame the recording must have.
+            vehicle: the vehicle, with the autopilot and frame that the flight must have.
         """
-        # A flight that is not judged has no level.
+        # SQL. A flight that is not judged yet has an empty level.
         condition = "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
         values = (name, vehicle.autopilot, vehicle.vehicle_type)
         found = self._library.find(condition, values, limit=1, order=ListingOrder.FLIGHT)
@@ -1011,12 +1017,12 @@ class LinkMonitor:
     def _flight_of_entry(
         self, entry: LibraryEntry, vehicle: _LinkedVehicle, name_in_logs: str
     ) -> _StoredFlight:
-        """Returns a judged flight of the library with the verdict on it.
+        """Returns a flight of the library with the verdict on it.
 
         Args:
-            entry: its recording in the library.
-            vehicle: the vehicle that may have flown it.
-            name_in_logs: name by which that vehicle is recognised; empty where another one may have flown it.
+            entry: the flight, which the library has judged.
+            vehicle: the vehicle that has flown it, perhaps.
+            name_in_logs: name by which logs of this vehicle are recognised; empty if another one may have flown it.
         """
         page = PageLink(entry.name, _page_address(entry))
         verdict = self._present_verdict(entry)
@@ -1028,11 +1034,8 @@ class LinkMonitor:
         """Returns the latest fault that the library found in earlier flights of a vehicle, and that still counts.
 
         A take-off repairs nothing, so that a fault that forbids to fly counts however many flights follow. Anything
-        else counts in the next flight only (:func:`_fault_of_flight_before`).
-
-        Two vehicles may have the same ids on the link. Unless the names by which their logs are recognised are equal,
-        the figure "may_be_other_vehicle" makes the warning conditional. Names that differ do not rule the vehicle out:
-        they change with a calibration.
+        else counts in the next flight only (:func:`_fault_of_flight_before`). Of the flights before the start of the
+        server, only the latest are considered.
 
         Args:
             vehicle: the vehicle.
@@ -1040,8 +1043,8 @@ class LinkMonitor:
             shown_entry_id: id in the library of the flight that is shown now; empty while its session runs.
 
         Returns:
-            The fact that states the fault, with the figure "address" of the flight's page; None without a fault. Of the
-            flights before the start of the server, only the latest are considered.
+            The fault, with the address of the flight's page, and whether another vehicle may have flown that flight
+            (:func:`_fault_for_session`); None without a fault.
         """
         earlier_flights = self._earlier_flights(vehicle, session, shown_entry_id)
         for flight in reversed(earlier_flights):
@@ -1050,12 +1053,13 @@ class LinkMonitor:
         if not earlier_flights:
             return None
         flight_before = earlier_flights[-1]
-        # Before the first flight since the start of the server, the flight before is one from before the start.
+        # It is not the flight before this one if another vehicle has flown on the link meanwhile. As long as nothing
+        # was stored since the start of the server, it is the latest one in the library.
         is_latest_flight = self._stored_flight is None or flight_before == self._stored_flight
         return _fault_of_flight_before(flight_before, session) if is_latest_flight else None
 
     def _fault_before_session(self, session: LiveSession, shown_entry_id: str = "") -> Fact | None:
-        """Returns the fault of an earlier flight of the vehicle that a session follows; None without one.
+        """Returns the fault that an earlier flight of a session's vehicle had; None without one.
 
         Args:
             session: the session that is shown, running or over.
@@ -1070,7 +1074,7 @@ class LinkMonitor:
     def _earlier_flights(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str
     ) -> list[_StoredFlight]:
-        """Returns the flights of a vehicle whose verdicts may warn of it, the latest one last.
+        """Returns the earlier flights of a vehicle in the library that may have a fault, the latest one last.
 
         Args:
             vehicle: the vehicle.
@@ -1102,10 +1106,9 @@ class LinkMonitor:
 
 
 def _fault_of_flight_before(flight: _StoredFlight, session: LiveSession) -> Fact | None:
-    """Returns the fact that the end of the flight before was not received, or that it had a bad fault; otherwise None.
+    """Returns what the flight before warns of: that its end was not received, or a bad fault; None for neither.
 
-    A fault such as too small a stability margin counts until the next landing: after it the vehicle is sound, or that
-    flight has a verdict of its own.
+    It warns until the next landing, since the next flight shows whether the fault is still there.
 
     Args:
         flight: the flight before, with the library's verdict on it.
@@ -1132,7 +1135,7 @@ def _is_end_unknown(status: SessionStatus) -> bool:
     if was_link_lost_in_air or not status.verdicts:
         return was_link_lost_in_air
     verdict_on_latest_flight = status.verdicts[-1]
-    # The autopilot restarted in this case.
+    # Otherwise it is lost in the air if the autopilot restarted there.
     return verdict_on_latest_flight.is_lost_in_air
 
 
@@ -1169,14 +1172,14 @@ def _page_address(entry: LibraryEntry) -> str:
 
 
 def _link_to_latest_flight(entry: LibraryEntry) -> PageLink:
-    """Returns the link of the live page to the page of the latest recording."""
+    """Returns the link "Latest flight", which the live page has to the page of a recording."""
     return PageLink("Latest flight", _page_address(entry))
 
 
 def _link_to_latest_recording(library: Library) -> PageLink | None:
-    """Returns the link to the page of the recording that sessions have stored last in a library; None without any.
+    """Returns the link to the latest recording of a live session in a library; None without any.
 
-    Logs that were uploaded do not count: recordings are recognised by their names (:func:`_recording_name`).
+    Recordings are recognised by their names (:func:`_recording_name`), so that uploaded logs do not count.
 
     Args:
         library: the library.
@@ -1195,7 +1198,7 @@ def _recording_name(first_time: datetime) -> str:
 
 
 def _received_frames(session: LiveSession) -> int:
-    """Returns the number of MAVLink frames that came of the followed vehicle; before one is followed, of all vehicles.
+    """Returns the number of MAVLink frames of the followed vehicle or, before one is followed, of all vehicles.
 
     Args:
         session: the session, which records what it receives.
@@ -1220,9 +1223,8 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
     """Returns the verdict of the library on a recording as a fact (a coded finding), or that it is not judged yet.
 
     Args:
-        entry: the recording in the library, with its verdict by its log and by that comparison. Once it is judged, the
-            verdict has a level, such as good; and each light (the judgement of one subject, such as wind) has a level,
-            a sentence and a figure.
+        entry: the recording in the library. Once it is judged, the verdict has a level, such as good; and each light
+            (the judgement of one subject, such as wind) has a level, a sentence and a figure.
         is_compared: whether its motors have been compared with the vehicle's other flights. Before that no verdict is
             given, since it might be an all-clear that the comparison then takes back.
     """
@@ -1254,7 +1256,10 @@ def _name_in_logs(session: LiveSession) -> str:
 
 
 def _fault_for_session(fault: Fact, flight: _StoredFlight, session: LiveSession) -> Fact:
-    """Returns what the library has against an earlier flight, as it is stated in the session of a vehicle.
+    """Adds to the fault of an earlier flight what a session states with it: the flight's page, and whose flight it was.
+
+    Two vehicles may have the same ids on the link. They are the same for certain if the names by which their logs are
+    recognised are equal. Different names prove nothing, since a calibration changes them.
 
     Args:
         fault: the verdict on the flight, or that its end was not received.
@@ -1262,7 +1267,7 @@ def _fault_for_session(fault: Fact, flight: _StoredFlight, session: LiveSession)
         session: the session, of a vehicle that has the same ids on the link.
 
     Returns:
-        The fact with the address of the flight's page, and whether another vehicle may have flown it.
+        The fact with the figures ``address``, of the flight's page, and ``may_be_other_vehicle``.
     """
     is_same_vehicle = flight.name_in_logs != "" and flight.name_in_logs == _name_in_logs(session)
     return fault.replace(
@@ -1285,7 +1290,7 @@ def _finished_page(
         saved_flight: link to the page of its flight in the library; None where the server ends too. Browsers then keep
             this page until the server runs again.
         verdict: what the recording of the flight shows, or that it is not judged yet.
-        fault_of_earlier_flight: what the library has against an earlier flight with this vehicle; None for nothing.
+        fault_of_earlier_flight: the fault that an earlier flight of this vehicle had; None without one.
     """
     final_status = replace(
         _final_status(session),
@@ -1357,4 +1362,4 @@ def _final_reason_without_model(
 
 
 def _ignore(_: object) -> None:
-    """Takes the reports of a session that the server does not show elsewhere than on the page."""
+    """Ignores a report of a session, since the server shows on the page what it says."""

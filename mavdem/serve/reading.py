@@ -66,10 +66,10 @@ class AssessedVehicle(NamedTuple):
 
 
 class ProgressFile:
-    """The file in which a worker process reports how far its work on a log is.
+    """The JSON file in which a worker process reports how far its work on a log is.
 
-    Besides columns of the index it has the keys ``started``, UNIX time, s; ``step``, in words; ``share``, how much of
-    the step is done, null where that is not known; and ``has_plots``, whether the first plots can be seen.
+    Besides columns of the library's index it has the keys ``started``, UNIX time, s; ``step``, in words; ``share`` of
+    the step that is done, 0 to 1, or null if that is not known; and ``has_plots``, whether the first plots can be seen.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,12 +77,17 @@ class ProgressFile:
         self._values: JsonValues = {"started": time.time()}
 
     def report(self, stage: Stage, **values: Any) -> None:
-        """Writes the stage of the work, and adds columns of the index that are known now."""
+        """Writes the stage of the work, and what is known now.
+
+        Args:
+            stage: the stage, such as reading or judging.
+            **values: further keys of the file, mostly columns of the library's index.
+        """
         self._write(stage=stage, step="", share=None, **values)
 
     @contextmanager
     def show_step(self, title: str, *, measured: bool = True) -> Iterator[Callable[[float], None]]:
-        """Writes into the file which step of the present stage is being done, and the share of it that is done.
+        """Writes a step of the work into the file, and how much of it is done while the block of the caller runs.
 
         The assessment of a flight calls this for each of its steps (``mavdem.assessment.axis.options.ShowStep``).
 
@@ -97,17 +102,16 @@ class ProgressFile:
         yield lambda share: self._write(share=share)
 
     def _write(self, **values: Any) -> None:
-        """Changes values, and writes all of them."""
+        """Sets values by their keys, and writes the file with all values so far."""
         self._values.update(values)
         with atomic_write(self._path) as file:
             file.write(json.dumps(self._values).encode())
 
 
 def read_stored_log(path: Path) -> Log:
-    """Reads a log of the library.
+    """Reads a log of the library from within its folder, by its name alone.
 
-    The results show the path by which a log was read. So the log is read by its name alone, from within its folder, so
-    that visitors of the server do not see the folders of its machine.
+    The results show the path by which a log was read: visitors must not see the folders of the server's machine.
 
     Args:
         path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
@@ -195,8 +199,8 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
 def _write_first_plots(log: Log, path: Path) -> None:
     """Writes plots of a flight over time, which are shown until its assessment is complete.
 
-    The assessment takes ten times as long as the reading. The plots show the first vehicle with a time history; without
-    one, no file is written.
+    The assessment takes ten times as long as the reading. The plots show the first vehicle of the log with a time
+    history; no file is written if none has one.
 
     Args:
         log: the log of a flight, with the messages of each vehicle.
@@ -265,9 +269,10 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
 
 
 def _assessment_columns(assessment: Assessment) -> dict[str, str]:
-    """Returns the columns of the index that follow from an assessment: its sentences, and what its lights show.
+    """Returns the columns of the library's index that follow from an assessment: its sentences and status lights.
 
-    A light is the level (good, watch, bad or unknown) of one part of the vehicle or the flight, such as "motors".
+    A light judges one part of the vehicle or the flight, such as "motors": by a level (good, watch, bad or unknown), a
+    sentence, and a short figure.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -275,10 +280,10 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
     Returns:
         Values by the names of the columns; each light's column has the light's name.
     """
-    # Imported here: it needs the modules of live sessions, which nothing else of a reading process does.
+    # Imported here, since it loads the modules of live sessions, which reading a log does not need otherwise.
     from mavdem.report.live import recorded_light_figures
 
-    # Whoever reads them on a page of the library has neither the log's file nor a terminal for a command.
+    # The sentences are read on a page of the library, where nobody has a terminal for the commands that they may name.
     with sentences_for(Medium(has_terminal=False)):
         light_sentences = {name: str(fact) for name, fact in assessment.lights.items()}
         return {

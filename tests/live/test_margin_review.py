@@ -379,7 +379,7 @@ def test_the_status_shows_margins_of_the_flight_until_the_recording_is_judged():
         model_judgement=judgement,
         is_recording_judged=True,
     )
-    assert judged._lights_without_model.get(Light.MARGINS) is None
+    assert judged._lights_by_checks.get(Light.MARGINS) is None
 
 
 def test_margins_that_lack_since_the_take_off_make_no_short_silence_an_alarm():

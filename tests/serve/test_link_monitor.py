@@ -241,7 +241,7 @@ def test_the_page_of_a_flight_whose_end_nobody_saw_says_when_the_link_was_lost(i
     session.stream.status.return_value = SessionStatus("1:1", is_flying=True)
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     session.status = SessionStatus("1:1", silence, is_flying=True, last_reception=1e9)
-    verdict = link_monitor.AWAITED_IN_SESSION
+    verdict = link_monitor.NOT_JUDGED_IN_SESSION
     page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), verdict)
     assert page.startswith("Link lost at ") and ", in flight: " in page
 
