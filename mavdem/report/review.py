@@ -305,7 +305,7 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
             # The headline below states all of it, or what follows its first clause.
             clause = first_clause(str(event))
             text = "See the headline." if clause == headline(headline_fact) else clause
-            yield f"{_label_and_level(_time_label(event), event)}{text}"
+            yield from _wrapped_text(_label_and_level(_time_label(event), event), text, columns)
         else:
             yield from _lines_of_event(event, event_count, columns)
 
@@ -418,8 +418,18 @@ def _wrapped_fact(label: str, fact: Fact, columns: int, remark: str = "") -> lis
         columns: number of characters in a line.
         remark: text after the sentence, such as how many events of the same kind there are; empty for none.
     """
-    label_and_level = _label_and_level(label, fact)
     text = _with_remark(headline(fact), remark)
+    return _wrapped_text(_label_and_level(label, fact), text, columns)
+
+
+def _wrapped_text(label_and_level: str, text: str, columns: int) -> list[str]:
+    """Returns the lines of a text that stands beside a label and a level, which its further lines leave free.
+
+    Args:
+        label_and_level: the first two columns of the first line.
+        text: the text.
+        columns: number of characters in a line.
+    """
     first_line, *further_lines_of_text = wrapped_lines(text, columns - len(label_and_level))
     indent = " " * len(label_and_level)
     return [label_and_level + first_line, *(indent + line for line in further_lines_of_text)]

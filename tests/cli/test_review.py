@@ -14,7 +14,7 @@ import mavdem
 from mavdem.assessment.assess import assess
 from mavdem.cli.review import with_coloured_level
 from mavdem.facts import Fact, Level
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Unjudged
@@ -140,6 +140,23 @@ def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
     screen = review_screen(replace(assessment, judgement=judgement, evidence=evidence), columns=70)
     assert "100.0 s    watch" in screen and "110.0 s" not in screen and "…" not in screen
     assert first.replace(count=2).sentence in " ".join(screen.split())
+
+
+@mark.slow
+def test_the_event_of_the_headline_is_wrapped_too():
+    """Its first clause stands in the list, and the whole of it below."""
+    assessment = assess(read_log(SLOW))
+    motor = "motor 4 (rear right), which is named at some length"
+    cause = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=99.0, subject=motor, boot=0)
+    figures = {"speed": 5.1, "height": 0.0, "cause": None, "word": ""}
+    impact = Fact(Ending.CRASHED, Level.BAD, time=100.0, boot=0, **figures)
+    headline = impact.replace(cause=cause)
+    judgement = replace(assessment.judgement, headline=headline, lights={})
+    evidence = replace(assessment.evidence, events=(impact,))
+    screen = review_screen(replace(assessment, judgement=judgement, evidence=evidence), columns=50)
+    lines = screen.splitlines()
+    assert "100.0 s    BAD      Hit the ground at 100.0 s," in lines
+    assert max(len(line) for line in lines) <= 50
 
 
 @mark.slow
