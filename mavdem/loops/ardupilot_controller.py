@@ -141,7 +141,7 @@ def ardupilot_controller(
 
 
 def ardupilot_gain_names(parameters: Parameters, axis: str) -> GainNames:
-    """Returns how the firmware of a log names the gains of one axis.
+    """Returns how ArduCopter names the gains of one axis: by "ATC_RAT_RLL_…" and "ATC_ANG_RLL_P", or as before 3.4.
 
     Args:
         parameters: parameters of the log, by name, which show the version of the firmware.

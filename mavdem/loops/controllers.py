@@ -357,9 +357,9 @@ def _controller_of(control_parameters: Parameters, axis: str, weights: Numbers) 
     Raises:
         NotLearnable: a parameter is missing or impossible, or the firmware or the mixer is not known.
     """
-    if _has_any(control_parameters, ARDUPILOT_GAIN_PREFIXES):
+    if _has_prefix(control_parameters, ARDUPILOT_GAIN_PREFIXES):
         fields = ardupilot_controller(control_parameters, axis, weights)
-    elif _has_any(control_parameters, PX4_GAIN_PREFIXES):
+    elif _has_prefix(control_parameters, PX4_GAIN_PREFIXES):
         fields = px4_controller(control_parameters, axis, is_demand=len(weights) == 1)
     else:
         raise NotLearnable(ControllerFact.NO_GAINS)
@@ -367,24 +367,26 @@ def _controller_of(control_parameters: Parameters, axis: str, weights: Numbers) 
 
 
 def gain_names(parameters: Parameters, axis: str) -> GainNames | None:
-    """Returns how the autopilot of a log names the gains of one axis, whatever else its parameters describe.
+    """Returns how the autopilot of a log names the gains of one axis, such as "ATC_RAT_RLL_P" and "ATC_ANG_RLL_P".
+
+    Unlike a :class:`Controller`, the names need no other parameters of the log, such as those of the mixer.
 
     Args:
         parameters: parameters of the log, by the autopilot's name.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The names; None if the log has no gains of a known autopilot.
+        The names; None if the log has neither ArduPilot's nor PX4's gains.
     """
-    if _has_any(parameters, ARDUPILOT_GAIN_PREFIXES):
+    if _has_prefix(parameters, ARDUPILOT_GAIN_PREFIXES):
         return ardupilot_gain_names(parameters, axis)
-    if _has_any(parameters, PX4_GAIN_PREFIXES):
+    if _has_prefix(parameters, PX4_GAIN_PREFIXES):
         return px4_gain_names(axis)
     return None
 
 
-def _has_any(parameters: Parameters, prefixes: tuple[str, ...]) -> bool:
-    """Returns whether the name of a parameter begins with one of some prefixes."""
+def _has_prefix(parameters: Parameters, prefixes: tuple[str, ...]) -> bool:
+    """Returns whether the name of any parameter begins with one of some prefixes, such as "MC_ROLL"."""
     return any(name.startswith(prefixes) for name in parameters)
 
 

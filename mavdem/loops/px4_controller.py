@@ -99,7 +99,11 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
 
 
 def px4_gain_names(axis: str) -> GainNames:
-    """Returns how PX4 names the gains of one axis, "roll", "pitch" or "yaw"."""
+    """Returns how PX4 names the gains of one axis, as "MC_ROLLRATE_…" and "MC_ROLL_P".
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+    """
     return GainNames(rate_prefix=f"MC_{axis.upper()}RATE_", angle_gain=f"MC_{axis.upper()}_P")
 
 

@@ -95,59 +95,63 @@ class GainOverview(NamedTuple):
 def gain_overview(
     signals_by_axis: Mapping[str, Signals], changes: GainChanges | None
 ) -> GainOverview | None:
-    """Returns the gains of some axes with their present and new values.
+    """Returns the table of the gains of some axes, with their present values in the log and any new values to set.
 
     Args:
         signals_by_axis: logged time series of the vehicle by axis, with its parameters.
         changes: parameters to set; None if none are.
 
     Returns:
-        The gains, also of a controller that lacks other parameters; None if the log has no gain of any of these axes.
+        The table, also if the log lacks other parameters of the controller; None if it has no gain of any of these
+        axes.
     """
     new_values = NO_NEW_VALUES if changes is None else changes.new_values
     rows = {}
     for axis, signals in signals_by_axis.items():
         parameters = signals.telemetry.parameters
         names = gain_names(parameters, axis)
-        if names is not None:
-            cells = tuple(_gains_of_axis(names, parameters, new_values))
-            if any(cell.present for cell in cells):
-                rows[axis] = cells
+        if names is None:
+            continue
+        cells = tuple(_gains_of_axis(names, parameters, new_values))
+        has_logged_gain = any(cell.present for cell in cells)
+        if has_logged_gain:
+            rows[axis] = cells
     if not rows:
         return None
-    return _without_empty_columns(rows, changes)
+    return _overview_of_logged_gains(rows, changes)
 
 
-def _without_empty_columns(
+def _overview_of_logged_gains(
     rows: Mapping[str, tuple[GainCell, ...]], changes: GainChanges | None
 ) -> GainOverview:
-    """Returns the overview of some gains without the columns of those that the log has of no axis.
+    """Returns the table of the gains that the log has of at least one axis; other gains have no column.
+
+    ArduPilot, for example, has no gain "rate K".
 
     Args:
-        rows: the gains of each axis in the order of the columns.
+        rows: all possible gains of each axis, in the order of the columns.
         changes: parameters to set, some of which may be no gains; None if none are.
     """
-    logged_headers = set()
-    names = set()
-    for row in rows.values():
-        logged_headers |= {cell.header for cell in row if cell.present}
+    all_cells = [cell for row in rows.values() for cell in row]
+    logged_headers = {cell.header for cell in all_cells if cell.present}
+    names_in_table = {cell.name for cell in all_cells if cell.header in logged_headers}
     shown_rows = {}
     for axis, row in rows.items():
         shown_rows[axis] = tuple(cell for cell in row if cell.header in logged_headers)
-        names |= {cell.name for cell in shown_rows[axis]}
     all_headers = (*RATE_GAIN_HEADERS.values(), ANGLE_GAIN_HEADER)
-    headers = tuple(header for header in all_headers if header in logged_headers)
-    return GainOverview(headers, shown_rows, _table_of_other_changes(changes, names))
+    shown_headers = tuple(header for header in all_headers if header in logged_headers)
+    other_changes = _table_of_other_changes(changes, names_in_table)
+    return GainOverview(shown_headers, shown_rows, other_changes)
 
 
 def _gains_of_axis(
     names: GainNames, parameters: Parameters, new_values: Mapping[str, NewValue]
 ) -> Iterator[GainCell]:
-    """Yields the gains of one axis in the order of the columns.
+    """Yields a cell for each gain that a controller of one axis may have, in the order of the columns.
 
     Args:
         names: how the autopilot names the gains of the axis.
-        parameters: parameters of the log, by the autopilot's name.
+        parameters: parameters of the log, by the autopilot's name; a gain without one has an empty present value.
         new_values: value to set by the name of the parameter.
     """
     headers_by_name = {

@@ -33,27 +33,37 @@ def instance_table(instances: Sequence[Instance], vibration: Fact, *, has_flown:
     """
     rows = []
     for instance in instances:
-        # A plain "Measured" has no colour, so that warnings stand out. ``Rated`` is text with the colour of a level.
-        state = without_full_stop(str(instance.state))
-        is_measured = instance.state.code is InstanceState.MEASURED
-        # The sentence on the vibration has the clips too.
-        is_explained = is_measured or instance.state.code is InstanceState.CLIPPED
-        is_vibrating_imu = instance.quantity == "vibration" and instance.name == vibration.subject
-        if is_explained and is_vibrating_imu and vibration.is_watch_or_bad:
-            state = Rated(f"{capitalize_first(vibration.level)}: see vibration", vibration.level)
-        elif not is_measured:
-            state = Rated(state, instance.state.level)
         rows.append(
             [
                 instance.name,
                 _used_text(instance.used_share),
                 instance.quantity,
                 _range_text(instance),
-                state,
+                _state_cell(instance, vibration),
             ]
         )
     header = HEADER if has_flown else HEADER_WITHOUT_FLIGHT
     return Table(header, rows, words=True)
+
+
+def _state_cell(instance: Instance, vibration: Fact) -> str:
+    """Returns the state of a battery, a sensor or the like as the text of a table's cell, coloured if it is a warning.
+
+    Args:
+        instance: the battery or sensor, with its state as a fact (a coded finding).
+        vibration: the judgement of the vibration, whose subject is the IMU that vibrates most. It explains the state of
+            this IMU better than that it measured something, or that it clipped.
+
+    Returns:
+        ``Rated`` text, which has the colour of its level. A plain "Measured" has no colour, so that warnings stand out.
+    """
+    is_measured = instance.state.code is InstanceState.MEASURED
+    is_clipped = instance.state.code is InstanceState.CLIPPED
+    is_vibrating_imu = instance.quantity == "vibration" and instance.name == vibration.subject
+    if is_vibrating_imu and vibration.is_watch_or_bad and (is_measured or is_clipped):
+        return Rated(f"{capitalize_first(vibration.level)}: see vibration", vibration.level)
+    state = without_full_stop(str(instance.state))
+    return state if is_measured else Rated(state, instance.state.level)
 
 
 def _range_text(instance: Instance) -> str:

@@ -260,11 +260,17 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
 
 
 def _overview_header(tuning: Tuning, axis: str) -> str:
-    """Returns the header of the overview's table that the loops of an axis are in.
+    """Returns the first header of the table in which the overview of a tuning has the loops of an axis.
+
+    Axes with the same header share a table.
 
     Args:
         tuning: advice on the gains of each axis; the loop of this one is identified.
         axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        "now → new", or "now" if no axis has new gains; "now → tried" if another flight is to confirm the new gains of
+        this axis; ``DOUBTFUL_HEADER`` if its margins may be wrong.
     """
     outcome = _gain_outcome(tuning, axis)
     if outcome is GainOutcome.DOUBTFUL:
@@ -446,7 +452,9 @@ def _sentences_without_loop(
 def _caution_sentences(
     cautions: "Iterable[_SharedCaution]", advice: Advice, *, has_gains_elsewhere: bool
 ) -> list[Sentence]:
-    """Returns the cautions about the identified loop of one axis; one that several axes share is shown with the first.
+    """Returns the sentences on how far the identified loop of one axis can be trusted, as its report shows them.
+
+    A sentence that several axes share is shown with the first of them only.
 
     Args:
         cautions: the cautions about the loops of all axes.
@@ -484,7 +492,15 @@ def _report_sentences(
 
 
 def _remedies_towards_gains(axes: list[str], remedies: list[str]) -> list[Sentence]:
-    """Returns the sentence on what leads to gains of some axes; none without a remedy."""
+    """Returns the sentence on what leads to gains, such as "To get gains of roll and pitch: fly doublets.".
+
+    Args:
+        axes: axes for which no gains are advised.
+        remedies: what to do, in sentences.
+
+    Returns:
+        A list with the sentence; empty without a remedy.
+    """
     if not remedies:
         return []
     return [Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:")]
@@ -511,7 +527,7 @@ def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
 def _unstated_remedies(
     tuning: Tuning, axis: str, report: str, stated_remedies: Collection[str]
 ) -> list[str]:
-    """Returns the sentences that say what to do about one axis, without those that the user has read already.
+    """Returns what to do about one axis in sentences, without those that the report shows before.
 
     Args:
         tuning: for each axis the advice on its gains, or the finding that says why there is none.
@@ -535,8 +551,13 @@ def _unstated_remedies(
 
 
 def _without_contained_texts(texts: list[str]) -> list[str]:
-    """Returns those of some different texts that are not part of another one, in their order."""
-    return [text for text in texts if not any(text in other for other in texts if other != text)]
+    """Returns some different texts without those that another one contains, so that nothing is read twice."""
+    separate_texts = []
+    for text in texts:
+        is_part_of_another = any(text in other for other in texts if other != text)
+        if not is_part_of_another:
+            separate_texts.append(text)
+    return separate_texts
 
 
 def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
@@ -934,9 +955,9 @@ def _faults_in_flight(
 
 
 def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
-    """Returns what to do about the control loops of an axis, except to run ``mavdem tune``.
+    """Returns what to do about the control loops of an axis besides changing gains, such as to fly doublets.
 
-    This report comes from that command, so that its next step and its advice on gains say the rest.
+    The report of ``mavdem tune`` has its advice on gains in other sentences, and need not advise to run this command.
 
     Args:
         tuning: the advice on each axis, or the fact that its loop is not known; and the decision on its loops.
@@ -964,13 +985,14 @@ def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
 
 
 def _advises_flight(advice: Advice | Fact) -> bool:
-    """Returns whether the reason why an axis gets no gains advises a flight that leads to some.
+    """Returns whether the advice on an axis without new gains is to make a flight, after which gains are known.
 
     Args:
         advice: advice on the gains of the axis, or the fact that its loop is not known.
     """
-    reason = advice if isinstance(advice, Fact) else advice.conclusion
-    return bool(reason.remedy) and not reason.without_flight_advice.remedy
+    conclusion = advice if isinstance(advice, Fact) else advice.conclusion
+    # A remedy that is left out for a vehicle which must not fly is one that advises a flight.
+    return bool(conclusion.remedy) and not conclusion.without_flight_advice.remedy
 
 
 def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
@@ -1038,8 +1060,14 @@ def decision_sentences(
 
 
 def _unless_in(texts: Collection[str], sentence: str) -> str:
-    """Returns a sentence, or an empty text if one of these texts contains it already."""
-    return "" if any(sentence in text for text in texts) else sentence
+    """Returns a sentence unless it would be read twice: an empty text if one of the other texts contains it.
+
+    Args:
+        texts: other texts of the page, such as the headline and the next step.
+        sentence: the sentence.
+    """
+    is_contained = any(sentence in text for text in texts)
+    return "" if is_contained else sentence
 
 
 def _texts_in_next_step(tuning: Tuning) -> set[str]:
@@ -1369,12 +1397,12 @@ class _ComparedLoops(NamedTuple):
 
 
 def _loops_to_compare(tuning: Tuning) -> _ComparedLoops:
-    """Returns the loops of all axes with the present and, if they change, with the new gains.
+    """Returns the columns of a table of loops: for each axis that with the present gains and any with new gains.
 
     Args:
         tuning: advice for each axis; axes without an identified loop are left out.
     """
-    compared = _ComparedLoops({}, set())
+    compared = _ComparedLoops(by_header={}, doubtful_headers=set())
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
             continue
@@ -1453,14 +1481,15 @@ def _step_rows(
 
 
 def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:
-    """Returns overshoot, %, and rise time, ms, of a loop's predicted step response, each with its interval.
+    """Returns overshoot, %, and rise time, ms, of a loop's predicted step response, such as ("12 (8 to 17)", "45").
 
     Args:
         loop: rate or attitude loop, whose closed loop is computed.
         duration: length of the step response, s.
 
     Returns:
-        Both as text; empty if the step cannot be predicted.
+        Both as text, with their 90 % intervals unless these are narrower than the last digit; empty if the step cannot
+        be predicted.
     """
     step = predicted_step(loop, duration)
     if step is None:

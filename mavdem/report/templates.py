@@ -404,7 +404,7 @@ def _environment() -> Environment:
         loader=FunctionLoader(_template_source),
         bytecode_cache=CompiledTemplates(),
         undefined=StrictUndefined,
-        finalize=_finalized,
+        finalize=_printed_value,
         autoescape=False,
     )
     environment.globals |= {
@@ -465,11 +465,14 @@ def _environment() -> Environment:
     return environment
 
 
-def _finalized(value: Any) -> Any:
-    """Returns what Jinja prints for a value that a template names.
+def _printed_value(value: Any) -> Any:
+    """Returns what Jinja prints for a value that a template names, such as ``{{ reason }}``.
 
     A fact (a coded finding) is printed as its sentence without the full stop, since it stands inside another sentence.
     A text has its line breaks replaced by spaces: it may come from a log, and could otherwise print a line of its own.
+
+    Args:
+        value: value of the name in the template; one that is neither a fact nor a text is printed as it is.
     """
     if isinstance(value, Fact):
         return without_full_stop(value)
@@ -671,13 +674,17 @@ def height_up(
 
 
 def interval(time: float, end_time: float | None = None) -> str:
-    """Returns a time interval as text to follow a clause, such as " from 3.2 s to 4.0 s" or " until 4.0 s".
+    """Returns text to follow a clause that something lasted from a start to an end, such as " from 3.2 s to 4.0 s".
 
-    Unlike :func:`period`, an end that is missing means the end of the record, and equal ends are both shown.
+    Unlike :func:`period`, a missing end means the end of the record, and equal ends are both shown.
 
     Args:
         time: its start, s since boot; infinite if it started before the record.
         end_time: its end, s since boot; None if it lasted to the end of the record.
+
+    Returns:
+        The text with a space before it: " from 3.2 s" without an end, " until 4.0 s" without a start, and " throughout
+        the record" without both.
     """
     if not isfinite(time):
         return " throughout the record" if end_time is None else period(time, end_time)

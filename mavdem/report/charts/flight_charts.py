@@ -159,14 +159,18 @@ def _gain_chart(title: str, response: LoopResponse, measured_response: StepRespo
 def _step_lines(
     response: LoopResponse, measured_response: StepResponse, advised_step: Array | None
 ) -> list[Line]:
-    """Returns the lines of the chart of a step response: measured, with the advised gains, and predicted.
+    """Returns the lines of the chart of a step response, in the order in which they are drawn over each other.
 
-    A response that the identified loop predicts with the present gains is dashed and comes last, so that it is seen
-    where it is equal to the solid one with the advised gains.
+    1. The measured response, wide, so that predictions which agree with it do not hide it.
+    2. The response that is predicted with the advised gains.
+    3. The response that the identified loop predicts with the present gains, dashed, so that the second one is seen
+       where both are equal.
+
+    If the messages were too slow to measure a step, the third line takes the place of the first, with its 90 % band.
 
     Args:
         response: the response with its prediction, if the loop is identified.
-        measured_response: the measured response.
+        measured_response: the measured response or, if ``is_identified``, that of the identified loop.
         advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
             if the gains are kept.
     """
@@ -175,14 +179,12 @@ def _step_lines(
     half_width = measured_response.step_half
     lines = []
     if not measured_response.is_identified:
-        # Predictions mostly lie on what was measured, which they would hide if it were not wide.
         lines.append(
             Line.with_band("measured", MEASURED, time, step, half_width, style=LineStyle.WIDE)
         )
     if advised_step is not None:
         lines.append(Line("new gains", PHYSICAL, time, advised_step))
     if measured_response.is_identified:
-        # The messages are too slow to measure a step: that of the identified loop takes its place.
         lines.append(
             Line.with_band("identified", PREDICTED, time, step, half_width, style=LineStyle.DASHES)
         )
@@ -341,11 +343,11 @@ def _sensitivity_chart(
     """
     lines = tuple(loop.line(1 / abs(1 + loop.response)) for loop in shown_loops)
     sensitivity_axis = Axis("sensitivity |S|", is_logarithmic=True)
-    if max(line.y.max() for line in lines) < largest_sensitivity:
-        # The goal is above all lines, and would not be seen.
-        sensitivity_axis = sensitivity_axis._replace(
-            limits=(None, ROOM_ABOVE_GOAL * largest_sensitivity)
-        )
+    is_goal_above_lines = max(line.y.max() for line in lines) < largest_sensitivity
+    if is_goal_above_lines:
+        # An axis that ends with the lines would not show the goal.
+        highest_shown = ROOM_ABOVE_GOAL * largest_sensitivity
+        sensitivity_axis = sensitivity_axis._replace(limits=(None, highest_shown))
     return Chart(
         f"{title}: sensitivity",
         FREQUENCY,
@@ -509,10 +511,12 @@ def _spectrum_lines(noise: MeasuredNoise, name: str, axis: int | None) -> _Spect
         # The first frequency, 0 Hz, is the mean and no vibration.
         frequency, density = max_decimated(spectrum.frequency[1:], density[1:], MAX_BINS)
         power = unit.scale * np.maximum(density, MIN_DENSITY)
-        rate = (
-            f" ({2 * spectrum.nyquist_frequency:.0f} Hz only)" if spectrum is slow_spectrum else ""
-        )
-        lines.append(Line(f"{stage.name}{rate}", stage.colour, frequency, power))
+        line_name = stage.name
+        if spectrum is slow_spectrum:
+            # It ends at half of the rate at which the filtered signal was logged.
+            sample_rate = 2 * spectrum.nyquist_frequency
+            line_name = f"{stage.name} ({sample_rate:.0f} Hz only)"
+        lines.append(Line(line_name, stage.colour, frequency, power))
     return _SpectrumLines(lines, unit.name)
 
 

@@ -83,20 +83,28 @@ def environment() -> Environment:
 def _json_text(value: Any, **options: Any) -> str:
     """Returns a value as JSON, for the script of a page, in which characters that could disguise text are replaced.
 
-    JSON escapes these characters, so that :func:`render_page` does not find them.
+    The text of a page is cleaned of these characters when it is rendered (:func:`render_page`). In JSON they stand as
+    escapes with their numbers, such as 202e for U+202E, so that they are not found there.
 
     Args:
         value: what JSON can express.
         options: options of ``json.dumps``, as Jinja gives them.
     """
+    return _JSON_ESCAPE.sub(_safe_escape, json.dumps(value, **options))
 
-    def safe_escape(escape: re.Match[str]) -> str:
-        """Returns an escape as it is, or that of the replacement character for an unsafe one."""
-        digits = escape[1]
-        is_unsafe = digits is not None and _UNSAFE_CHARACTERS.match(chr(int(digits, 16)))
-        return r"\ufffd" if is_unsafe else escape[0]
 
-    return _JSON_ESCAPE.sub(safe_escape, json.dumps(value, **options))
+def _safe_escape(escape: re.Match[str]) -> str:
+    """Returns an escape of JSON or, if it stands for an unsafe character, that of the replacement character U+FFFD.
+
+    Args:
+        escape: match of ``_JSON_ESCAPE``. Its group 1 has the four hexadecimal digits of a character that is escaped by
+            its number; None for another escape, such as that of a line break.
+    """
+    digits = escape[1]
+    if digits is None:
+        return escape[0]
+    character = chr(int(digits, 16))
+    return r"\ufffd" if _UNSAFE_CHARACTERS.match(character) else escape[0]
 
 
 def _prose_as_html(text: str) -> Markup:

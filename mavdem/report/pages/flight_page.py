@@ -977,13 +977,10 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
     blocks = motor_blocks(analysis.learned, hover)
     has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
     if not has_full_model:
-        # Sentences are selected by their first words, such as "Motors:".
-        leads = list(MOTOR_LEADS)
-        if hover is not None:
-            # The table of the hover has what the first sentence on the motors says.
-            del leads[0]
         for sentence in render_section("condition", analysis.condition):
-            if sentence.lead in leads:
+            # The table of the hover has what the sentence "Motors: …" says.
+            is_in_table = hover is not None and sentence.lead == MOTOR_LEADS[0]
+            if sentence.lead in MOTOR_LEADS and not is_in_table:
                 blocks.append(sentence)
     failure = failure_commands(evidence.signals, light)
     drawing = frame_plan(evidence.signals.motors, analysis.condition, light, failure)
@@ -992,7 +989,13 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
 
 
 def _condition_chapter(analysis: LogAnalysis) -> Chapter:
-    """Returns the chapter of the vehicle's condition in figures: lean, vibration, batteries, and how long it flew."""
+    """Returns the chapter of the vehicle's condition in figures: lean, vibration, batteries, and how long it flew.
+
+    Sentences on the motors are left out, since these have a chapter of their own.
+
+    Args:
+        analysis: what the log shows of the chosen axis, with the condition of the vehicle.
+    """
     blocks: Blocks = []
     for sentence in render_section("condition", analysis.condition):
         if sentence.lead not in MOTOR_LEADS:
@@ -1029,7 +1032,12 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
 
 
 def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:
-    """Yields two chapters for each axis: the learned model and, folded, how it was learned."""
+    """Yields two chapters for each analysed axis: the learned model and, folded, how it was learned.
+
+    Args:
+        assessment: all results on a vehicle of the log. An axis without a model has only the first chapter, which says
+            why.
+    """
     for axis, analysis in assessment.analyses.items():
         yield _model_chapter(axis, analysis)
         if analysis.learned is not None:
@@ -1340,9 +1348,10 @@ def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:
 
 
 def _judgement_with_reason(status: SessionStatus) -> Judgement:
-    """Returns the judgement that has the evidence for what the headline of a live page states.
+    """Returns the judgement that has the evidence (measurements of sensors) for the headline of a live page.
 
-    A verdict of the recording is a text without evidence. If the session found the same, its judgement has that.
+    After a flight the headline is that of the recording, which comes as a text without evidence. If the session found
+    the same in flight, its own judgement has the evidence, and is returned.
 
     Args:
         status: state of the session now, or at its end.
@@ -1527,14 +1536,18 @@ def _live_chapters(
 
 
 def _events_on_gains(history: LiveHistory) -> list[Event]:
-    """Returns the events of the latest flight of a session that advise gains, or say why there is no such advice."""
+    """Returns the events of the latest flight of a session that advise gains, or say why there is no such advice.
+
+    Args:
+        history: the events of the whole session, and the latest flight; the times of both are on one clock.
+    """
     events = []
     for event in history.events:
         is_about_gains = isinstance(event.fact.code, GainFact | LoopAction)
-        # This one says only that gains are being computed, which is over when the page is written.
-        is_awaited = event.fact.code is GainFact.ADVICE_AWAITED
+        # Such an event says only that gains are being computed, which is over when the page is written.
+        says_that_gains_are_computed = event.fact.code is GainFact.ADVICE_AWAITED
         is_of_latest_flight = event.seconds >= history.flight.start
-        if is_about_gains and not is_awaited and is_of_latest_flight:
+        if is_about_gains and is_of_latest_flight and not says_that_gains_are_computed:
             events.append(event)
     return events
 
@@ -1577,10 +1590,10 @@ def _numbered_live_events(
 ) -> list[PageEvent]:
     """Returns the events of a live session as the list on its page shows them.
 
-    Advised gains are left out, since their table is in the chapter on gains. Events of the latest flight are numbered,
-    except those on the state of the session itself: the charts mark the numbered ones. Their times are on the clock of
-    the boot in which that flight began, as in the charts. Events, alarms and headline are matched by their causes,
-    since the headline may state the cause of an alarm in other words than the event that reported it.
+    Advised gains are left out, since their table is in the chapter on gains. The charts show the latest flight, and the
+    times of all events are on their clock, that of the boot in which this flight began. Events, alarms and headline are
+    matched by their causes, since the headline may state the cause of an alarm in other words than the event that
+    reported it.
 
     Args:
         history: the events in the order in which they were reported, and the flight that the charts show.
@@ -1588,41 +1601,61 @@ def _numbered_live_events(
         alarms: the alarms that are active.
 
     Returns:
-        The events in this order, each with whether the headline states it, and whether it is no longer active.
+        The events in this order, each with its number in the charts, whether the headline states it, and whether it is
+        no longer active.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import moment_text
 
+    listed_events = []
+    for event in history.events:
+        if event.fact.code not in EVENTS_IN_GAINS_CHAPTER:
+            listed_events.append(event)
+    numbers = _numbers_in_live_charts(listed_events, history)
     cause_of_headline = _identity_of_cause(judgement.headline)
     active_causes = _causes_of_active_alarms(alarms)
-    next_step = str(judgement.next_step)
-    latest_resumption = _index_of_latest_resumption(history.events)
+    latest_resumption = _index_of_latest_resumption(listed_events)
     page_events = []
-    numbered_count = 0
-    for index, event in enumerate(history.events):
-        if event.fact.code in EVENTS_IN_GAINS_CHAPTER:
-            continue
-        is_in_charts = history.flight.contains(event.seconds)
-        number = None
-        if is_in_charts and not event.is_session_state:
-            numbered_count += 1
-            number = numbered_count
+    for index, event in enumerate(listed_events):
         is_ended_silence = event.fact.code in SILENCES_OF_LINK and index < latest_resumption
         fact = _fact_in_live_list(event.fact, judgement.next_step)
-        time_of_charts = event.seconds - history.flight.timeline_offset
+        is_remedy_in_next_step = fact.remedy in str(judgement.next_step)
         cause = _identity_of_cause(event.fact)
+        time_in_charts = event.seconds - history.flight.timeline_offset
         page_event = PageEvent(
-            event._replace(seconds=time_of_charts, fact=fact),
-            number,
-            is_on_clock_of_charts=is_in_charts,
+            event._replace(seconds=time_in_charts, fact=fact),
+            numbers[index],
+            is_on_clock_of_charts=history.flight.contains(event.seconds),
             is_headline=cause == cause_of_headline,
             is_over=cause not in active_causes,
             is_advice_current=not is_ended_silence,
-            texts_shown_before=frozenset([fact.remedy] if fact.remedy in next_step else []),
+            texts_shown_before=frozenset([fact.remedy] if is_remedy_in_next_step else []),
             moment=moment_text(event),
         )
         page_events.append(page_event)
     return page_events
+
+
+def _numbers_in_live_charts(events: Sequence[Event], history: LiveHistory) -> list[int | None]:
+    """Returns the numbers with which the charts of a live page mark the events of the latest flight, from 1 on.
+
+    Args:
+        events: events of the session in the order of the page's list.
+        history: the flight that the charts show.
+
+    Returns:
+        A number for each event. It is None for an event outside that flight, and for one on the state of the session
+        itself, such as its learning.
+    """
+    numbers: list[int | None] = []
+    last_number = 0
+    for event in events:
+        if history.flight.contains(event.seconds) and not event.is_session_state:
+            last_number += 1
+            numbers.append(last_number)
+        else:
+            numbers.append(None)
+    return numbers
 
 
 def _identity_of_cause(fact: Fact) -> tuple[Code, str]:

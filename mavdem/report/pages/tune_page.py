@@ -163,46 +163,71 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     responses = {axis: assessment.responses.get(axis, {}) for axis in tuning.axes}
     steps = advised_steps(responses, tuning.axes)
     charts = {axis: _step_panels(axis, tuning, responses[axis], steps) for axis in tuning.axes}
-    panels = _with_notes(charts, responses)
+    charts_and_notes = _with_notes(charts, responses)
+    # A note in the place of a chart says already why no response was measured.
     responses_without_note: dict[str, dict[str, LoopResponse]] = {}
     for axis, responses_of_axis in responses.items():
-        notes = panels[axis].keys() - charts[axis].keys()
+        names_of_notes = charts_and_notes[axis].keys() - charts[axis].keys()
         responses_without_note[axis] = {
-            name: response for name, response in responses_of_axis.items() if name not in notes
+            name: response
+            for name, response in responses_of_axis.items()
+            if name not in names_of_notes
         }
     reasons = sentences_without_response(responses_without_note)
     reasons += _sentences_on_identified_steps(responses)
+    caption = _caption_of_step_chapter(charts_and_notes, responses, tuning)
+    groups = _groups_of_columns(charts_and_notes, assessment, caption)
+    return Chapter("Step response", reasons, groups)
+
+
+def _caption_of_step_chapter(
+    panels: Mapping[str, Mapping[str, Sequence[Panel]]], responses: Responses, tuning: Tuning
+) -> str:
+    """Returns the caption below the charts of step responses: what their lines mean, and what limits them.
+
+    Args:
+        panels: charts by axis, and then by loop.
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+        tuning: the advice for each axis, with new gains that are to be loaded or, if they are not sound, only tried.
+    """
     caption = _step_caption(panels) + feedforward_remark(responses)
     rate_responses = [loops["rate"] for loops in responses.values() if "rate" in loops]
-    if any(response.contradiction is not None for response in rate_responses):
+    # A contradicted prediction has a chart of the gain over frequency besides that of the step.
+    has_gain_chart = any(response.contradiction is not None for response in rate_responses)
+    if has_gain_chart:
         caption = f"{caption} {GAIN_MEANING}"
-    if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
+    has_tried_gains = any(advice.parameters and not advice.is_sound for advice in tuning.advice)
+    if has_tried_gains:
         caption = f"{caption} {TRIED_GAINS_MEANING}"
-    return Chapter("Step response", reasons, _groups_of_columns(panels, assessment, caption))
+    return caption
 
 
 def _sentences_on_identified_steps(responses: Responses) -> list[Sentence]:
-    """Returns the sentence that says why some charts have the step of the identified loop, and no measured one.
+    """Returns the sentence that says why some charts show the step of a model of the loop instead of a measured one.
+
+    A step that rises within fewer than ``MIN_RISE_MESSAGES`` messages of the log cannot be measured. Its place takes
+    the step that the loop has by the model that was identified in the flight.
 
     Args:
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
 
     Returns:
-        A list with the sentence; empty if all steps were measured.
+        A list with the sentence, which names these loops and the range of their rise times; empty if all steps were
+        measured.
     """
-    names = []
+    loop_names = []
     rise_times = []
     for axis, responses_of_axis in responses.items():
         for loop_name, response in responses_of_axis.items():
             step = response.measured
             if isinstance(step, StepResponse) and step.is_identified:
-                names.append(f"{axis} {loop_name}")
+                loop_names.append(f"{axis} {loop_name}")
                 rise_times.append(step.rise_time.value)
-    if not names:
+    if not loop_names:
         return []
     return render_section(
         "step_identified",
-        names=names,
+        names=loop_names,
         rise_times=(min(rise_times), max(rise_times)),
         least_messages=MIN_RISE_MESSAGES,
     )
@@ -250,7 +275,9 @@ def _step_panels(
 def _with_notes(
     charts: Mapping[str, Mapping[str, Sequence[Panel]]], responses: Responses
 ) -> dict[str, dict[str, Sequence[Panel]]]:
-    """Returns the charts of step responses with a note in the place of each missing one that another axis has.
+    """Returns the charts of step responses, with a note where one axis lacks a chart that another axis has.
+
+    The note says why no response was measured. So the charts of all axes are aligned.
 
     Args:
         charts: charts by axis, and then by what they show: "rate", "attitude" or "gain".
