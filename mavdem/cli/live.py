@@ -360,6 +360,9 @@ def _follow_vehicle(
 ) -> FollowedFlight:
     """Runs the session of one vehicle, until the user ends it or another vehicle is to be followed; writes its files.
 
+    The session is prepared and run; then its model is learned and judged, and the results are reported. Last come the
+    files, when the dashboard is closed.
+
     Args:
         options: Options of ``mavdem live``.
         paths: Files that the session writes.
@@ -417,13 +420,9 @@ def _follow_vehicle(
         if successor is None:
             session.analyse_rest()
             session.intake.record_rest()
-        account = session.time_account()
+        seconds_by_use = session.time_account()
         status = session.status
-        if link.dropped_datagrams:
-            print_to_stderr(Fact(LinkFact.DATAGRAMS_LOST, count=link.dropped_datagrams))
-        print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
-        # Until then browsers must not show a flight as watched that is not watched any more.
-        dashboard.report(session, session.ending_status, is_ending=True)
+        _announce_end(session, dashboard)
         learned, no_model_reason = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.
         code = _write_model(learned, paths.model)
@@ -447,14 +446,10 @@ def _follow_vehicle(
         # The page is the last one of the server, which ends before the files are complete.
         dashboard.report(session, status, written_file_lines(expected_paths, frame_count))
         resources.close()
-        if dashboard.is_recording_empty:
-            print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")
-        is_stream_empty = recording is not None and recording.remove_if_empty()
-        if is_stream_empty:
-            print_to_stderr(f"Nothing was received, so {paths.record} was not written.")
+        rrd_path, record_path = _written_recordings(paths, dashboard, recording)
         written_paths = OutputPaths(
-            rrd=paths.rrd if dashboard.has_recording else None,
-            record=None if is_stream_empty else paths.record,
+            rrd=rrd_path,
+            record=record_path,
             model=paths.model if code == EXIT_DONE else None,
             page=None,
         )
@@ -465,15 +460,17 @@ def _follow_vehicle(
                 options.axis,
                 session.history,
                 status,
-                account,
+                seconds_by_use,
                 judged_model,
                 files=written_file_lines(written_paths, frame_count),
             )
             is_page_written = write_text(paths.page, page, "page")
         written_paths = replace(written_paths, page=paths.page if is_page_written else None)
-        _print_conclusions(session, status, account, written_paths, recording, status_lines)
-        files = written_files(written_paths, recording)
-        document = live_document(session, status, account, files) if options.as_json else None
+        _print_conclusions(session, status, seconds_by_use, written_paths, recording, status_lines)
+        document = None
+        if options.as_json:
+            files = written_files(written_paths, recording)
+            document = live_document(session, status, seconds_by_use, files)
         is_ended_by_user = is_end_requested()
     # The session gives up a recording of the stream that it cannot write.
     is_stream_lost = session.intake.recording is not recording
@@ -489,6 +486,45 @@ def _follow_vehicle(
     )
 
 
+def _announce_end(session: LiveSession, dashboard: Dashboard) -> None:
+    """Tells the user that a session ends: on the terminal that it takes some seconds, in browsers that it is over.
+
+    Until the files are complete, browsers must not show a flight as watched that is not watched any more.
+
+    Args:
+        session: The session, which receives nothing any more.
+        dashboard: Shows the session on a display or in browsers.
+    """
+    lost_datagrams = session.link.dropped_datagrams
+    if lost_datagrams:
+        print_to_stderr(Fact(LinkFact.DATAGRAMS_LOST, count=lost_datagrams))
+    print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
+    dashboard.report(session, session.ending_status, is_ending=True)
+
+
+def _written_recordings(
+    paths: OutputPaths, dashboard: Dashboard, recording: RawRecording | None
+) -> tuple[Path | None, Path | None]:
+    """Returns which recordings a session has written; an empty one is deleted, and reported as not written.
+
+    Args:
+        paths: Files that the session was to write.
+        dashboard: Has written the recording for Rerun, and is closed.
+        recording: Recording of the raw stream, which is closed; None for none.
+
+    Returns:
+        Paths of the recordings for Rerun and of the raw stream; None for one that was not written.
+    """
+    if dashboard.is_recording_empty:
+        print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")
+    rrd_path = paths.rrd if dashboard.has_recording else None
+    is_stream_empty = recording is not None and recording.remove_if_empty()
+    if is_stream_empty:
+        print_to_stderr(f"Nothing was received, so {paths.record} was not written.")
+    record_path = None if is_stream_empty else paths.record
+    return rrd_path, record_path
+
+
 def _new_session(
     options: LiveOptions,
     record: Path | None,
@@ -499,7 +535,7 @@ def _new_session(
     dashboard: Dashboard,
     status_lines: StatusLines,
 ) -> LiveSession:
-    """Makes the session of one vehicle, which shows its status on the dashboard and on the terminal.
+    """Makes the session of one vehicle, and connects it with the dashboard and the terminal, which show its status.
 
     Args:
         options: Options of ``mavdem live``.
@@ -548,7 +584,7 @@ def _new_session(
 
 
 def _print_introduction(options: LiveOptions, paths: OutputPaths, dashboard: Dashboard) -> None:
-    """Prints before a session what it will not do for want of an option, where it is shown, and how it ends.
+    """Prints before a session what it will not do without further options, where it is shown, and how to end it.
 
     Args:
         options: Options of ``mavdem live``.

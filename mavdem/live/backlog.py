@@ -220,7 +220,7 @@ class Backlog:
 
 
 def _tasks_to_postpone(delay: float, postponed_tasks: set[DelayedWork]) -> set[DelayedWork]:
-    """Decides which tasks are postponed by the delay of the analysis: those whose ``POSTPONING_DELAYS`` it has reached.
+    """Returns the tasks to postpone: those whose limit in ``POSTPONING_DELAYS`` the delay of the analysis has reached.
 
     A task that is postponed already waits until the delay is half of its limit: with one limit for both, tasks would be
     stopped and resumed all the time.

@@ -113,11 +113,10 @@ class LinkIntake:
         return batches
 
     def _with_monotonic_times(self, stamped_frames: Sequence[_StampedFrames]) -> list[FrameBatch]:
-        """Converts times of arrival to the monotonic clock, which the analysis needs, since nobody sets it.
+        """Converts times of arrival from the wall clock, which recordings have, to the monotonic clock of the analysis.
 
-        The link stamps arrivals by the wall clock, which recordings need. If the wall clock is set at this moment, the
-        conversion is wrong. So the result is limited to the possible times: a piece arrived after the link was last
-        empty (``_emptied_time``), and not in the future.
+        If the wall clock is set at this moment, the conversion is wrong. So the result is limited to the possible
+        times: after the link was last empty (``_emptied_time``), and not in the future.
 
         Args:
             stamped_frames: frames with their arrival, UNIX s.

@@ -321,7 +321,7 @@ class MarginReview:
         self._next_review_time = inf
 
     @property
-    def awaited_light(self) -> Fact | None:
+    def provisional_light(self) -> Fact | None:
         """What is said of the margins before the first review; None if no setpoint comes that a review needs."""
         return MARGINS_AWAITED if self.has_rate_setpoint else None
 

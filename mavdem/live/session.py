@@ -79,7 +79,7 @@ NOT_FOLLOWED_CODES = (
 
 
 class _Resumption(NamedTuple):
-    """The report that messages come again, which waits for one with a time on the vehicle's clock."""
+    """A report that messages come again, while it waits for a message with a time of the vehicle's clock."""
 
     fact: Fact
     """The report."""
@@ -126,7 +126,7 @@ class LiveSession:
         keeps_vehicle: bool = False,
         first_pieces: Sequence[ReceivedPiece] = (),
     ) -> None:
-        """Begins now, without a model.
+        """Makes a session on an open link; messages are received by :meth:`step`.
 
         Args:
             link: link that is open.
@@ -208,15 +208,15 @@ class LiveSession:
         self._recorded_flight = 0
 
     def refuse_prior(self, reason: Fact) -> None:
-        """Uses the earlier flight that the user gave no longer, neither its model nor its drag, and reports why.
+        """Discards the earlier flight that the user has named as a prior, with its model and drag, and reports why.
 
         Args:
-            reason: the fact that it is of another vehicle.
+            reason: the fact that another vehicle made that flight.
         """
         self._new_flight = partial(self._new_flight, prior=None)
         self.flight.learning.forget_prior()
         self.stream.wind.earlier_drag = None
-        # Estimates so far were by that drag.
+        # Estimates of the wind so far were based on that drag.
         self.stream.wind.restart()
         self._presentation.log(reason)
 
@@ -458,8 +458,8 @@ class LiveSession:
     def _begin_flight_if_new(self) -> None:
         """Begins to learn and to judge anew if the vehicle has taken off again since the last call.
 
-        The vehicle may have been repaired, or damaged, since the flight before, so that nothing of that one counts. Its
-        model is kept only in case the new flight gives none.
+        It may have been repaired or damaged between two flights, so that nothing of the flight before counts any more.
+        The model of that flight is kept only in case the new flight gives none.
         """
         # Flights of the vehicle are counted from 1; before the first take-off the number is 0.
         flight_number = self.stream.flight_number
@@ -489,8 +489,8 @@ class LiveSession:
     ) -> None:
         """Reports that messages of the followed vehicle come again, if none had come for ``SILENCE_SECONDS``.
 
-        The first of them may have no time on the vehicle's clock, such as HEARTBEAT. The report waits for one that has,
-        since its time would be that of the loss otherwise; for ``SILENCE_SECONDS`` at most.
+        The report gets the vehicle's time, which messages such as HEARTBEAT do not have. So it waits for one that has,
+        ``SILENCE_SECONDS`` at most; otherwise its time would be that of the loss.
 
         Args:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
@@ -531,7 +531,7 @@ class LiveSession:
     def _update_silence_monitor(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Notes for the silence monitor what has arrived: messages of the followed vehicle or of others, or noise.
+        """Tells the silence monitor what has arrived: messages of the followed vehicle, of others, or only noise.
 
         Noise is bytes without an intact frame. If the followed vehicle has been silent for long while another one
         sends, that one becomes its successor.
@@ -694,9 +694,12 @@ class LiveSession:
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
 
-        It is not reported if only measured figures of the reason change, such as rates that vary; if the link is lost
-        in flight for so short a time that this is no alarm yet; if it is that the flight is over, which was reported
-        before with another cause; nor if another report says the same (:meth:`_is_covered_by_other_report`).
+        There is no report
+
+        - if the link has been lost in flight for so short a time that this is no alarm yet;
+        - if only measured figures of the reason change, such as rates;
+        - if the reason is that the flight is over, and that was reported already;
+        - if another report says the same (:meth:`_is_covered_by_other_report`).
 
         Args:
             status: the present status, with the reason.
@@ -705,7 +708,7 @@ class LiveSession:
         # In flight, a lost link is the reason.
         reason = status.no_model_reason if link_loss is None else link_loss
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
-            # It is kept for the end of the session, when the vehicle no longer flies.
+            # At the end of the session this reason is still needed, but the vehicle no longer flies.
             self.flight.no_rows_reason = reason
         is_short_link_loss = link_loss is not None and not link_loss.is_bad
         if is_short_link_loss:
@@ -748,10 +751,10 @@ class LiveSession:
 
     @property
     def status(self) -> SessionStatus:
-        """The status as of now: of link and vehicle, model and judgement, with what only the session itself knows.
+        """The present status of link, vehicle and model, with the judgement of the flight.
 
-        That is why less was learned than could be (``shortfall``), the judgements of all flights (``verdicts``), and
-        why the recording was not judged, if that failed.
+        What the session adds to ``StatusReport.status`` is why less was learned than could be (``shortfall``), the
+        judgements of all flights (``verdicts``), and why the recording was not judged, if that failed.
         """
         return replace(
             self._report.status,
@@ -800,7 +803,7 @@ class LiveSession:
         return replace(status, recording_verdict=RECORDING_AWAITED)
 
     def time_account(self) -> dict[TimeUse, float]:
-        """Returns how many seconds of the session each use of time took, such as learning; their sum is its age."""
+        """Returns how many seconds each use of time took, such as learning; their sum is the age of the session."""
         return self._report.update_time_account(self.backlog.analysed_until)
 
     def final_model(self) -> Learned:
@@ -852,7 +855,7 @@ class LiveSession:
 
     @property
     def _too_slow_fact(self) -> Fact:
-        """The fact that this computer was too slow: how many samples were not learned from, and how many there were."""
+        """The fact that this computer was too slow, with the numbers of samples left out and of all samples."""
         return Fact(
             SessionFact.COMPUTER_TOO_SLOW,
             count=self.flight.postponed_rows,
@@ -917,7 +920,7 @@ class LiveSession:
         return self.stream.has_rate_setpoint or self._margin_review.has_rate_setpoint
 
     def report_end(self, status: SessionStatus, model: Learned | None) -> None:
-        """Reports what was found in the flight when the session ends, unless that was reported at the landing.
+        """Reports at the end of the session what was found in the flight, unless that was reported at the landing.
 
         Args:
             status: status of the session, with the judgement of the final model.
@@ -959,7 +962,11 @@ class LiveSession:
             self.flight.judging.use_judgement_of_recording(adviser.judgement)
 
     def _request_gain_advice(self, adviser: GainAdviser) -> None:
-        """Makes advice on gains due, which comes with a judgement of the recording of the latest flight."""
+        """Requests advice on gains, which is computed together with a judgement of the recording of the latest flight.
+
+        Args:
+            adviser: computes both, the next time that :meth:`report_gain_advice` is called on the ground.
+        """
         adviser.is_due = True
         self._recorded_flight = self.stream.flight_number
 
@@ -1056,7 +1063,7 @@ def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
     else:
         report = reason
     is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
-    if is_alarmed or status.is_oscillation_awaited:
+    if is_alarmed or status.is_oscillation_unjudged:
         # During an alarm, and before it is judged whether the vehicle oscillates, no report must advise to fly on.
         return report.without_flight_advice
     return report

@@ -70,10 +70,10 @@ NOT_RECEIVED_CODES = (
     VehicleFact.NO_MULTIROTOR_YET,
     VehicleFact.TWO_VEHICLES_LIVE,
 )
-"""Reasons with which no followed vehicle is received: the link is lost or silent, or no vehicle on it is followed."""
+"""Reasons for learning no model with which no vehicle is received: the link is lost or silent, or none is followed."""
 
 SILENT_LINK = (LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED)
-"""Those of them with which the followed vehicle is silent."""
+"""Reasons for learning no model with which the followed vehicle sends nothing."""
 
 MAX_ALARM_DELAY = 3.0
 """Delay of the alarms from which on a pilot must not rely on them, s: a choice; a vehicle may fall within it."""
@@ -82,7 +82,7 @@ EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerL
 """Lights of the power that advise a landing in flight, even if they are to be watched only."""
 
 TOO_FEW_MESSAGES = (RowsFact.LIVE_RATES_TOO_LOW, RowsFact.NO_LIVE_ATTITUDE)
-"""Reasons without a model whose remedy is another option of mavdem: nobody restarts it while the vehicle flies."""
+"""Reasons for learning no model that another option of mavdem removes: that needs a new start, after the landing."""
 
 PERMANENT_FAULTS = (MarginsLight.LOOP_MARGINS,)
 """Bad findings that do not arise in flight: the vehicle has had them since its take-off, and need not land now."""
@@ -99,7 +99,7 @@ STATES_OF_LEARNING = (
     SessionFact.FLIGHT_OVER,
     SessionFact.NOT_FLYING,
 )
-"""Reasons without a model that say what the session does, and nothing about the vehicle: no verdict on a flight."""
+"""Reasons for learning no model that say what the session does, and nothing about the vehicle."""
 
 STEPS_TO_THE_GROUND = (
     NextStep.LAND_NOW,
@@ -363,19 +363,16 @@ class SessionStatus(ImmutableResult):
 
     @cached_property
     def overall_judgement(self) -> Judgement:
-        """Headline, next step and status lights of the flight, from the model and from the checks that need no model.
+        """The judgement of the latest flight: headline, next step and lights, by the model and by checks without one.
 
         The headline is the fact that matters most, and the next step what the pilot should do. The lights are the
-        judgements of the parts of the vehicle, such as its motors: each is a fact with a level. Of the headlines below,
-        a later one replaces those before it:
+        judgements of the parts of the vehicle, such as its motors: each is a fact with a level. The headline is found
+        in steps, each of which may replace the headline of the step before:
 
-        1. the headline of the model or, if that is no fault, of the worst lights;
-        2. if nothing was checked so far, that there is no alarm of what is watched or, when the flight is over, that it
-           could not be judged;
-        3. how the flight was lost;
-        4. in flight, what cannot wait until the landing; at the end of the session, that the link was lost in flight;
-           just after it, that the motors may have stopped in the air, or are still armed; otherwise the verdict of the
-           recording, or that this is not known yet.
+        1. The headline of the model or, if that is no fault, of the worst lights.
+        2. If nothing was checked so far: in flight, that there is no alarm; later, that the flight was not judged.
+        3. How the flight was lost.
+        4. In flight, what cannot wait until the landing. After the flight, see :meth:`_judgement_after_flight`.
         """
         judgement = self._judgement_by_model_and_checks
         is_nothing_checked = judgement.headline.code in (
@@ -492,9 +489,9 @@ class SessionStatus(ImmutableResult):
         return self.is_flying and not self.is_over
 
     def _judgement_without_check(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement that is based on no check of the vehicle so far, with a headline for pilots.
+        """Replaces the headline of a judgement that no check of the vehicle supports so far.
 
-        In flight the headline is that there is no alarm of what is watched. After a flight it is that nothing was
+        In flight the new headline is that there is no alarm of what is watched; after a flight, that nothing was
         checked in it. Before the first flight, and if nothing is watched yet, the judgement stays as it is.
 
         Args:
@@ -510,7 +507,7 @@ class SessionStatus(ImmutableResult):
         return judgement
 
     def _judgement_of_unjudged_flight(self, judgement: Judgement) -> Judgement:
-        """Returns the judgement of a flight that is over, if no check of the vehicle was possible in it.
+        """Returns the judgement of a flight that is over, in which no check of the vehicle was possible.
 
         Its headline says that nothing was checked, and why.
 
@@ -522,8 +519,7 @@ class SessionStatus(ImmutableResult):
         if reason.code is HeadlineCode.NOTHING_CHECKED:
             reason = reason.figures["reason"]
         if reason.code in STATES_OF_LEARNING:
-            # The headline still says what the session waits for, such as steady flight. The flight is over, so the
-            # reason is now that too few messages were received before its end.
+            # The flight is over, so that the session waits for nothing any more: too little of it was received.
             reason = self._too_little_received
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
@@ -584,7 +580,7 @@ class SessionStatus(ImmutableResult):
             return judgement
         if self._is_in_flight:
             step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
-        elif self._is_first_take_off_awaited:
+        elif self._is_before_first_flight:
             step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
         else:
             return judgement
@@ -595,7 +591,7 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, headline=headline, next_step=step)
 
     @property
-    def _is_first_take_off_awaited(self) -> bool:
+    def _is_before_first_flight(self) -> bool:
         """Whether the vehicle is received but has not flown in this session, so that its next step is to take off."""
         return self.flight_number == 0 and not self.is_over and self._is_vehicle_received
 
@@ -689,7 +685,7 @@ class SessionStatus(ImmutableResult):
             voltage = self.state.voltage
         return link_loss_fact(
             silence,
-            age=self._missing_age(silence),
+            age=self._silence_seconds(silence),
             reception=self.last_reception,
             displacement=self.displacement_from_takeoff,
             voltage=voltage,
@@ -725,7 +721,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def further_alarms(self) -> Facts:
-        """The active alarms about other faults than the headline's, which may state its own with older figures."""
+        """The active alarms that are about another fault than the headline.
+
+        Codes and subjects are compared: an alarm on the fault of the headline may have older figures.
+        """
         headline_fault = cause_of_alarm(self.session_judgement.headline)
         further_alarms = []
         for alarm in self.active_alarms:
@@ -941,10 +940,10 @@ class SessionStatus(ImmutableResult):
         return combined_lights
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
+        """Replaces headline and next step of a judgement by those for the pilot of a vehicle in flight: alarms first.
 
-        No light is good if no messages of the vehicle arrive, or if this computer is so late that its alarms cannot be
-        relied on: how the vehicle flies now is not known then.
+        If no messages arrive, or this computer is so late that nobody can rely on its alarms, it is not known how the
+        vehicle flies now: then no light, which judges one part of the vehicle, is good.
 
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
@@ -1061,7 +1060,7 @@ class SessionStatus(ImmutableResult):
         if reason.subject == MissingMessages.MOTION:
             missing = MissingMessages.MOTION
         # What was analysed last is older than the last message if this computer is late.
-        age = self._missing_age(reason)
+        age = self._silence_seconds(reason)
         if age is not None:
             age = max(age, self.analysis_delay)
         lights_at_last_message = self._lights_at_last_message(judgement.lights)
@@ -1098,19 +1097,19 @@ class SessionStatus(ImmutableResult):
                 lights[part] = light_before_silence
         return lights
 
-    def _missing_age(self, reason: Fact) -> float | None:
-        """Returns the time since the last of the messages that do not come, s; None where that is not known.
+    def _silence_seconds(self, reason: Fact) -> float | None:
+        """Returns how long the missing messages have not come, s; None if that is not known.
 
         Args:
-            reason: the reason without a model, whose subject is all messages or those of the motion.
+            reason: the fact that they do not come, whose subject is all messages or those of the motion.
         """
         return self.motion_age if reason.subject == MissingMessages.MOTION else self.message_age
 
     def _is_urgent(self, headline: Fact) -> bool:
         """Returns whether the pilot should land now, because of what a headline in flight states.
 
-        That is the case for an active alarm, and for a bad fault that has arisen in flight and is not over. A permanent
-        fault, such as small stability margins, is no more dangerous than at the take-off.
+        That is the case for an active alarm, and for a bad fault that began in flight and is not over. Small stability
+        margins, for example, are no reason: the vehicle had them at its take-off (``PERMANENT_FAULTS``).
 
         Args:
             headline: the headline, a fact about the vehicle.
@@ -1121,7 +1120,7 @@ class SessionStatus(ImmutableResult):
         return headline.is_bad and not is_permanent and not self._is_past_event(headline)
 
     def _is_past_event(self, fact: Fact) -> bool:
-        """Returns whether an event is over, such as a height that diverged: it has an end, and is no alarm any more.
+        """Returns whether a fact is an event that is over: it has an end, and no alarm on it is active any more.
 
         Args:
             fact: any fact about the flight.
@@ -1177,7 +1176,7 @@ class SessionStatus(ImmutableResult):
         if headline.is_watch_or_bad:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
             step = self._step_until_landing(headline)
-            return Fact(step, reason=advice_after_landing, awaits_motors=self.are_motors_awaited)
+            return Fact(step, reason=advice_after_landing, awaits_motors=self.lacks_motor_reference)
         return self._step_without_warning(judgement.next_step)
 
     def _step_without_warning(self, step_to_model: Fact) -> Fact:
@@ -1196,8 +1195,8 @@ class SessionStatus(ImmutableResult):
         """
         if self._lands_by_itself:
             return Fact(NextStep.LET_LAND, reason=None)
-        if self.is_hover_awaited:
-            return Fact(NextStep.HOVER_FIRST, reason=None, awaits_motors=self.are_motors_awaited)
+        if self.should_hover_first:
+            return Fact(NextStep.HOVER_FIRST, reason=None, awaits_motors=self.lacks_motor_reference)
         reason = self._reason_without_model
         if self.model_judgement is not None or not reason.remedy:
             return Fact(NextStep.FLY_ON, reason=None)
@@ -1215,13 +1214,13 @@ class SessionStatus(ImmutableResult):
             return NextStep.LET_LAND
         if warning.is_bad:
             return NextStep.LAND_SOON
-        if self.is_hover_awaited:
+        if self.should_hover_first:
             return NextStep.HOVER_FIRST
         return NextStep.FLY_ON
 
     @property
     def _is_landing(self) -> bool:
-        """Whether the mode is to land here and now, other than a return that lands later."""
+        """Whether the vehicle lands by itself here and now, as the mode "land" shows; a return lands elsewhere."""
         return (
             self._lands_by_itself and self.state is not None and self.state.mode.lower() == "land"
         )
@@ -1232,24 +1231,24 @@ class SessionStatus(ImmutableResult):
         return self.state is not None and self.state.lands_by_itself
 
     @property
-    def is_hover_awaited(self) -> bool:
+    def should_hover_first(self) -> bool:
         """Whether the vehicle should hover now, since an oscillation or a loss of thrust would not be noticed yet."""
-        return self.is_oscillation_awaited or self.are_motors_awaited
+        return self.is_oscillation_unjudged or self.lacks_motor_reference
 
     @property
-    def are_motors_awaited(self) -> bool:
+    def lacks_motor_reference(self) -> bool:
         """Whether a loss of thrust would not be noticed yet, for want of some seconds of hover to compare motors with.
 
-        The hover for the oscillation comes first: False as long as ``is_oscillation_awaited``.
+        The oscillation comes first: this is False as long as ``is_oscillation_unjudged``.
         """
         watch_fact = self._watch_states.get(WatchedQuantity.MOTORS)
-        if watch_fact is None or not self.is_flying or self.is_oscillation_awaited:
+        if watch_fact is None or not self.is_flying or self.is_oscillation_unjudged:
             return False
         reason = watch_fact.figures.get("reason")
         return reason is not None and reason.code is WatchFact.REFERENCE_SHORT
 
     @property
-    def is_oscillation_awaited(self) -> bool:
+    def is_oscillation_unjudged(self) -> bool:
         """Whether the vehicle has flown for too short a time to judge whether it oscillates."""
         watch_fact = self._watch_states.get(WatchedQuantity.OSCILLATION)
         if watch_fact is None or not self.is_flying:
@@ -1336,7 +1335,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _is_silent_after_flight(self) -> bool:
-        """Whether the flight is over, and nothing is received since then, as from a vehicle that was switched off."""
+        """Whether nothing has been received since the end of a flight, as if the vehicle was switched off."""
         is_silent = self.no_model_reason is not None and self.no_model_reason.code in SILENT_LINK
         return is_silent and not self.is_flying and bool(self.worst_lights)
 
@@ -1450,14 +1449,14 @@ def _is_event(fact: Fact) -> bool:
 
 
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
-    """Returns the light of one part of the vehicle after the flight, once the recording of the flight is judged.
+    """Returns the light (judgement) of one part of the vehicle after the recording of its flight was judged.
 
     It is the light by the recording, which has all that was received. But a fault that was found in flight stays, and
     so does what was found in flight of a part that the recording leaves unknown.
 
     Args:
-        recorded_light: the fact with the judgement of this part by the recording.
-        light_in_flight: the fact with the judgement of this part by the checks in flight.
+        recorded_light: the judgement of this part by the recording.
+        light_in_flight: the judgement of this part by the checks in flight.
     """
     if light_in_flight.is_watch_or_bad:
         return worst_fact([light_in_flight, recorded_light])

@@ -75,7 +75,7 @@ class StatusReport:
             model_judgement=self.flight.judging.judgement,
             is_recording_judged=self.flight.judging.is_of_recording,
             margins=self.margin_review.margins,
-            margins_awaited=self.margin_review.awaited_light,
+            margins_awaited=self.margin_review.provisional_light,
             learned_rows=self.flight.learning.learned_rows,
             unlearned_rows=self.flight.learning.unlearned_rows,
             latency=self.flight.latencies.latency,

@@ -274,12 +274,10 @@ class Watchdog:
         is_flying: bool,
         settled_start: float | None,
     ) -> list[Fact]:
-        """Begins a review: collects the messages so far, and finds new reports in them.
+        """Begins a review: collects the messages so far, and finds new reports of the autopilot in them.
 
-        The phase of flight at the time of the review must be known: ``update_phase`` is called before.
-
-        Every ``THOROUGH_PERIOD`` a review is thorough: everything is judged again. Other reviews only examine urgent
-        messages, and only if one of them has changed.
+        A thorough review, every ``THOROUGH_PERIOD``, judges everything again. Other reviews only examine urgent
+        messages, and only if one of them has changed. ``update_phase`` must be called before.
 
         Args:
             now: present time on the boot clock, s.
@@ -312,15 +310,26 @@ class Watchdog:
             phase_start=self._landed_states.phase_start,
             recent_signals=recent_signals,
         )
-        if recent_signals is None:
+        return self._take_new_reports(self._review)
+
+    def _take_new_reports(self, review: Review) -> list[Fact]:
+        """Finds new reports of the autopilot in the messages of a review; in flight they may become alarms.
+
+        Args:
+            review: the review that has begun. Without ``recent_signals`` nothing is searched.
+
+        Returns:
+            What is reported to the user: the reports or the alarms on them, and the ends of alarms.
+        """
+        if review.recent_signals is None:
             return []
-        reports = self._new_reports(recent_signals, vehicle, now)
-        if not is_flying:
+        reports = self._new_reports(review.recent_signals, review.vehicle, review.now)
+        if not review.is_flying:
             # On the ground a report is shown as it is, and is no alarm.
             self._report_alarms.end_flight()
             return reports
-        reported_facts = [self._take_report_in_flight(report, now) for report in reports]
-        reported_facts += self._report_alarms.update(self._report_search.reports, now)
+        reported_facts = [self._take_report_in_flight(report, review.now) for report in reports]
+        reported_facts += self._report_alarms.update(self._report_search.reports, review.now)
         return reported_facts
 
     def _has_new_urgent_change(self) -> bool:
@@ -368,9 +377,8 @@ class Watchdog:
         """Decides whether a new report of the autopilot in flight becomes an alarm, and makes that alarm active.
 
         1. A report on the power belongs to the alarm of the battery.
-        2. The report of a crash is an alarm if only it shows that the vehicle was lost. If the motion has shown that
-           before, that was the alarm.
-        3. All other reports are decided on by ``ReportAlarms``.
+        2. The report of a crash is an alarm unless the motion has raised one on the loss of the vehicle before.
+        3. For all other reports ``ReportAlarms`` decides.
 
         Args:
             report: the report, on any part of the vehicle.
@@ -424,9 +432,9 @@ class Watchdog:
         return report
 
     def update_phase(self, now: float, *, is_flying: bool, takeoff_time: float = -inf) -> None:
-        """Begins another phase, in the air or on the ground, if the landed state has changed.
+        """Notes a take-off or landing, if the vehicle has changed between air and ground since the last call.
 
-        Faults that last until the end of a phase end with it, and their status lights get the time of the end.
+        Faults that cannot outlast that end, and their status lights get the time of the end.
 
         Args:
             now: present time on the boot clock, s.
@@ -451,9 +459,9 @@ class Watchdog:
             self._landed_states.begin_phase(IN_AIR, now, self._review_time)
 
     def _end_faults_of_phase(self, now: float) -> None:
-        """Ends the faults that last at most until a take-off or landing; their status lights get the time of the end.
+        """Ends two faults that last until a take-off or landing at most, and writes the end into their status lights.
 
-        They are a drift in the wind, and heights by barometer and satellites that disagree.
+        They are a drift in the wind, and a disagreement between the heights by barometer and satellites.
 
         Args:
             now: present time on the boot clock, s.
@@ -646,9 +654,10 @@ class Watchdog:
         return reported_facts
 
     def review_control(self, moment: FlightMoment) -> list[Fact]:
-        """Judges between two reviews whether control of a flying vehicle is being lost, which cannot wait for the next.
+        """Judges between two reviews whether control of a flying vehicle is being lost.
 
-        A vehicle that loses control 4 m above the ground hits it a second later, and a review takes up to that long.
+        It cannot wait for the next review, which may be a second away: a vehicle that loses control 4 m above the
+        ground hits it within that time.
 
         Args:
             moment: present time, and the motion.
@@ -912,8 +921,8 @@ class Watchdog:
     def _drop_past_faults(self, review: Review) -> None:
         """Removes from a review the faults that have been over for ``CALM_SECONDS``, unless their alarm is active.
 
-        A review judges the messages of the last minute, which still show such a fault. An alarm on it would begin when
-        the fault is over.
+        A review judges the messages of the last minute, which still show such a fault. Otherwise an alarm would begin
+        after its fault has ended.
 
         Args:
             review: the review, with its facts by watched quantity, and the time when each fault was there last.
@@ -1061,7 +1070,7 @@ class Watchdog:
         """Finds the quantities that cannot be watched for faults at present, such as the vibration, and states why.
 
         A quantity cannot be watched if the messages that show it are missing or too slow, if it follows from an
-        attitude that is not a number, or if the battery has no voltage that could be judged.
+        attitude that is NaN, if the flight is too short so far, or if the battery has no voltage that could be judged.
 
         Args:
             now: present time on the boot clock, s.
@@ -1160,7 +1169,7 @@ def _with_level_in_flight(report: Fact) -> Fact:
 
 
 def _was_reported_by_autopilot(quantity: WatchedQuantity, fault: Fact) -> bool:
-    """Returns whether a fault is a report of the autopilot on its estimator, shown to the user when the report came.
+    """Returns whether a fault is a report of the autopilot on its estimator: the user has read that when it came.
 
     Args:
         quantity: what the fault is about, such as the vibration.

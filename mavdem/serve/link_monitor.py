@@ -174,12 +174,12 @@ class _StoredFlight(NamedTuple):
         return verdict is not None and verdict.is_bad and verdict.forbids_flight
 
     @property
-    def is_verdict_awaited(self) -> bool:
+    def is_unjudged(self) -> bool:
         """Whether the library had not judged its recording yet when the verdict was looked up last, but will."""
         if self.verdict is None:
             return True
-        is_unjudged = self.verdict.code is SessionFact.RECORDING_NOT_JUDGED
-        return is_unjudged and self.verdict.figures["kind"] is RecordingState.BEING_READ
+        is_not_judged = self.verdict.code is SessionFact.RECORDING_NOT_JUDGED
+        return is_not_judged and self.verdict.figures["kind"] is RecordingState.BEING_READ
 
 
 class _FlightState:
@@ -210,13 +210,17 @@ class _FlightState:
         Args:
             fact: any event of the session; all others are ignored.
         """
-        if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
-            self.has_landed = fact.code is ReportedEvent.ON_GROUND
-            self._is_in_air = not self.has_landed
-            if self._is_in_air and self._was_in_air_before_restart:
+        if fact.code is ReportedEvent.OFF_GROUND:
+            self.has_landed = False
+            self._is_in_air = True
+            if self._was_in_air_before_restart:
                 # A vehicle that takes off after its restart was on the ground.
                 self.has_restarted = True
+            self._was_in_air_before_restart = False
+        elif fact.code is ReportedEvent.ON_GROUND:
             # A flight that went on over a restart in the air ends with its landing, as any other.
+            self.has_landed = True
+            self._is_in_air = False
             self._was_in_air_before_restart = False
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
             self.has_restarted = self.has_landed
@@ -226,7 +230,7 @@ class _FlightState:
             self._is_armed_since_restart = True
 
     def note_status(self, status: SessionStatus) -> None:
-        """Notes that the vehicle has restarted on the ground, if it was lost in the air and is now armed on the ground.
+        """Notes a restart on the ground, if a vehicle that was last received in the air is later armed on the ground.
 
         Armed motors alone do not show that, since an autopilot that is reset in the air may arm them too.
 
@@ -288,11 +292,16 @@ class _Silence:
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
-    A session ends when its vehicle is silent for a minute, after a landing for 15 s, after its link was lost in the air
-    for 10 min (a minute after the loss what was recorded is stored), or for ``SUCCESSION_SECONDS`` while another one
-    sends, which the next session follows; when its vehicle restarts after a landing, or takes off again after it
-    restarted on the ground while its link was lost in the air, since its next flight is one of its own; and when the
-    server ends. After an error, such as a full disk, no further session begins; what was recorded until then is kept.
+    A session ends
+
+    - when its vehicle is silent for a minute; for 15 s after a landing; for 10 min after its link was lost in the air,
+      when what was recorded is stored after a minute;
+    - when its vehicle is silent for ``SUCCESSION_SECONDS`` while another one sends, which the next session follows;
+    - when its vehicle restarts after a landing, since its next flight gets a session of its own; or takes off again
+      after it restarted on the ground while its link was lost in the air;
+    - when the server ends.
+
+    After an error, such as a full disk, no further session begins; what was recorded until then is kept.
 
     Attributes:
         problem: why no session runs any more; None while one does.
@@ -424,12 +433,10 @@ class LinkMonitor:
             self._has_last_page.set()
 
     def _run_one_session(self, executor: LearningProcess) -> None:
-        """Runs one live session on the link, and adds its recording to the library unless no vehicle was received.
+        """Runs one live session on the link until it is over, and adds its recording to the library.
 
-        A session ends when the server ends, after some time without anything received, for example when the vehicle was
-        switched off, or when another vehicle is to be followed. However it ends, by an error too, what was recorded is
-        kept. What still waits at the end is recorded too, unless it is left for the session of another vehicle, and
-        what was lost since nobody read it in time is reported.
+        What was recorded is kept however the session ends, also by an error. Only a recording without a vehicle is
+        deleted. Datagrams that were lost because nobody read them in time are reported.
 
         Args:
             executor: the process in which models are learned.
@@ -508,7 +515,7 @@ class LinkMonitor:
             incoming.path.unlink(missing_ok=True)
 
     def _new_session(self, incoming: _IncomingRecording, executor: LearningProcess) -> LiveSession:
-        """Begins a session, and resets what the monitor has noted of the session before.
+        """Makes the next session, and resets what the monitor has noted of the session before.
 
         Args:
             incoming: recording of the session.
@@ -569,8 +576,8 @@ class LinkMonitor:
     def _store_recording(self, session: LiveSession, incoming: _IncomingRecording) -> None:
         """Adds the recording of an ended session to the library, and reports the address of its page.
 
-        From now on the live page links to this flight. Unless the server stops, it also stays on the page of the ended
-        session until the next vehicle is received.
+        From now on the live page links to this flight. Unless the server stops, the page of the ended session is shown
+        until the next vehicle is received.
 
         Args:
             session: the session, which has ended.
@@ -875,7 +882,7 @@ class LinkMonitor:
             # The session before is still shown; its flight is in the library, and may be judged.
             shown_session = flight.session
             shown_entry_id = flight.entry_id
-            if not flight.is_verdict_awaited:
+            if not flight.is_unjudged:
                 verdict = flight.verdict
         html = _finished_page(
             shown_session,
@@ -903,7 +910,7 @@ class LinkMonitor:
         self._faulty_flights = [
             flight
             for flight in map(self._with_verdict, self._faulty_flights)
-            if flight.forbids_flight or flight.is_verdict_awaited
+            if flight.forbids_flight or flight.is_unjudged
         ]
         if self._stored_flight is not None:
             self._stored_flight = self._with_verdict(self._stored_flight)
@@ -950,7 +957,7 @@ class LinkMonitor:
     def _flights_from_before_start(
         self, vehicle: _LinkedVehicle, session: LiveSession
     ) -> list[_StoredFlight]:
-        """Returns the latest flights of a vehicle that were in the library before this server was started.
+        """Returns the latest flights of a vehicle that the library had when the server first received the vehicle.
 
         They are needed since a new start of the server repairs no fault. The library is searched once for each name of
         the vehicle: its name is made of its system id until its parameters come, and of these later.
@@ -1132,10 +1139,12 @@ def _is_end_unknown(status: SessionStatus) -> bool:
         status: status at the end of the session.
     """
     was_link_lost_in_air = status.link_loss is not None
-    if was_link_lost_in_air or not status.verdicts:
-        return was_link_lost_in_air
+    if was_link_lost_in_air:
+        return True
+    if not status.verdicts:
+        return False
+    # Without a lost link, only a restart of the autopilot ends a flight in the air.
     verdict_on_latest_flight = status.verdicts[-1]
-    # Otherwise it is lost in the air if the autopilot restarted there.
     return verdict_on_latest_flight.is_lost_in_air
 
 
@@ -1314,7 +1323,7 @@ def _finished_page(
 
 
 def _final_status(session: LiveSession) -> SessionStatus:
-    """Returns the status of an ended session, in which rates and what is watched are those at the last message.
+    """Returns the status of an ended session; its rates of messages and what is watched are those at the last message.
 
     Most sessions end after the vehicle was switched off, so that the rates of its messages are 0 at the end, and
     nothing is watched any more.

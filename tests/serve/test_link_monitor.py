@@ -390,7 +390,7 @@ def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_
     )
     flight = link_monitor._StoredFlight(Mock(), entry.id, PageLink("a.tlog", "/f/abc"))
     flight = live._with_verdict(flight)
-    assert flight.is_verdict_awaited and told == []
+    assert flight.is_unjudged and told == []
     library.db.execute("update flights set judged = ''")
     verdict = live._with_verdict(flight).verdict
     assert (verdict.is_bad, str(verdict)) == (True, "Motor 1 lost thrust.")
