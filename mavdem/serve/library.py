@@ -912,9 +912,9 @@ class Library:
         if not is_failed:
             # What the reading process has reported in this file is among the columns now.
             (self.results_folder(entry) / PROGRESS).unlink(missing_ok=True)
-        # Two logs that cannot be read stay: one that its uploader wants to keep, and one that is not itself the cause,
-        # since its file could not be opened, or a package that its format needs is missing (the ending "source").
-        keeps_log = entry.keep or outcome.ended == "source"
+        # A log that cannot be read stays if its uploader wants to keep it, or if it is not itself the cause: its file
+        # could not be opened, a package that its format needs is missing ("source"), or mavdem has a defect ("error").
+        keeps_log = entry.keep or outcome.ended in ("source", "error")
         removes_log = is_failed and not keeps_log
         if removes_log:
             # The log has no path any more, but paths in the index must be unique, so the id is stored as one.

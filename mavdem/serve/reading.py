@@ -271,8 +271,8 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
 def _assessment_columns(assessment: Assessment) -> dict[str, str]:
     """Returns the columns of the library's index that follow from an assessment: its sentences and status lights.
 
-    A light judges one part of the vehicle or the flight, such as "motors": by a level (good, watch, bad or unknown), a
-    sentence, and a short figure.
+    A light judges one part of the vehicle or the flight, such as "motors": by a level (good, watch, bad or unknown) and
+    a sentence. They are reported before all that is made of them, so that the library keeps them if that fails.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -280,9 +280,6 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
     Returns:
         Values by the names of the columns; each light's column has the light's name.
     """
-    # Imported here, since it loads the modules of live sessions, which reading a log does not need otherwise.
-    from mavdem.report.live import recorded_light_figures
-
     # The sentences are read on a page of the library, where nobody has a terminal for the commands that they may name.
     with sentences_for(Medium(has_terminal=False)):
         light_sentences = {name: str(fact) for name, fact in assessment.lights.items()}
@@ -291,7 +288,6 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
             "level": str(assessment.headline.level),
             "next_step": str(assessment.next_step),
             "light_sentences": json.dumps(light_sentences),
-            "light_figures": json.dumps(recorded_light_figures(assessment.lights)),
             **{name: str(fact.level) for name, fact in assessment.lights.items()},
         }
 
@@ -306,11 +302,15 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
     Returns:
         Values by the names of the columns.
     """
+    # Imported here, since it loads the modules of live sessions, which reading a log does not need otherwise.
+    from mavdem.report.live import recorded_light_figures
+
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.recorded_signals is not None
     flights = flown_flights(assessment.recorded_signals)
     return {
         **columns_of_flight(rows),
         **_assessment_columns(assessment),
+        "light_figures": json.dumps(recorded_light_figures(assessment.lights)),
         "flights": json.dumps([asdict(flight) for flight in flights]),
     }

@@ -393,9 +393,11 @@ def test_lights_of_a_recording_have_figures_of_their_own(slow):
     sagged = Fact(PowerLight.BATTERY_HELD, voltage=11.17)
     slowly = Fact(LogLight.RECORDED_SLOWLY, rate=4.0, motor_rate=10.0)
     lights = {**slow.overall_judgement.lights, Light.POWER: sagged, Light.LOG: slowly}
-    figures = recorded_light_figures(lights)
+    swing = Fact(MotionEvent.ATTITUDE_SWUNG, Level.BAD, time=33.0, angle_error=0.6)
+    figures = recorded_light_figures(lights | {Light.TRACKING: swing})
     assert figures.keys() == set(Light)
     assert (figures["power"], figures["log"]) == ("down to 11.2 V", "4 Hz")
+    assert figures["tracking"] == "at 33.0 s"
 
 
 def test_each_light_of_a_flight_has_a_figure_or_says_what_it_lacks(slow):

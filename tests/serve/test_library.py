@@ -57,7 +57,7 @@ from mavdem.serve.search import (
     search_problems,
     unknown_terms,
 )
-from mavdem.serve.stored_files import stored_file_name
+from mavdem.serve.stored_files import PROGRESS, stored_file_name
 from mavdem.serve.uploads import require_log_file
 from mavdem.serve.visible_library import VisibleLibrary
 
@@ -791,6 +791,21 @@ def test_a_log_whose_package_is_missing_is_kept_and_read_when_it_comes_again(lib
     assert failed.stage == Stage.FAILED and path.is_file() and failed.size == path.stat().st_size
     assert failed.problem == "The log needs mcap: pip install 'mavdem[mcap]'."
     assert stored_entry(library, name="extra.ulg").stage == Stage.WAITING
+
+
+def test_a_log_whose_page_fails_keeps_headline_lights_and_log(library):
+    entry = stored_entry(library, name="bug.ulg")
+    path = library.log_path(entry)
+    unfinished_folder = library.results_folder(entry).with_name(f".{entry.digest}")
+    unfinished_folder.mkdir()
+    judgement = {"headline": "Motor 3 lost thrust.", "level": "bad", **dict.fromkeys(Light, "good")}
+    (unfinished_folder / PROGRESS).write_text(json.dumps(judgement))
+    library.finish_reading(library.claim(), outcome_of(Job(str(path)), rows_of_log), LIMITS)
+    failed = library.entry(entry.id)
+    assert failed.stage == Stage.FAILED and failed.size == path.stat().st_size
+    page = library_page([failed], {})
+    assert "Motor 3 lost thrust." in page and 'aria-label="power good"' in page
+    assert "Its page is missing. This should not have happened" in page
 
 
 @mark.slow
