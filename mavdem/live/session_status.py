@@ -567,10 +567,10 @@ class SessionStatus(ImmutableResult):
     def session_judgement(self) -> Judgement:
         """The judgement to show: that of the latest flight, with a warning of faults that earlier flights had.
 
-        A take-off repairs nothing. So a next step that lets the vehicle fly on, or take off for the first flight of the
-        session, gets the condition "if the fault was repaired". On the ground the headline is that of the worst flight
-        of the session. While the link is lost in flight, what to do about that comes first. The lights, which judge the
-        parts of the vehicle, remain those of the latest flight.
+        A take-off repairs nothing. So a next step that lets the vehicle fly on gets the condition "if the fault was
+        repaired". On the ground the headline is that of the worst flight: one of the session, or an earlier one in the
+        library. While the link is lost in flight, what to do about that comes first. The lights, which judge the parts
+        of the vehicle, remain those of the latest flight.
         """
         judgement = self._judgement_of_worst_flight
         if self.link_loss is not None:
@@ -579,21 +579,42 @@ class SessionStatus(ImmutableResult):
         if fault is None or judgement.next_step.code in STEPS_TO_THE_GROUND:
             return judgement
         if self._is_in_flight:
-            step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
-        elif self._is_before_first_flight:
-            step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
-        else:
-            return judgement
+            return self._judgement_with_condition(judgement, fault)
+        if self._is_worse_on_ground(fault, judgement.headline):
+            next_step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
+            return replace(judgement, headline=fault, next_step=next_step)
+        return judgement
+
+    def _judgement_with_condition(self, judgement: Judgement, fault: Fact) -> Judgement:
+        """Returns a judgement in flight whose next step holds only if the fault of an earlier flight was repaired.
+
+        Args:
+            judgement: judgement of the present flight.
+            fault: the warning of the fault.
+        """
         headline = judgement.headline
         if not headline.is_watch_or_bad:
             # Whatever is good, the vehicle is to be watched until the fault is known to be repaired.
             headline = headline.replace(Level.WATCH)
+        step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
         return replace(judgement, headline=headline, next_step=step)
 
-    @property
-    def _is_before_first_flight(self) -> bool:
-        """Whether the vehicle is received but has not flown in this session, so that its next step is to take off."""
-        return self.flight_number == 0 and not self.is_over and self._is_vehicle_received
+    def _is_worse_on_ground(self, fault: Fact, headline: Fact) -> bool:
+        """Returns whether the fault of a flight before this session heads the judgement of a vehicle on the ground.
+
+        Of two faults, the one that forbids to fly comes first, otherwise that of this session. Nothing heads the
+        message that no vehicle is received, nor what to do about one that may still be in the air.
+
+        Args:
+            fault: the warning of the fault.
+            headline: headline of the worst flight of this session.
+        """
+        is_of_session = fault.figures["reason"] != self.fault_in_library
+        is_vehicle_known = self.flight_number > 0 or self.is_over or self._is_vehicle_received
+        if is_of_session or self._is_in_air or not is_vehicle_known:
+            return False
+        fault_forbids_flight = fault.figures["reason"].forbids_flight
+        return not headline.is_bad or (fault_forbids_flight and not headline.forbids_flight)
 
     @property
     def _judgement_of_worst_flight(self) -> Judgement:

@@ -88,6 +88,10 @@ one second."""
 RECORDING_NAME_PATTERN = "????-??-??_??-??-??.tlog"
 """Pattern of SQLite's GLOB for the names of recordings, which state when their first message came."""
 
+MAX_FLIGHTS_BEFORE_START = 10
+"""Flights of a vehicle before the start of the server in which a fault is looked for that still stands: a choice, about
+a day of flying."""
+
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
 
@@ -172,6 +176,14 @@ class _StoredFlight(NamedTuple):
         """Whether the library's verdict on it is that the vehicle must not fly before something is done."""
         verdict = self.verdict
         return verdict is not None and verdict.is_bad and verdict.forbids_flight
+
+    @property
+    def is_judged_good(self) -> bool:
+        """Whether its recording was judged good as a whole, also by comparison with the vehicle's other flights."""
+        verdict = self.verdict
+        if verdict is None or verdict.code is not SessionFact.RECORDING_JUDGED:
+            return False
+        return verdict.is_good
 
     @property
     def is_unjudged(self) -> bool:
@@ -345,8 +357,8 @@ class LinkMonitor:
         self._finished_page = ""
         # The latest flight whose session is over, with the library's verdict on its recording; None for none.
         self._stored_flight: _StoredFlight | None = None
-        # Flights before it, the oldest first, that forbid to fly, or that the library has still to judge.
-        self._faulty_flights: list[_StoredFlight] = []
+        # Flights before it, the oldest first, that decide which fault still stands (``_flights_that_count``).
+        self._earlier_stored_flights: list[_StoredFlight] = []
         # The latest flights of each vehicle from before the server was started, by its name in the library.
         self._flights_before_start: dict[str, list[_StoredFlight]] = {}
         # The part of the running session's recording that was stored once its vehicle was lost in the air.
@@ -613,7 +625,7 @@ class LinkMonitor:
             flight: the flight, with its session.
         """
         if self._stored_flight is not None:
-            self._faulty_flights.append(self._stored_flight._replace(session=None))
+            self._earlier_stored_flights.append(self._stored_flight._replace(session=None))
             # From here on it is an earlier flight, also for the page of the flight that is stored now.
             self._stored_flight = None
         # This also renders the page of the finished session.
@@ -684,15 +696,16 @@ class LinkMonitor:
             return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
             self._report_event(Event(nan, verdict, reception=clock.unix_time()))
+        judged_flight = flight._replace(verdict=verdict)
         if flight.session is not None:
             self._finished_page = _finished_page(
                 flight.session,
                 self._library.names,
                 flight.saved_flight,
                 verdict,
-                self._fault_of_earlier_flight(flight.vehicle, flight.session, flight.entry_id),
+                self._fault_of_earlier_flight(flight.vehicle, flight.session, judged_flight),
             )
-        return flight._replace(verdict=verdict)
+        return judged_flight
 
     def _present_verdict(self, entry: LibraryEntry) -> Fact:
         """Returns the verdict on a recording by its log and by comparison with the vehicle's other flights.
@@ -875,13 +888,13 @@ class LinkMonitor:
         """
         start_time = clock.monotonic()
         shown_session = session
-        shown_entry_id = ""
+        shown_flight = None
         verdict = READ_AT_NEXT_START
         flight = self._stored_flight
         if flight is not None and flight.session is not None and flight.verdict is not None:
             # The session before is still shown; its flight is in the library, and may be judged.
             shown_session = flight.session
-            shown_entry_id = flight.entry_id
+            shown_flight = flight
             if not flight.is_unjudged:
                 verdict = flight.verdict
         html = _finished_page(
@@ -889,7 +902,7 @@ class LinkMonitor:
             self._library.names,
             None,
             verdict,
-            self._fault_before_session(shown_session, shown_entry_id),
+            self._fault_before_session(shown_session, shown_flight),
         )
         self._page = SessionPage.made_now(html, session, session.status, start_time)
         self._has_last_page.set()
@@ -906,12 +919,9 @@ class LinkMonitor:
         They are those on the latest flight, on faulty flights before it, and on the stored part of a flight whose link
         was lost.
         """
-        # Of the flights before the latest one only those are kept that are faulty, or may yet turn out to be.
-        self._faulty_flights = [
-            flight
-            for flight in map(self._with_verdict, self._faulty_flights)
-            if flight.forbids_flight or flight.is_unjudged
-        ]
+        self._earlier_stored_flights = _flights_that_count(
+            [self._with_verdict(flight) for flight in self._earlier_stored_flights]
+        )
         if self._stored_flight is not None:
             self._stored_flight = self._with_verdict(self._stored_flight)
         if self._stored_part is not None:
@@ -990,36 +1000,40 @@ class LinkMonitor:
             state: its state in the session, with its names in the library and in logs.
 
         Returns:
-            The flight under the vehicle's name, and after it the one under the name of its system id if that is later;
-            each only if there is one.
+            The flights under the vehicle's name, and after them those under the name of its system id that are later;
+            the latest one last.
         """
-        flights = []
-        date_of_named_flight = ""
-        named_entry = self._latest_judged_entry(state.library_name, vehicle)
-        if named_entry is not None:
-            date_of_named_flight = named_entry.date
-            flights.append(self._flight_of_entry(named_entry, vehicle, state.name_in_logs))
+        named_entries = self._latest_judged_entries(state.library_name, vehicle)
+        flights = [
+            self._flight_of_entry(entry, vehicle, state.name_in_logs) for entry in named_entries
+        ]
         name_by_id = system_id_name(state.autopilot, state.system)
         if name_by_id == state.library_name:
             return flights
-        entry_by_id = self._latest_judged_entry(name_by_id, vehicle)
         # Dates in ISO 8601 are compared as texts; the empty text is before all of them.
-        if entry_by_id is not None and entry_by_id.date > date_of_named_flight:
-            flights.append(self._flight_of_entry(entry_by_id, vehicle, name_in_logs=""))
+        date_of_named_flight = named_entries[-1].date if named_entries else ""
+        for entry in self._latest_judged_entries(name_by_id, vehicle):
+            if entry.date > date_of_named_flight:
+                flights.append(self._flight_of_entry(entry, vehicle, name_in_logs=""))
         return flights
 
-    def _latest_judged_entry(self, name: str, vehicle: _LinkedVehicle) -> LibraryEntry | None:
-        """Finds the latest flight under a name that the library has judged; None without one.
+    def _latest_judged_entries(self, name: str, vehicle: _LinkedVehicle) -> list[LibraryEntry]:
+        """Finds the latest flights under a name that the library has judged, at most ``MAX_FLIGHTS_BEFORE_START``.
 
         Args:
             name: name under which the library lists the vehicle.
-            vehicle: the vehicle, with the autopilot and frame that the flight must have.
+            vehicle: the vehicle, with the autopilot and frame that the flights must have.
+
+        Returns:
+            The flights, the latest one last.
         """
         # SQL. A flight that is not judged yet has an empty level.
         condition = "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
         values = (name, vehicle.autopilot, vehicle.vehicle_type)
-        found = self._library.find(condition, values, limit=1, order=ListingOrder.FLIGHT)
-        return found.entries[0] if found.entries else None
+        found = self._library.find(
+            condition, values, limit=MAX_FLIGHTS_BEFORE_START, order=ListingOrder.FLIGHT
+        )
+        return list(found.entries)[::-1]
 
     def _flight_of_entry(
         self, entry: LibraryEntry, vehicle: _LinkedVehicle, name_in_logs: str
@@ -1036,28 +1050,35 @@ class LinkMonitor:
         return _StoredFlight(vehicle, entry.id, page, verdict, name_in_logs=name_in_logs)
 
     def _fault_of_earlier_flight(
-        self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str = ""
+        self,
+        vehicle: _LinkedVehicle,
+        session: LiveSession,
+        shown_flight: _StoredFlight | None = None,
     ) -> Fact | None:
         """Returns the latest fault that the library found in earlier flights of a vehicle, and that still counts.
 
-        A take-off repairs nothing, so that a fault that forbids to fly counts however many flights follow. Anything
-        else counts in the next flight only (:func:`_fault_of_flight_before`). Of the flights before the start of the
-        server, only the latest are considered.
+        A take-off repairs nothing: a fault that forbids to fly counts until a later flight was judged good as a whole
+        (:func:`_faulty_flight`). Anything else counts in the next flight only (:func:`_fault_of_flight_before`). Of
+        the flights before the start of the server, only the latest are considered.
 
         Args:
             vehicle: the vehicle.
             session: the session that is shown, of this vehicle.
-            shown_entry_id: id in the library of the flight that is shown now; empty while its session runs.
+            shown_flight: the stored flight of that session; None while the session runs. If it was judged good, it ends
+                the faults before it.
 
         Returns:
             The fault, with the address of the flight's page, and whether another vehicle may have flown that flight
             (:func:`_fault_for_session`); None without a fault.
         """
-        earlier_flights = self._earlier_flights(vehicle, session, shown_entry_id)
-        for flight in reversed(earlier_flights):
-            if flight.forbids_flight and flight.verdict is not None:
-                return _fault_for_session(flight.verdict, flight, session)
-        if not earlier_flights:
+        earlier_flights = self._earlier_flights(vehicle, session, shown_flight)
+        sound_flights = []
+        if shown_flight is not None and shown_flight.is_judged_good:
+            sound_flights.append(shown_flight)
+        faulty_flight = _faulty_flight([*earlier_flights, *sound_flights], _name_in_logs(session))
+        if faulty_flight is not None and faulty_flight.verdict is not None:
+            return _fault_for_session(faulty_flight.verdict, faulty_flight, session)
+        if sound_flights or not earlier_flights:
             return None
         flight_before = earlier_flights[-1]
         # It is not the flight before this one if another vehicle has flown on the link meanwhile. As long as nothing
@@ -1065,32 +1086,39 @@ class LinkMonitor:
         is_latest_flight = self._stored_flight is None or flight_before == self._stored_flight
         return _fault_of_flight_before(flight_before, session) if is_latest_flight else None
 
-    def _fault_before_session(self, session: LiveSession, shown_entry_id: str = "") -> Fact | None:
+    def _fault_before_session(
+        self, session: LiveSession, shown_flight: _StoredFlight | None = None
+    ) -> Fact | None:
         """Returns the fault that an earlier flight of a session's vehicle had; None without one.
 
         Args:
             session: the session that is shown, running or over.
-            shown_entry_id: id in the library of the flight of that session; empty before it is stored.
+            shown_flight: the stored flight of that session; None before it is stored.
         """
         vehicle = session.stream.followed_vehicle
         if vehicle is None:
             return None
         linked_vehicle = _LinkedVehicle.of_component(vehicle)
-        return self._fault_of_earlier_flight(linked_vehicle, session, shown_entry_id)
+        return self._fault_of_earlier_flight(linked_vehicle, session, shown_flight)
 
     def _earlier_flights(
-        self, vehicle: _LinkedVehicle, session: LiveSession, shown_entry_id: str
+        self, vehicle: _LinkedVehicle, session: LiveSession, shown_flight: _StoredFlight | None
     ) -> list[_StoredFlight]:
         """Returns the earlier flights of a vehicle in the library that may have a fault, the latest one last.
 
         Args:
             vehicle: the vehicle.
             session: the session that is shown, of this vehicle.
-            shown_entry_id: id in the library of the flight that is shown now, which is left out; empty for none.
+            shown_flight: the stored flight of that session, which is left out; None for none.
         """
+        shown_entry_id = "" if shown_flight is None else shown_flight.entry_id
         flights_before_start = self._flights_from_before_start(vehicle, session)
         earlier_flights = []
-        for flight in (*flights_before_start, *self._faulty_flights, self._stored_flight):
+        for flight in (
+            *flights_before_start,
+            *self._earlier_stored_flights,
+            self._stored_flight,
+        ):
             if flight is None or flight.entry_id == shown_entry_id:
                 continue
             if flight.vehicle == vehicle:
@@ -1110,6 +1138,55 @@ class LinkMonitor:
             # The title names the vehicle already.
             vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
             self._summary = f"{title}: {vehicle_state}"
+
+
+def _faulty_flight(flights: Sequence[_StoredFlight], name_in_logs: str) -> _StoredFlight | None:
+    """Returns the latest flight that forbids the vehicle to fly, unless a later flight shows that it is sound again.
+
+    Only a flight whose whole recording was judged good shows that. Its vehicle must be the one that had the fault, by
+    the names by which logs are recognised, as far as they are known. If it certainly is the vehicle that is followed
+    now, then that has no fault from before it, whichever vehicle had one.
+
+    Args:
+        flights: flights of vehicles with the same ids on the link, the latest one last.
+        name_in_logs: name by which logs of the followed vehicle are recognised; empty where only its ids are known.
+
+    Returns:
+        The flight, whose verdict states the fault; None without one.
+    """
+    names_of_sound_vehicles = set()
+    for flight in reversed(flights):
+        if flight.is_judged_good:
+            if name_in_logs and flight.name_in_logs == name_in_logs:
+                return None
+            names_of_sound_vehicles.add(flight.name_in_logs)
+        elif flight.forbids_flight and flight.name_in_logs not in names_of_sound_vehicles:
+            return flight
+    return None
+
+
+def _flights_that_count(flights: Sequence[_StoredFlight]) -> list[_StoredFlight]:
+    """Returns the flights by which :func:`_faulty_flight` decides now or later: all others need not be kept.
+
+    They are those that the library has still to judge, and of each vehicle the latest one that was judged good, with
+    the flights after it that forbid to fly.
+
+    Args:
+        flights: flights of all vehicles of the link, the latest one last.
+
+    Returns:
+        Those flights, in the same order.
+    """
+    kept_flights = []
+    sound_vehicles = set()
+    for flight in reversed(flights):
+        identity = (flight.vehicle, flight.name_in_logs)
+        has_news = flight.is_judged_good or flight.forbids_flight
+        if flight.is_unjudged or (has_news and identity not in sound_vehicles):
+            kept_flights.append(flight)
+        if flight.is_judged_good:
+            sound_vehicles.add(identity)
+    return kept_flights[::-1]
 
 
 def _fault_of_flight_before(flight: _StoredFlight, session: LiveSession) -> Fact | None:

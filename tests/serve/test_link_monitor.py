@@ -48,6 +48,7 @@ from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import moment_text, unrepaired_fault_text
 from mavdem.report.pages import flight_page
 from mavdem.report.pages.page import PageLink
+from mavdem.report.templates import as_clause
 from mavdem.serve import link_monitor, live_pages
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
@@ -408,6 +409,7 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
             ("crash", "bad", "Motor 3 lost thrust.", "Do not fly before motor 3 is inspected."),
             ("gain", "bad", "Too little margin.", "Lower the gain."),
             ("sound", "good", "Nothing is wrong.", ""),
+            ("unclear", "unknown", "Too little was checked.", ""),
         )
     }
     monkeypatch.setattr(live._library, "entry", entries.__getitem__)
@@ -443,15 +445,24 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
         "In an earlier flight of a vehicle with this system id, motor 3 lost thrust. "
         "If it is this vehicle and that was not repaired, land."
     )
-    for name in ("crash", "sound", "gain"):
+    for name in ("crash", "unclear", "gain"):
         session.stream.followed_vehicle = copter
         live._store_recording(session, Mock(path=name))
         assert fault_in_flight_of(copter) == fault
         # Another vehicle with the same ids has not had that fault.
         assert not fault_in_flight_of(px4)
-    assert [flight.entry_id for flight in live._faulty_flights] == ["crash"]
+    assert [flight.entry_id for flight in live._earlier_stored_flights] == ["sound", "crash"]
+    # It stands until a whole flight of the vehicle was judged good, and does not come back.
+    session.stream.followed_vehicle = copter
+    for name in ("sound", "unclear"):
+        live._store_recording(session, Mock(path=name))
+        assert not fault_in_flight_of(copter)
+    live._store_recording(session, Mock(path="crash"))
+    assert fault_in_flight_of(copter) == fault
+    live._store_recording(session, Mock(path="sound"))
+    assert live_pages.live_page.call_args.args[3].fault_in_library is None
     # A name by which logs are recognised makes it certain.
-    live._faulty_flights.clear()
+    live._earlier_stored_flights.clear()
     session.status = replace(session.status, state=VehicleState(name_in_logs="quad"))
     session.stream.followed_vehicle = copter
     live._store_recording(session, Mock(path="crash"))
@@ -499,26 +510,24 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         "in that flight (2026-11-28 09:15 UTC), motor 3 lost thrust. Otherwise "
     )
     assert step.figures["reason"].figures["reason"].figures["address"] == f"/f/{entry.id}"
-    # Nobody is asked to take off before that.
+    # Nobody is asked to take off before that: on the ground the fault is the headline.
     waiting = shown_status("PX4", "quad", no_model_reason=Fact(SessionFact.NOT_FLYING))
-    assert waiting.session_judgement.headline.level is Level.WATCH
-    assert str(waiting.session_judgement.next_step) == (
-        "Take off only if the fault of an earlier flight was repaired: "
-        "in that flight (2026-11-28 09:15 UTC), motor 3 lost thrust. "
-        "Do not fly before it is inspected."
-    )
-    # After a landing, and on the last page of the session, it stands below the next step.
     landed = replace(waiting, flight_number=1)
-    for status in (landed, replace(landed, is_over=True)):
-        *_, stated_fault, advice = flight_page._live_summary(status, None)
-        assert stated_fault.text == (
-            "In an earlier flight (2026-11-28 09:15 UTC), motor 3 lost thrust."
-        )
-        assert stated_fault.address == f"/f/{entry.id}"
-        assert advice.text.startswith("If that was not repaired: Do not fly before it is")
+    for status in (waiting, landed, replace(landed, is_over=True)):
+        assert status.session_judgement.headline.level is Level.WATCH
+        stated_fault, step, advice, *further = flight_page._live_summary(status, None)
+        assert stated_fault.lead == "Earlier flight (2026-11-28 09:15 UTC): motor 3 lost thrust."
+        assert step.text == "Take off only if that was repaired."
+        assert step.address == f"/f/{entry.id}"
+        assert advice.text == "Do not fly before it is inspected."
+        # What is known of the flight that has ended since.
+        own_verdict = [f"This flight: {as_clause(status.overall_judgement.headline)}."]
+        assert [sentence.text for sentence in further] == own_verdict * status.flight_number
     # Where only its system id is known, the flight may be of another vehicle.
     doubtful_step = next_step("PX4", "quad", is_named=False)
-    assert str(doubtful_step).startswith("If this vehicle is the one of an earlier flight")
+    assert str(doubtful_step).startswith(
+        "If this is the vehicle of an earlier flight, and was not repaired, land: in that"
+    )
     for autopilot, name in (("ARDUPILOTMEGA", "copter"), ("PX4", "other"), ("PX4", "")):
         assert "repaired" not in str(next_step(autopilot, name))
     # A fault with which the vehicle may fly counts in the next flight.
@@ -529,7 +538,7 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     assert told == []
     # It was stored without parameters, under its system id, and has its name only now.
     library.change(entry.id, vehicle="px4-1")
-    assert str(next_step("PX4", "calibrated")).startswith("If this vehicle is the one of an")
+    assert str(next_step("PX4", "calibrated")).startswith("If this is the vehicle of an")
     assert link_monitor._link_to_latest_recording(library).address == f"/f/{entry.id}"
 
 

@@ -101,6 +101,7 @@ from mavdem.report.screen import (
 )
 from mavdem.report.templates import (
     Medium,
+    as_clause,
     capitalize_first,
     first_and_further_sentences,
     headline,
@@ -1282,6 +1283,9 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
         next_step = _next_step_with_link(judgement, saved_flight)
         summary += _sentences_on_next_step(next_step)
     summary += _sentences_on_earlier_fault(status)
+    if judgement.headline.code is SessionFact.UNREPAIRED_FAULT and status.flight_number > 0:
+        own_headline = as_clause(status.overall_judgement.headline)
+        summary.append(Sentence(f"This flight: {own_headline}."))
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
