@@ -555,7 +555,7 @@ def _new_session(
     if record is not None:
         recording = RawRecording(record)
         if former_flight is not None:
-            first_pieces = _moved_first_frames(former_flight, recording, record)
+            first_pieces = _move_first_frames(former_flight, recording, record)
     prior_drag = None if options.prior is None else _drag_of_prior(options.prior)
 
     def report_status(status: SessionStatus) -> None:
@@ -603,10 +603,10 @@ def _print_introduction(options: LiveOptions, paths: OutputPaths, dashboard: Das
     print_sign_in_link(dashboard.sign_in_link)
 
 
-def _moved_first_frames(
+def _move_first_frames(
     former_flight: FollowedFlight, recording: RawRecording, path: Path
 ) -> list[ReceivedPiece]:
-    """Moves the first frames of a vehicle from the recording of the vehicle before to its own.
+    """Moves the first frames of a vehicle, which came during the session before, from that recording to its own.
 
     Args:
         former_flight: Flight of the vehicle before, at the end of whose recording these frames are.
@@ -693,7 +693,8 @@ def _refuse_prior_of_another_vehicle(
     is_refused_already = session.stream.wind.earlier_drag is None
     if state is None or is_refused_already:
         return
-    if prior_drag.is_of_another_vehicle("", state.autopilot, state.frame):
+    unknown_name = ""
+    if prior_drag.is_of_another_vehicle(unknown_name, state.autopilot, state.frame):
         kinds = (
             kind_of_vehicle(prior_drag.autopilot, prior_drag.frame),
             kind_of_vehicle(state.autopilot, state.frame),

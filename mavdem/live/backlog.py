@@ -65,10 +65,11 @@ class Backlog:
         self._is_link_empty = True
         # When the latest frames arrived, s of the monotonic clock.
         self._latest_arrival = -inf
-        # When the analysis was last late by ``BEHIND_DELAY``, s of the monotonic clock; None while it keeps up. When a
-        # delay was reported last, s of that clock, and which one, s.
+        # When the analysis was last late by ``BEHIND_DELAY``, s of the monotonic clock; None while it keeps up.
         self._latest_late_time: float | None = None
+        # When a delay was reported last, s of that clock.
         self._report_time = 0.0
+        # The delay that was reported then, s.
         self._reported_delay = 0.0
         # A delay until this time, s of that clock, is due to frames that were sent before the session.
         self._catch_up_end = clock.monotonic() + (CATCH_UP_SECONDS if begins_late else 0.0)
@@ -160,7 +161,7 @@ class Backlog:
         delay = now - self.analysed_until
         self.longest_delay = max(self.longest_delay, delay)
         self.postponed_tasks = _tasks_to_postpone(delay, self.postponed_tasks)
-        # Between both limits, learning stays as it is.
+        # Between both limits nothing changes, so that learning is not paused and resumed all the time.
         if delay >= SUSPENSION_DELAY:
             self.suspends_learning = True
         elif delay < STEP_SECONDS:

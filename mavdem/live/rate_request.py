@@ -172,10 +172,10 @@ class _MessageInterval:
     """Rate that is requested, Hz."""
 
     needed_rate: float
-    """Rate below which it is requested, Hz."""
+    """Rate below which the message counts as too slow, so that its interval is set, Hz."""
 
     is_reported: bool
-    """Whether it is reported what becomes of the request."""
+    """Whether the user is told what becomes of the request; not of messages that mavdem can do without."""
 
     former_interval: int | None = None
     """The vehicle's own interval, µs; None before it is known."""
@@ -199,7 +199,7 @@ class _MessageInterval:
     """Whether the vehicle may have rebooted since the interval was set last, and have forgotten it."""
 
     was_reached: bool = False
-    """Whether the message came fast enough after it was set."""
+    """Whether the message came fast enough after its interval was set."""
 
     fall_count: int = 0
     """Number of times that the message became slow again, but did not end."""
@@ -208,7 +208,7 @@ class _MessageInterval:
     """Whether the vehicle has confirmed the former interval."""
 
     was_received: bool = False
-    """Whether it came at all."""
+    """Whether the message has come at all."""
 
     is_absent: bool = False
     """Whether the message did not come at all, although it was requested, or was refused."""
@@ -271,7 +271,7 @@ class _MessageInterval:
         self.needed_rate = MIN_RATE_RATIO * rate
 
     def leave_as_it_is(self) -> None:
-        """Ends all settings of the interval, which the vehicle has refused to change."""
+        """Ends all settings of the interval, since the vehicle refuses to change it."""
         # A rate of 0 always suffices, so that the message is never set again.
         self.needed_rate = 0.0
         self.may_have_changed = False
@@ -318,7 +318,7 @@ class RateRequest:
         # one setting at a time may await one.
         self._next_setting_time = NEVER
         self._is_restoring = False
-        # Whether ``RATES_CONTESTED`` was reported, which is said once for all messages.
+        # Whether ``RATES_CONTESTED`` was reported, which is done once for all messages.
         self._is_contest_reported = False
         self._intervals: list[_MessageInterval] = []
         for message_id in messages:
@@ -326,17 +326,8 @@ class RateRequest:
             self._intervals.append(
                 _MessageInterval(message_id, name, rate, needed_rate=rate, is_reported=True)
             )
-        # These messages are useful at any rate: where one comes nearly as fast already, it stays as it is. So the rate
-        # below which it is requested lies under the rate that is then requested.
         for message_id in secondary_messages:
-            name = definitions_by_id()[message_id].name
-            requested_rate = FLIGHT_STATE_RATE
-            if message_id == SETPOINT_MESSAGE:
-                requested_rate = min(rate, max(MIN_SETPOINT_RATE, rate / 2))
-            needed_rate = MIN_RATE_RATIO * requested_rate
-            self._intervals.append(
-                _MessageInterval(message_id, name, requested_rate, needed_rate, is_reported=False)
-            )
+            self._intervals.append(_interval_of_secondary_message(message_id, rate))
 
     def drain_events(self) -> list[Fact]:
         """Returns the facts to report since the last call, and forgets them."""
@@ -627,6 +618,28 @@ class RateRequest:
             param1=message_id,
             param2=microseconds,
         )
+
+
+def _interval_of_secondary_message(message_id: int, rate: float) -> _MessageInterval:
+    """Returns what to request of a message that is useful at any rate, such as the setpoints.
+
+    If it comes nearly as fast already, it stays as it is: the rate below which it is requested is lower than the rate
+    that is requested then.
+
+    Args:
+        message_id: MAVLink's number of the message.
+        rate: rate that is requested of attitude and motor outputs, Hz.
+    """
+    requested_rate = FLIGHT_STATE_RATE
+    if message_id == SETPOINT_MESSAGE:
+        requested_rate = min(rate, max(MIN_SETPOINT_RATE, rate / 2))
+    return _MessageInterval(
+        message_id,
+        name=definitions_by_id()[message_id].name,
+        rate=requested_rate,
+        needed_rate=MIN_RATE_RATIO * requested_rate,
+        is_reported=False,
+    )
 
 
 def greeting() -> bytes:

@@ -431,7 +431,7 @@ class LiveSession:
         Args:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
             arrival_time: when the latest ones arrived, s of the monotonic clock.
-            former_time: time of the vehicle up to which the charts went before the latest ones, s.
+            former_time: end of the charts before the latest ones came, s of the vehicle's time.
         """
         self._report_resumed_messages(silence, arrival_time, former_time)
         self._report_resumed_motion()
@@ -705,7 +705,7 @@ class LiveSession:
             status: the present status, with the reason.
         """
         link_loss = status.link_loss
-        # In flight, a lost link is the reason.
+        # If the link is lost in flight, that is the reason.
         reason = status.no_model_reason if link_loss is None else link_loss
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
             # At the end of the session this reason is still needed, but the vehicle no longer flies.
@@ -717,11 +717,10 @@ class LiveSession:
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
-        is_flight_over = reason is not None and reason.code is SessionFact.FLIGHT_OVER
-        was_end_reported = self._ended_flight == status.flight_number
-        if is_flight_over and was_end_reported:
-            return
-        if is_flight_over:
+        if reason is not None and reason.code is SessionFact.FLIGHT_OVER:
+            was_end_reported = self._ended_flight == status.flight_number
+            if was_end_reported:
+                return
             self._ended_flight = status.flight_number
         if not self._is_covered_by_other_report(reason, former_reason, status):
             self._presentation.log(_report_on_learning(reason, status))

@@ -888,9 +888,10 @@ class SessionStatus(ImmutableResult):
             if reason.code is WatchFact.ON_GROUND_NOW:
                 lights_of_flight[name] = light.replace(reason=self._too_little_received)
             elif light.code in Unjudged and reason.code is SessionFact.FLIGHT_OVER:
+                # That the flight is over does not say why this part was not judged in it.
                 lights_of_flight[name] = Fact(Unjudged.NOT_JUDGED, reason=None)
             elif reason.code is LoopFact.LOOP_TOO_SHORT:
-                # Its clock is until when the flight was judged, for a flight that goes on and is judged again.
+                # Until when, and on how many seconds, the margins were judged matters only while the flight goes on.
                 lights_of_flight[name] = light.replace(
                     reason=reason.replace(clock=None, settled=None)
                 )
@@ -971,21 +972,19 @@ class SessionStatus(ImmutableResult):
         """
         if self.no_model_reason is not None and not self._is_vehicle_received:
             return self._judgement_of_silent_vehicle(judgement, self.no_model_reason)
+        lights = judgement.lights
         if self.is_late:
-            past_lights = lights_during_silence(
-                judgement.lights, self.analysis_delay, MissingMessages.MESSAGES
-            )
-            judgement = replace(judgement, lights=past_lights)
+            lights = lights_during_silence(lights, self.analysis_delay, MissingMessages.MESSAGES)
         headline = self._most_urgent_headline(judgement.headline)
         if self._is_urgent(headline):
             next_step = Fact(NextStep.LAND_NOW, reason=headline, is_landing=self._is_landing)
-            return replace(judgement, headline=headline, next_step=next_step)
+            return replace(judgement, headline=headline, next_step=next_step, lights=lights)
         if self.is_late:
             headline = self._late_headline
-        judgement = replace(
-            judgement, headline=self._qualified_headline(headline, judgement.lights)
-        )
-        return replace(judgement, next_step=self._next_step_in_flight(judgement))
+        headline = self._qualified_headline(headline, lights)
+        judgement_in_flight = replace(judgement, headline=headline, lights=lights)
+        next_step = self._next_step_in_flight(judgement_in_flight)
+        return replace(judgement_in_flight, next_step=next_step)
 
     def _qualified_headline(self, headline: Fact, lights: NamedFacts) -> Fact:
         """Adds to a headline without fault what is not known of the flight so far.
@@ -993,7 +992,7 @@ class SessionStatus(ImmutableResult):
         That is for how long no messages came, and which parts of the vehicle were not judged.
 
         Args:
-            headline: the headline. One that states a fault is returned as it is.
+            headline: the headline, the fact that matters most. One that states a fault is returned as it is.
             lights: the judgement of each part of the vehicle, by the name of the part.
         """
         if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
@@ -1505,28 +1504,40 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
     levels: Mapping[str, str] = recording_verdict.figures["levels"]
     sentences: Mapping[str, str] = recording_verdict.figures["light_sentences"]
     figures: Mapping[str, str] = recording_verdict.figures.get("light_figures", {})
-    lights = dict(lights_in_flight)
+    lights = {}
     for part, light_in_flight in lights_in_flight.items():
-        level = levels[part]
         sentence = sentences.get(part, "")
-        if level == Level.UNKNOWN and light_in_flight.is_good and sentence:
-            # The headline of the recording counts this part as unknown, so the light says why it is good all the same.
-            unknown = Fact(SessionFact.LIGHT_OF_RECORDING, Level.UNKNOWN, statement=sentence)
-            lights[part] = Fact(WatchFact.GOOD_IN_FLIGHT, light=light_in_flight, reason=unknown)
-            continue
-        if level in ("", Level.UNKNOWN):
-            continue
-        has_same_level = level == light_in_flight.level
-        if has_same_level and not sentence:
-            # The light in flight says more: it has figures, too.
-            continue
-        lights[part] = Fact(
-            SessionFact.LIGHT_OF_RECORDING,
-            Level(level),
-            statement=sentence,
-            figure=figures.get(part, ""),
-        )
+        if levels[part] in ("", Level.UNKNOWN):
+            lights[part] = _light_not_recorded(light_in_flight, levels[part], sentence)
+        elif levels[part] == light_in_flight.level and not sentence:
+            # The light in flight says more than a level alone: it has figures.
+            lights[part] = light_in_flight
+        else:
+            lights[part] = Fact(
+                SessionFact.LIGHT_OF_RECORDING,
+                Level(levels[part]),
+                statement=sentence,
+                figure=figures.get(part, ""),
+            )
     return lights
+
+
+def _light_not_recorded(light_in_flight: Fact, recorded_level: str, sentence: str) -> Fact:
+    """Returns the light of a part of the vehicle that the recording of the flight leaves unknown.
+
+    It is the light in flight. A good one is extended by why the recording does not show the part, since the headline of
+    the recording counts it as unknown.
+
+    Args:
+        light_in_flight: the judgement of the part by the session.
+        recorded_level: "unknown"; empty if the recording was not judged in this respect.
+        sentence: why the recording does not show the part; empty if that was not stored.
+    """
+    is_stated_unknown = recorded_level == Level.UNKNOWN and sentence != ""
+    if not light_in_flight.is_good or not is_stated_unknown:
+        return light_in_flight
+    unknown = Fact(SessionFact.LIGHT_OF_RECORDING, Level.UNKNOWN, statement=sentence)
+    return Fact(WatchFact.GOOD_IN_FLIGHT, light=light_in_flight, reason=unknown)
 
 
 def _judgement_with_bad_lights(judgement: Judgement) -> Judgement:

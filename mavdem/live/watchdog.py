@@ -122,6 +122,20 @@ THOROUGH_PERIOD = 0.8
 A thorough review takes twice the time of another. What it judges comes in messages of 1 to 2 Hz.
 """
 
+SETPOINTS_MISSING = Fact(
+    WatchFact.MESSAGE_MISSING,
+    name=SETPOINT_MESSAGE,
+    rate=None,
+    needed_rate=MIN_SLOW_MOTION_RATE,
+)
+"""Why the tracking is not watched if no setpoints of the attitude come."""
+
+TRACKING_AWAITED = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
+"""Why the tracking is not watched before it is judged first."""
+
+OSCILLATION_AWAITED = Fact(WatchFact.OSCILLATION_AWAITED, duration=STARTING_SECONDS)
+"""Why an oscillation is not watched in the first seconds after the take-off."""
+
 TRACKING_PERIOD = 10.0
 """Time between two judgements of the tracking, s: a choice, since it takes ten times as long as another light."""
 
@@ -157,10 +171,10 @@ class Watchdog:
         *,
         was_flying: bool = False,
     ) -> None:
-        """Begins without a review.
+        """Makes the watchdog of a boot, before its first review.
 
         Args:
-            slow_messages: messages of the boot.
+            slow_messages: messages of this boot.
             former: the watchdog of the former boot, whose loss and lights are kept; None for the first boot.
             was_flying: whether the vehicle flew when the former boot ended.
         """
@@ -199,10 +213,11 @@ class Watchdog:
         self._report_alarms = ReportAlarms()
         # The report of a landing that is not certain yet; None without one.
         self._landing_report: Fact | None = None
-        # Times of the latest review, of the latest thorough one, and of the latest judgement of the tracking, s of the
-        # boot clock.
+        # Time of the latest review, s of the boot clock.
         self._review_time = -inf
+        # Time of the latest thorough review, s.
         self._thorough_time = -inf
+        # Time of the latest judgement of the tracking, s.
         self._tracking_time = -inf
         # Number of changes of urgent messages until the latest review.
         self._change_count = 0
@@ -1084,22 +1099,14 @@ class Watchdog:
         received_names = self._slow_messages.names_since(now - MEMORY_SECONDS)
         reasons |= quantities_without_message(received_names, vehicle.autopilot)
         if not self._tracking.has_setpoints(now):
-            reasons[WatchedQuantity.TRACKING] = Fact(
-                WatchFact.MESSAGE_MISSING,
-                name=SETPOINT_MESSAGE,
-                rate=None,
-                needed_rate=MIN_SLOW_MOTION_RATE,
-            )
+            reasons[WatchedQuantity.TRACKING] = SETPOINTS_MISSING
         invalid_attitude = self.control.invalid_attitude(vehicle)
         if invalid_attitude is not None:
             for quantity in QUANTITIES_BY_ATTITUDE:
                 reasons[quantity] = invalid_attitude
-        # The reasons above, by which a quantity is not received at all, stay.
+        # A quantity whose messages do not come keeps that reason: ``setdefault`` adds only what is new.
         if self._is_too_early_for_oscillation(now):
-            reasons.setdefault(
-                WatchedQuantity.OSCILLATION,
-                Fact(WatchFact.OSCILLATION_AWAITED, duration=STARTING_SECONDS),
-            )
+            reasons.setdefault(WatchedQuantity.OSCILLATION, OSCILLATION_AWAITED)
         if self._battery_not_judged is not None:
             reasons.setdefault(WatchedQuantity.BATTERY, self._battery_not_judged)
         if self._landed_states.is_in_air:
@@ -1117,13 +1124,10 @@ class Watchdog:
         if not self._is_battery_judged:
             reasons.setdefault(WatchedQuantity.BATTERY, BATTERY_NOT_KNOWN_YET)
         if Light.TRACKING not in self.status_lights.latest:
-            reasons.setdefault(
-                WatchedQuantity.TRACKING,
-                Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS),
-            )
+            reasons.setdefault(WatchedQuantity.TRACKING, TRACKING_AWAITED)
 
     def _is_too_early_for_oscillation(self, now: float) -> bool:
-        """Returns whether the flight is still too short to say that nothing oscillates, and no oscillation was found.
+        """Returns whether the flight is still too short to say that nothing oscillates; False if something does.
 
         Args:
             now: present time on the boot clock, s.

@@ -493,7 +493,7 @@ class LinkMonitor:
                 session.analyse_rest()
                 self._show_last_page(session)
             # A flight whose landing was reported is not reported again.
-            session.report_end(session.status, None)
+            session.report_end(session.status, model=None)
             successor = self._vehicle_of_next_session(session)
             if successor is None:
                 session.intake.record_rest()
@@ -789,7 +789,9 @@ class LinkMonitor:
         """
         address = self._server_address + path
         saved_fact = Fact(LinkFact.FLIGHT_SAVED, address=address, is_part=is_part)
-        self._report_event(Event(nan, saved_fact, reception=clock.unix_time()))
+        # The event is one of this server, without a time of the vehicle's clock.
+        no_vehicle_time = nan
+        self._report_event(Event(no_vehicle_time, saved_fact, reception=clock.unix_time()))
 
     def _is_over(self) -> bool:
         """Returns whether the session is to end, whatever else is received on its link.
@@ -1342,10 +1344,10 @@ def _name_in_logs(session: LiveSession) -> str:
 
 
 def _fault_for_session(fault: Fact, flight: _StoredFlight, session: LiveSession) -> Fact:
-    """Adds to the fault of an earlier flight what a session states with it: the flight's page, and whose flight it was.
+    """Adds to the fault of an earlier flight the address of its page, and whether another vehicle may have flown it.
 
-    Two vehicles may have the same ids on the link. They are the same for certain if the names by which their logs are
-    recognised are equal. Different names prove nothing, since a calibration changes them.
+    Two vehicles may have the same ids on the link. It is the same vehicle for certain if the names by which its logs
+    are recognised are equal. Different names prove nothing, since a calibration changes them.
 
     Args:
         fault: the verdict on the flight, or that its end was not received.

@@ -138,11 +138,11 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
 
     Args:
         path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
-        key: key of its content, which is not used.
-        page: maker of a page, which is not used.
+        key: key of its content. It is not used, but each ``ReadLog`` function has it.
+        page: maker of a page; the same holds.
 
     Returns:
-        The rows of all vehicles, and no pages, since they are in the folder of results.
+        The rows of all vehicles for the fleet's table, and no pages, since they are in the folder of results.
 
     Raises:
         Unreadable: the log cannot be read, or has no vehicle.
