@@ -185,19 +185,11 @@ def notch_trial(
     first_centers = peaks or (frequency_of_most_vibration(spectrum),)
     strongest_peak = peaks[0] if peaks else None
     filters = tried_filters(controller, noise, first_centers, motor_frequencies)
-    if loop is not None:
-        crossover_mark = Mark(loop.crossover, "crossover", BAD)
-    else:
-        crossover_mark = Mark(ASSUMED_CROSSOVER, "", BAD)
+    crossover_mark = _crossover_mark(loop)
     # If only the filtered gyro was logged, what the filters took cannot be known.
-    has_only_filtered_gyro = spectrum.name == GYRO and any(
-        tried_filter.is_on for tried_filter in filters
-    )
-    parameters: dict[str, float] = {}
-    for tried_filter in filters:
-        parameters |= tried_filter.parameters
-    files = parameter_files(parameters, vehicle, REMARK)
-    endings = tuple(sorted(files))
+    is_any_filter_on = any(tried_filter.is_on for tried_filter in filters)
+    has_only_filtered_gyro = spectrum.name == GYRO and is_any_filter_on
+    text_by_ending = _parameter_files_of(filters, vehicle)
     return NotchTrial(
         tuple(_filter_forms(filters, controller.gyro_rate)),
         charts=_trial_charts(
@@ -217,18 +209,47 @@ def notch_trial(
                 has_dynamic_notch=bool(controller.parameters.get("IMU_GYRO_DNF_EN", 0.0)),
             )
         ),
-        endings=tuple(f"{ending} ({READERS[ending]})" for ending in endings),
+        endings=tuple(f"{ending} ({READERS[ending]})" for ending in text_by_ending),
         model={
             **_filter_equations(controller, filters),
             "peak": strongest_peak,
             "crossover": crossover_mark.x,
             "place": "At the crossover of" if loop is not None else "At",
             "files": [
-                {"name": f"{PurePath(log_name).stem}.notch{ending}", "text": files[ending]}
-                for ending in endings
+                {"name": f"{PurePath(log_name).stem}.notch{ending}", "text": text}
+                for ending, text in text_by_ending.items()
             ],
         },
     )
+
+
+def _crossover_mark(loop: Loop | None) -> Mark:
+    """Returns the mark in the charts at the frequency at which the phase lag of notch filters is stated.
+
+    Args:
+        loop: the identified rate loop, whose crossover frequency is marked. None if none is identified: then the mark
+            is at ``ASSUMED_CROSSOVER``, without a label.
+    """
+    if loop is None:
+        return Mark(ASSUMED_CROSSOVER, "", BAD)
+    return Mark(loop.crossover, "crossover", BAD)
+
+
+def _parameter_files_of(filters: Sequence[TriedFilter], vehicle: Telemetry) -> dict[str, str]:
+    """Returns the parameter files that set some notch filters, for a reader of the page to download.
+
+    Args:
+        filters: the filters, each with its parameters.
+        vehicle: the vehicle, which the files are for.
+
+    Returns:
+        The text of each file by the ending of its name, such as ".params", in the order of the endings.
+    """
+    parameters: dict[str, float] = {}
+    for tried_filter in filters:
+        parameters |= tried_filter.parameters
+    text_by_ending = parameter_files(parameters, vehicle, REMARK)
+    return dict(sorted(text_by_ending.items()))
 
 
 def _remarks_on_trial(
@@ -526,21 +547,16 @@ def _spectrum_chart(gyro: _GyroPower, peak_marks: tuple[Mark, ...], max_frequenc
     frequency, measured_power = max_decimated(
         spectrum.frequency[is_shown], density[is_shown], RESPONSE_POINTS
     )
-    notch_input = measured_power
     if spectrum.name == UNFILTERED_GYRO:
         other_filters = gyro_response(gyro.controller_without_notches, frequency)
         notch_input = measured_power * abs(other_filters) ** 2
+        name_of_input = f"without {gyro.notch_name}"
         lines = [
             Line("before all filters", MEASURED, frequency, measured_power),
-            Line(
-                f"without {gyro.notch_name}",
-                PREDICTED,
-                frequency,
-                notch_input,
-                style=LineStyle.DASHES,
-            ),
+            Line(name_of_input, PREDICTED, frequency, notch_input, style=LineStyle.DASHES),
         ]
     else:
+        notch_input = measured_power
         lines = [Line("measured", MEASURED, frequency, measured_power)]
     gyro_rate = gyro.controller_without_notches.gyro_rate
     notch_gain = abs(notch_response(gyro.notches, gyro_rate, frequency))

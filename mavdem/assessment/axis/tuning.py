@@ -252,14 +252,9 @@ def tune_loops(
         # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
-    # The command that is advised for other axes repeats the options of this one.
-    arguments = [*evidence.command_arguments]
-    if margins != "default":
-        arguments += ["--margins", margins]
-    if raises_sound_gains:
-        arguments.append("--more")
-    if filters:
-        arguments.append("--filters")
+    arguments = _arguments_of_command(
+        evidence, margins, raises_sound_gains=raises_sound_gains, filters=filters
+    )
     tuning_judgement = _judgement_with_tuning_step(
         judgement,
         advice_by_axis,
@@ -280,6 +275,30 @@ def tune_loops(
         no_loop=no_loop,
     )
     return freeze(tuning)
+
+
+def _arguments_of_command(
+    evidence: Evidence, margins: str, *, raises_sound_gains: bool, filters: bool
+) -> list[str]:
+    """Returns the arguments of ``mavdem tune`` for the same log and options, to be advised for other axes.
+
+    Args:
+        evidence: evidence of the log, with the arguments by which it was opened.
+        margins: name of the required margins, such as "default" or "sharp".
+        raises_sound_gains: whether the gains of loops that have enough margin are raised.
+        filters: whether to set a notch filter as well.
+
+    Returns:
+        The arguments without the axes, such as ["flight.ulg", "--margins", "sharp"].
+    """
+    arguments = [*evidence.command_arguments]
+    if margins != "default":
+        arguments += ["--margins", margins]
+    if raises_sound_gains:
+        arguments.append("--more")
+    if filters:
+        arguments.append("--filters")
+    return arguments
 
 
 def _axes_without_controller(evidence: Evidence, axes: Iterable[str]) -> frozenset[str]:

@@ -378,23 +378,19 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     averages = np.sort(evidence.averages_in_flight(battery.voltage))
     cells = cell_count(parameters, battery)
     lasting_voltage = _lasting_voltage(battery.voltage, averages)
-    levels = voltage_levels(parameters, battery.number, cells or 0)
-    load = _battery_load([*evidence.in_flight(battery.load)])
-    if _uncalibrated_current(evidence, battery) is not None:
-        # A wrong current gives neither its largest value nor a resistance.
-        load = _BatteryLoad()
+    limits = voltage_levels(parameters, battery.number, cells or 0)
     # None is the usual level of a code.
     level = None
-    voltage_limit = levels.watch
+    voltage_limit = limits.watch
     start = _StartBelow()
     optional_figures = dict[str, Any]()
-    if lasting_voltage < levels.watch:
+    if lasting_voltage < limits.watch:
         code = PowerLight.BATTERY_LOW
-        if lasting_voltage < levels.bad:
+        if lasting_voltage < limits.bad:
             level = Level.BAD
-            voltage_limit = levels.bad
+            voltage_limit = limits.bad
         start = _start_below(evidence, battery.voltage, voltage_limit)
-    elif levels.watch > 0:
+    elif limits.watch > 0:
         code = PowerLight.BATTERY_HELD
     else:
         # The limit is 0: neither parameters nor the number of cells are known, and the voltage cannot be judged.
@@ -402,6 +398,7 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         optional_figures["parameter"] = low_voltage_parameters(
             evidence.signals.telemetry, battery.number
         )
+    load = _calibrated_load(evidence, battery)
     ending = evidence.ending
     return Fact(
         code,
@@ -728,12 +725,10 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
         return
     lowest_voltage = averages.min()
     usual_voltage = np.median(averages)
-    code = PowerLight.SUPPLY_HELD
+    least_usual_voltage = usual_voltage - MAX_BOARD_VOLTAGE_DROP
     # A fact with None as its level has the usual level of its code.
     level = None
-    start = _StartBelow()
     voltage_limit = BOARD_VOLTAGE_LIMITS.watch
-    least_usual_voltage = usual_voltage - MAX_BOARD_VOLTAGE_DROP
     if lowest_voltage < BOARD_VOLTAGE_LIMITS.watch:
         code = PowerLight.SUPPLY_LOW
         if lowest_voltage < BOARD_VOLTAGE_LIMITS.bad:
@@ -743,6 +738,9 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
     elif lowest_voltage < least_usual_voltage:
         code = PowerLight.SUPPLY_FELL
         start = _start_below(evidence, measured_voltage, least_usual_voltage)
+    else:
+        code = PowerLight.SUPPLY_HELD
+        start = _StartBelow()
     yield Fact(
         code,
         level,
@@ -802,6 +800,20 @@ class _BatteryLoad(NamedTuple):
     """Internal resistance, ohm; None if the voltage does not fall as the current rises."""
     max_current: float | None = None
     """Largest mean current over 2 s, A; None if no current was measured."""
+
+
+def _calibrated_load(evidence: Evidence, battery: Battery) -> _BatteryLoad:
+    """Returns the load on a battery in flight, without figures if its current sensor is uncalibrated.
+
+    A current that is wrong by a factor gives neither a true largest current nor a true resistance.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        battery: battery that was measured in flight.
+    """
+    if _uncalibrated_current(evidence, battery) is not None:
+        return _BatteryLoad()
+    return _battery_load([*evidence.in_flight(battery.load)])
 
 
 def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:

@@ -198,7 +198,11 @@ TRACKING_FIGURES = {
 
 
 def review_page(assessment: Assessment) -> str:
-    """Returns the HTML of the page of a log that was reviewed, with all that the log contains."""
+    """Returns the HTML of the full page of a log, with all that the log contains.
+
+    Args:
+        assessment: all results on a vehicle of the log, with an inventory of its contents.
+    """
     return log_page(Path(assessment.log.source).name, assessment, assessment.log_contents)
 
 
@@ -218,7 +222,7 @@ def log_page(
     contents: JsonValues | None = None,
     back: PageLink | None = None,
 ) -> str:
-    """Returns the HTML of the page of one log, whether it has models or not.
+    """Returns the HTML of the page of one log: the result, the events with charts over time, and chapters with details.
 
     Args:
         name: title of the page.
@@ -239,18 +243,7 @@ def log_page(
             changes = changes._replace(loading=loading_sentences(advice))
         evidence = headline_evidence(assessment.headline, assessment.lights)
         timeline = assessment_timeline(assessment, has_all_flights=True)
-        events = _numbered_events(
-            assessment.events,
-            timeline,
-            assessment.headline,
-            assessment.lights,
-            str(assessment.next_step),
-            joined_sentences(evidence),
-        )
-        if assessment.evidence is not None:
-            telemetry = assessment.evidence.signals.telemetry
-            events = with_utc_of_bad_events(events, telemetry.messages)
-            events = with_messages_around_loss(events, telemetry)
+        events = _log_events(assessment, timeline, joined_sentences(evidence))
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = _log_chapters(name, assessment, contents, timeline, advice)
@@ -261,6 +254,31 @@ def log_page(
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
         summary = _summary_sentences(assessment, evidence)
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
+
+
+def _log_events(
+    assessment: Assessment, timeline: Timeline | None, evidence_of_headline: str
+) -> list[PageEvent]:
+    """Returns the events of a log for the list on its page, with their dates in UTC and messages around a loss.
+
+    Args:
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        timeline: charts of the flight over time, if it has any, in which the events are marked.
+        evidence_of_headline: sentence with the measurements that confirm the headline, which stands above the events.
+    """
+    events = _numbered_events(
+        assessment.events,
+        timeline,
+        assessment.headline,
+        assessment.lights,
+        str(assessment.next_step),
+        evidence_of_headline,
+    )
+    if assessment.evidence is None:
+        return events
+    telemetry = assessment.evidence.signals.telemetry
+    events = with_utc_of_bad_events(events, telemetry.messages)
+    return with_messages_around_loss(events, telemetry)
 
 
 def _log_head(
@@ -1236,9 +1254,9 @@ def _live_head(
     judgement = status.session_judgement
     goes_on = not status.is_over
     is_in_flight = status.is_flying and goes_on
+    # On the ground a fault of an earlier flight stands below the next step (:func:`_sentences_on_earlier_fault`).
     unrepaired_fault = ""
     if is_in_flight and not states_unrepaired_fault(judgement.next_step):
-        # On the ground the fault stands below the next step (:func:`_live_summary`).
         unrepaired_fault = unrepaired_fault_text(status)
     return Head(
         judgement.headline.level,
