@@ -586,7 +586,7 @@ class SessionStatus(ImmutableResult):
         return judgement
 
     def _judgement_with_condition(self, judgement: Judgement, fault: Fact) -> Judgement:
-        """Returns a judgement in flight whose next step holds only if the fault of an earlier flight was repaired.
+        """Adds a condition to the next step of a judgement in flight: that the fault of an earlier flight was repaired.
 
         Args:
             judgement: judgement of the present flight.
@@ -600,13 +600,13 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, headline=headline, next_step=step)
 
     def _is_worse_on_ground(self, fault: Fact, headline: Fact) -> bool:
-        """Returns whether the fault of a flight before this session heads the judgement of a vehicle on the ground.
+        """Returns whether the fault of a flight before this session becomes the headline of a vehicle on the ground.
 
-        Of two faults, the one that forbids to fly comes first, otherwise that of this session. Nothing heads the
-        message that no vehicle is received, nor what to do about one that may still be in the air.
+        Of two faults, the one that forbids to fly comes first, otherwise that of this session. The headline stays if no
+        vehicle is received, or if the vehicle may still be in the air.
 
         Args:
-            fault: the warning of the fault.
+            fault: the warning of the fault; one of a flight of this session never becomes the headline here.
             headline: headline of the worst flight of this session.
         """
         is_of_session = fault.figures["reason"] != self.fault_in_library
@@ -1076,15 +1076,7 @@ class SessionStatus(ImmutableResult):
             judgement: judgement of the flight so far.
             reason: the fact that says which messages do not come.
         """
-        missing = MissingMessages.MESSAGES
-        if reason.subject == MissingMessages.MOTION:
-            missing = MissingMessages.MOTION
-        # What was analysed last is older than the last message if this computer is late.
-        age = self._silence_seconds(reason)
-        if age is not None:
-            age = max(age, self.analysis_delay)
-        lights_at_last_message = self._lights_at_last_message(judgement.lights)
-        lights = lights_during_silence(lights_at_last_message, age, missing)
+        lights = self._lights_of_silent_vehicle(judgement.lights, reason)
         most_urgent_fact = self._most_urgent_headline(judgement.headline)
         is_urgent = self._is_urgent(most_urgent_fact)
         link_loss = self.link_loss
@@ -1098,6 +1090,25 @@ class SessionStatus(ImmutableResult):
         step = NextStep.LAND_NOW if is_urgent else NextStep.DO_AS_ADVISED
         next_step = Fact(step, reason=headline)
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)
+
+    def _lights_of_silent_vehicle(
+        self, present_lights: NamedFacts, reason: Fact
+    ) -> dict[str, Fact]:
+        """Returns the lights of a vehicle in flight that sends nothing: good ones become unknown, with what they were.
+
+        Args:
+            present_lights: the judgement of each part of the vehicle, by the name of the part.
+            reason: the fact that says whether all messages are missing, or attitude and motor outputs only.
+        """
+        missing = MissingMessages.MESSAGES
+        if reason.subject == MissingMessages.MOTION:
+            missing = MissingMessages.MOTION
+        silence_seconds = self._silence_seconds(reason)
+        if silence_seconds is not None:
+            # If this computer is late, what was analysed last is older than the last message.
+            silence_seconds = max(silence_seconds, self.analysis_delay)
+        lights_at_last_message = self._lights_at_last_message(present_lights)
+        return lights_during_silence(lights_at_last_message, silence_seconds, missing)
 
     def _lights_at_last_message(self, present_lights: NamedFacts) -> dict[str, Fact]:
         """Returns how the parts of a vehicle that sends nothing any more were judged when its last message came.

@@ -449,7 +449,7 @@ class Watchdog:
     def update_phase(self, now: float, *, is_flying: bool, takeoff_time: float = -inf) -> None:
         """Notes a take-off or landing, if the vehicle has changed between air and ground since the last call.
 
-        Faults that cannot outlast that end, and their status lights get the time of the end.
+        Faults that end with it at the latest are ended, and their status lights get the time of the end.
 
         Args:
             now: present time on the boot clock, s.

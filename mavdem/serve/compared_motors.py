@@ -10,6 +10,7 @@ from them.
 import json
 from dataclasses import replace
 
+from mavdem.containers import JsonValues
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.facts.serve import ListingOrder
@@ -136,17 +137,10 @@ def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> Lib
     anomaly = motor_anomaly(row)
     if row is None or anomaly is None:
         return entry
-    # What an anomaly replaces is decided for review documents. So the columns of the entry are put into such a
-    # document, and taken out of it again.
-    light_sentences = json.loads(entry.light_sentences)
-    motors_sentence = light_sentences.get("motors", "")
-    review_by_log = {
-        "headline": {"level": entry.level, "sentence": entry.headline},
-        "next_step": {"sentence": entry.next_step},
-        "lights": {"motors": {"level": entry.motors, "sentence": motors_sentence}},
-    }
-    review = review_with_anomaly(review_by_log, anomaly)
+    # What an anomaly replaces is decided for review documents, so that the entry is written as one.
+    review = review_with_anomaly(_review_by_log(entry), anomaly)
     motors_light = review["lights"]["motors"]
+    light_sentences = json.loads(entry.light_sentences)
     light_sentences["motors"] = motors_light["sentence"]
     # The figure of the motors is by the log alone, and does not fit the new sentence.
     light_figures = json.loads(entry.light_figures)
@@ -161,3 +155,17 @@ def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> Lib
         light_figures=json.dumps(light_figures),
         motor=row.suspect_motor if entry.motor is None else entry.motor,
     )
+
+
+def _review_by_log(entry: LibraryEntry) -> JsonValues:
+    """Returns the parts of a flight's review document that an anomaly of the motors may replace.
+
+    Args:
+        entry: the flight's index entry, whose verdict is by the log alone.
+    """
+    motors_sentence = json.loads(entry.light_sentences).get("motors", "")
+    return {
+        "headline": {"level": entry.level, "sentence": entry.headline},
+        "next_step": {"sentence": entry.next_step},
+        "lights": {"motors": {"level": entry.motors, "sentence": motors_sentence}},
+    }

@@ -357,7 +357,7 @@ class LinkMonitor:
         self._finished_page = ""
         # The latest flight whose session is over, with the library's verdict on its recording; None for none.
         self._stored_flight: _StoredFlight | None = None
-        # Flights before it, the oldest first, that decide which fault still stands (``_flights_that_count``).
+        # Flights before it, the oldest first, that decide which fault still stands (``_flights_to_keep``).
         self._earlier_stored_flights: list[_StoredFlight] = []
         # The latest flights of each vehicle from before the server was started, by its name in the library.
         self._flights_before_start: dict[str, list[_StoredFlight]] = {}
@@ -918,10 +918,9 @@ class LinkMonitor:
     def _update_verdicts(self) -> None:
         """Looks up the verdicts of the library, which judges a recording some time after it was stored.
 
-        They are those on the latest flight, on faulty flights before it, and on the stored part of a flight whose link
-        was lost.
+        They are those on the latest flight, on earlier flights, and on the stored part of a flight whose link was lost.
         """
-        self._earlier_stored_flights = _flights_that_count(
+        self._earlier_stored_flights = _flights_to_keep(
             [self._with_verdict(flight) for flight in self._earlier_stored_flights]
         )
         if self._stored_flight is not None:
@@ -979,7 +978,7 @@ class LinkMonitor:
             session: its session, with the name under which the library lists the vehicle.
 
         Returns:
-            At most two flights, the later one last (:meth:`_latest_judged_flights`).
+            The flights, the latest one last (:meth:`_latest_judged_flights`).
         """
         state = session.status.state
         if state is None or not state.library_name:
@@ -992,10 +991,10 @@ class LinkMonitor:
     def _latest_judged_flights(
         self, vehicle: _LinkedVehicle, state: VehicleState
     ) -> list[_StoredFlight]:
-        """Finds the latest judged flight of a vehicle in the library, and a later one that it may have flown.
+        """Finds the latest judged flights of a vehicle in the library, and later ones that it may have flown.
 
         The library lists a recording without the vehicle's parameters under a name made of its system id. Such a
-        flight may be of this vehicle or of another one with the same id, so that both flights are returned.
+        flight may be of this vehicle or of another one with the same id.
 
         Args:
             vehicle: the vehicle.
@@ -1145,9 +1144,10 @@ class LinkMonitor:
 def _faulty_flight(flights: Sequence[_StoredFlight], name_in_logs: str) -> _StoredFlight | None:
     """Returns the latest flight that forbids the vehicle to fly, unless a later flight shows that it is sound again.
 
-    Only a flight whose whole recording was judged good shows that. Its vehicle must be the one that had the fault, by
-    the names by which logs are recognised, as far as they are known. If it certainly is the vehicle that is followed
-    now, then that has no fault from before it, whichever vehicle had one.
+    Only a flight whose whole recording was judged good shows that. It clears earlier flights
+
+    - of the vehicle that has flown it, as the names by which logs are recognised show;
+    - of all vehicles, if it was certainly flown by the vehicle that is followed now.
 
     Args:
         flights: flights of vehicles with the same ids on the link, the latest one last.
@@ -1167,8 +1167,8 @@ def _faulty_flight(flights: Sequence[_StoredFlight], name_in_logs: str) -> _Stor
     return None
 
 
-def _flights_that_count(flights: Sequence[_StoredFlight]) -> list[_StoredFlight]:
-    """Returns the flights by which :func:`_faulty_flight` decides now or later: all others need not be kept.
+def _flights_to_keep(flights: Sequence[_StoredFlight]) -> list[_StoredFlight]:
+    """Returns the flights that must be kept, since :func:`_faulty_flight` decides by them now or later.
 
     They are those that the library has still to judge, and of each vehicle the latest one that was judged good, with
     the flights after it that forbid to fly.
@@ -1183,8 +1183,9 @@ def _flights_that_count(flights: Sequence[_StoredFlight]) -> list[_StoredFlight]
     sound_vehicles = set()
     for flight in reversed(flights):
         identity = (flight.vehicle, flight.name_in_logs)
-        has_news = flight.is_judged_good or flight.forbids_flight
-        if flight.is_unjudged or (has_news and identity not in sound_vehicles):
+        has_decisive_verdict = flight.is_judged_good or flight.forbids_flight
+        is_decisive = has_decisive_verdict and identity not in sound_vehicles
+        if flight.is_unjudged or is_decisive:
             kept_flights.append(flight)
         if flight.is_judged_good:
             sound_vehicles.add(identity)
