@@ -31,7 +31,8 @@ class Milestones:
     """Reports when results of a live session become known, as facts (coded findings with figures).
 
     Attributes:
-        margins_follow: whether the recording will be judged, so that margins by the model alone are not reported.
+        margins_follow: whether the recording will be judged, so that neither margins by the model alone nor an
+            all-clear are reported.
     """
 
     def __init__(self, axis: str, log: Callable[[Fact], None]) -> None:

@@ -149,6 +149,8 @@ class LiveSession:
         self.gain_adviser = gain_adviser
         self.successor: Component | None = None
         self._keeps_vehicle = keeps_vehicle
+        # The name of a recording is known later where a library stores it.
+        self._is_judged_in_library = recording_name == ""
         self._report_status = report_status
         self._executor = executor
         # The parts, in the order in which later ones need earlier ones.
@@ -326,8 +328,10 @@ class LiveSession:
         if not self.backlog:
             # While messages wait, ``_analyse`` adds the time until their arrival to the time account.
             self._report.update_time_account(now)
-        # Advice on gains comes with the margins of the recording, so that margins by the model alone are not reported.
-        self._milestone_reporter.margins_follow = self.gain_adviser is not None
+        # Verdict and margins come with the recording, which the adviser judges here, or a library after the session.
+        self._milestone_reporter.margins_follow = (
+            self.gain_adviser is not None or self._is_judged_in_library
+        )
         self._milestone_reporter.update(
             self.flight.learning, status, self.stream.now, self.stream.boot
         )

@@ -1011,9 +1011,9 @@ class SessionStatus(ImmutableResult):
     def _judgement_with_recording(self, judgement: Judgement) -> Judgement:
         """Makes the verdict of the recording the headline of the judgement of a flight that is over.
 
-        Before the recording is judged, a fault that was found in flight stays the headline. An all-clear does not: the
-        headline then says that the recording, which may show more, is still to be judged. Where nothing was recorded,
-        the next step is not to keep a log.
+        Before the recording is judged, a bad fault that was found in flight stays the headline. Otherwise the headline
+        says that the recording, which may show more, is still to be judged, and names what is to be watched so far.
+        Where nothing was recorded, the next step is not to keep a log.
 
         Args:
             judgement: judgement of the flight by this session.
@@ -1023,18 +1023,35 @@ class SessionStatus(ImmutableResult):
         verdict = self.recording_verdict
         if verdict is None or self.flight_number == 0 or self.is_recording_judged:
             return judgement
-        is_awaited = verdict.code is SessionFact.RECORDING_NOT_JUDGED
-        if is_awaited and judgement.headline.is_watch_or_bad:
-            return judgement
-        if is_awaited and self._is_silent_after_flight:
-            verdict = verdict.replace(is_switched_off=True)
+        if verdict.code is SessionFact.RECORDING_NOT_JUDGED:
+            return self._judgement_before_recording(judgement, verdict)
         lights = self._lights_with_recording(judgement.lights)
-        if is_awaited and verdict.figures["kind"] is not RecordingState.FAILED:
-            # Stability margins in flight are of one axis and a part of the flight. Their advice on gains may be the
-            # opposite of what the recording shows a moment later.
-            lights = {**lights, Light.MARGINS: Fact(Unjudged.NOT_JUDGED, reason=verdict)}
         next_step = self._step_after_recording(verdict)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
+
+    def _judgement_before_recording(self, judgement: Judgement, not_judged: Fact) -> Judgement:
+        """Returns the judgement of a flight that is over as long as its recording is not judged.
+
+        Args:
+            judgement: judgement of the flight by this session. A bad headline stays. One that warns stays only if the
+                recording cannot be judged; otherwise its advice may be the opposite of what the recording shows.
+            not_judged: the fact that the recording is not judged, with the reason as its ``kind``.
+        """
+        found = judgement.headline
+        has_failed = not_judged.figures["kind"] is RecordingState.FAILED
+        if found.is_bad or (has_failed and found.is_watch_or_bad):
+            return judgement
+        if self._is_silent_after_flight:
+            not_judged = not_judged.replace(is_switched_off=True)
+        lights = judgement.lights
+        if not has_failed:
+            # Stability margins in flight are of one axis and a part of the flight.
+            lights = {**lights, Light.MARGINS: Fact(Unjudged.NOT_JUDGED, reason=not_judged)}
+        headline = not_judged
+        if found.is_watch_or_bad:
+            headline = not_judged.replace(found.level, so_far=found)
+        next_step = Fact(NextStep.DO_AS_ADVISED, reason=not_judged)
+        return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
     def _step_after_recording(self, verdict: Fact) -> Fact:
         """Returns the next step after a flight: what its recording advises, or to keep the log if that was tried.

@@ -216,7 +216,15 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     # No advice on gains by the margins in flight, which the recording may contradict.
     assert judgement.lights[Light.MARGINS].figures["reason"] == awaited
     assert not judgement.lights[Light.MARGINS].remedy
-    # What was found in flight stays the headline, until the recording is judged.
+    # What is only to be watched so far is no verdict, and has no advice of its own.
+    low = Fact(PowerLight.BATTERY_LOW, Level.WATCH, voltage=13.2, cells=4, voltage_limit=13.6)
+    watched = replace(landed, worst_lights={Light.POWER: low}).overall_judgement
+    assert watched.headline.level is Level.WATCH
+    assert str(watched.headline).startswith(
+        "Not judged yet: the log is being read. So far: battery"
+    )
+    assert watched.next_step == judgement.next_step
+    # A bad fault that was found in flight stays the headline, until the recording is judged.
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     warned = replace(landed, worst_lights={Light.MOTORS: weak})
     assert warned.overall_judgement.headline == weak

@@ -91,6 +91,8 @@ def test_a_landing_reports_what_the_flight_has_shown():
     verdict = status.verdict.judgement.headline
     assert sentence.startswith(f"Landed at 40 s. {headline(verdict)} Mean wind not known. Roll: ")
     assert "Roll: control effectiveness 2.86" in sentence
+    # An all-clear waits for the recording, where that will be judged.
+    assert str(facts[1].replace(margins_follow=True)).startswith("Landed at 40 s. Not judged yet. ")
     milestones.report_end(learning, status, 41.0, None)
     assert len(facts) == 2, "a flight is reported once"
     assert sentence.endswith(", margins not known.")
