@@ -298,10 +298,19 @@ def live_command(
     if as_json:
         print_json(_document_of_flights(flights))
     codes = [*(flight.code for flight in flights), *further_codes]
-    # A file that could not be written decides; otherwise one flight with a model is enough.
-    for code in (EXIT_ERROR, EXIT_DONE, EXIT_UNSUPPORTED):
+    click.get_current_context().exit(_exit_code(codes))
+
+
+def _exit_code(codes: Sequence[int]) -> int:
+    """Returns the exit code of the command: a file that could not be written decides, then a flight with a model.
+
+    Args:
+        codes: ``EXIT_ERROR``, ``EXIT_DONE`` or ``EXIT_UNSUPPORTED`` of each followed vehicle.
+    """
+    for code in (EXIT_ERROR, EXIT_DONE):
         if code in codes:
-            click.get_current_context().exit(code)
+            return code
+    return EXIT_UNSUPPORTED
 
 
 def _further_flights(

@@ -316,8 +316,9 @@ class MarginReview:
         self._was_flying = False
         # Whether the latest flight has messages that no review has judged.
         self._has_new_messages = False
-        # When the latest review began, and when the next one may begin, s of the monotonic clock.
+        # When the latest review began, s of the monotonic clock.
         self._start_time = -inf
+        # When the next review may begin, s of that clock.
         self._next_review_time = inf
 
     @property

@@ -1,7 +1,8 @@
-"""The status of a live session at one moment: link, alarms, model, wind, and a headline, lights and advice on them.
+"""The status of a live session at one moment: link, alarms, model, wind, and the judgement of the flight.
 
-All of it is stated by facts: findings with a code, a level (good, watch, bad, unknown) and figures. A light is the fact
-on one part of the vehicle, such as its motors.
+All of it is stated by facts: findings with a code, a level (good, watch, bad, unknown) and figures. A judgement has a
+headline, the fact that matters most; a next step, what the pilot should do; and lights, each the fact that judges one
+part of the vehicle, such as its motors.
 """
 
 from __future__ import annotations
@@ -495,7 +496,8 @@ class SessionStatus(ImmutableResult):
         checked in it. Before the first flight, and if nothing is watched yet, the judgement stays as it is.
 
         Args:
-            judgement: the judgement so far. Its headline says that nothing was checked, or what the session does.
+            judgement: the judgement so far. Its headline says that nothing was checked, or what the session does, such
+                as to wait for steady flight.
         """
         if self._is_in_flight:
             if not self._watched_names:
@@ -742,7 +744,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def further_alarms(self) -> Facts:
-        """The active alarms that are about another fault than the headline.
+        """The active alarms that are about another fault than the headline, which states the most important one.
 
         Codes and subjects are compared: an alarm on the fault of the headline may have older figures.
         """
@@ -824,7 +826,7 @@ class SessionStatus(ImmutableResult):
         return judgement
 
     def _judgement_before_model(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement whose headline sums up what was checked without a learned model, as there is none yet.
+        """Returns the judgement before there is a model: its headline sums up the checks that need no model.
 
         Args:
             judgement: the judgement of each part of the vehicle, and a next step that says what has to happen before a
@@ -925,7 +927,7 @@ class SessionStatus(ImmutableResult):
         next_step = judgement.next_step
         advised_fact = next_step.figures.get("reason")
         if isinstance(advised_fact, Fact) and self._is_request_in_vain(advised_fact):
-            next_step = choose_next_step(judgement.headline, lights, None)
+            next_step = choose_next_step(judgement.headline, lights, model_step=None)
         return replace(judgement, next_step=next_step, lights=lights)
 
     def _is_request_in_vain(self, fact: Fact) -> bool:
@@ -1009,7 +1011,7 @@ class SessionStatus(ImmutableResult):
         return headline
 
     def _judgement_with_recording(self, judgement: Judgement) -> Judgement:
-        """Makes the verdict of the recording the headline of the judgement of a flight that is over.
+        """Makes the verdict of the recording the headline (the fact that matters most) after a flight.
 
         Before the recording is judged, a bad fault that was found in flight stays the headline. Otherwise the headline
         says that the recording, which may show more, is still to be judged, and names what is to be watched so far.
@@ -1222,7 +1224,7 @@ class SessionStatus(ImmutableResult):
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         headline = judgement.headline
         if headline.is_watch_or_bad:
-            advice_after_landing = choose_next_step(headline, judgement.lights, None)
+            advice_after_landing = choose_next_step(headline, judgement.lights, model_step=None)
             step = self._step_until_landing(headline)
             return Fact(step, reason=advice_after_landing, awaits_motors=self.lacks_motor_reference)
         return self._step_without_warning(judgement.next_step)
@@ -1310,7 +1312,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _late_headline(self) -> Fact:
-        """The headline in flight if the analysis is late: by how much; bad from ``LONG_LOSS_SECONDS`` on."""
+        """The headline in flight if this computer is late: by how many seconds; bad from ``LONG_LOSS_SECONDS`` on."""
         is_very_late = self.analysis_delay >= LONG_LOSS_SECONDS
         level = Level.BAD if is_very_late else Level.WATCH
         return Fact(SessionFact.ESTIMATES_LATE, level, delay=self.analysis_delay)
@@ -1613,4 +1615,4 @@ def _judgement_with_headline(headline: Fact, lights: NamedFacts) -> Judgement:
         headline: the fact that matters most.
         lights: the fact on each part of the vehicle, by the name of the part.
     """
-    return Judgement(headline, choose_next_step(headline, lights, None), lights)
+    return Judgement(headline, choose_next_step(headline, lights, model_step=None), lights)

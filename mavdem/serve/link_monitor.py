@@ -337,9 +337,9 @@ class LinkMonitor:
             link: address of the link, such as ``udpin:127.0.0.1:14550``.
             library: library to which recordings of sessions are added.
             log_added: function that is called after a recording was added.
-            warn: function that is called with the reason where no session runs any more, and with what was lost.
-            report_event: function that is called with each event of a session, where a flight is saved, and with the
-                library's verdict on it.
+            warn: function that is called with a reason why no session runs any more, and with lost datagrams.
+            report_event: function that is called with each event of a session, with the address of each saved flight,
+                and with the library's verdict on it.
             report_status: function that is called with the status of the session every ``PAGE_SECONDS``.
             request_rate: rate that each vehicle is asked for, Hz; None to send nothing at all.
             server_address: URL of the server, with which the address of a saved flight begins.
@@ -380,11 +380,13 @@ class LinkMonitor:
         self._incoming: _IncomingRecording | None = None
         # The recording of the next session, where it has messages of its vehicle already.
         self._next_recording: _IncomingRecording | None = None
-        # The flight of the running session, and for how long its vehicle has been silent.
+        # Whether the vehicle of the running session has landed or restarted.
         self._flight = _FlightState()
+        # For how long that vehicle has been silent.
         self._silence = _Silence()
-        # Set when the server ends, and once the page is there that says so.
+        # Set when the server ends.
         self._is_stopping = ThreadEvent()
+        # Set once the page is there that says that the server has ended.
         self._has_last_page = ThreadEvent()
         # Number of datagrams that the link had lost at the end of the latest session.
         self._lost_datagrams = 0
