@@ -358,24 +358,25 @@ def tune_blocks(
             without one.
     """
     blocks = Blocks()
-    stated_remedies = _texts_in_next_step(tuning)
-    axes_with_stated_gains: list[str] = []
+    shown_remedies = _texts_in_next_step(tuning)
+    axes_in_shared_sentences: list[str] = []
     for axes in _axes_with_same_conclusion(tuning):
-        blocks += _sentences_on_gains(tuning, axes, stated_remedies)
-        axes_with_stated_gains += axes
+        blocks += _sentences_on_gains(tuning, axes, shown_remedies)
+        axes_in_shared_sentences += axes
     cautions = _shared_cautions(tuning.axes)
     for axes in _axes_reported_together(tuning):
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
         advice = tuning.axes[axis]
         if isinstance(advice, Fact):
-            blocks += _sentences_without_loop(tuning, axes, stated_remedies, headline_above)
+            blocks += _sentences_without_loop(tuning, axes, shown_remedies, headline_above)
             continue
-        has_gains = axis not in axes_with_stated_gains
+        # The gains of axes with the same advice were described together, above.
+        has_gains = axis not in axes_in_shared_sentences
         facts = _facts_on_axis(tuning, axis, has_gains=has_gains, is_page=is_page)
         report = _joined_sentences(facts, headline_above)
-        remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
-        stated_remedies.update(remedies)
+        remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
+        shown_remedies.update(remedies)
         blocks += _report_sentences(axes, report, remedies, has_no_gains=bool(advice.refusals))
         blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
         if is_full:
@@ -399,36 +400,38 @@ def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
 
 
 def _sentences_on_gains(
-    tuning: Tuning, axes: list[str], stated_remedies: set[str]
+    tuning: Tuning, axes: list[str], shown_remedies: set[str]
 ) -> list[Sentence]:
     """Returns the sentence on what to do with the gains of several axes, of which the same is to be said, and why.
 
     Args:
         tuning: advice on the gains of each axis; the loops of these axes are identified.
         axes: the axes.
-        stated_remedies: remedies that stand elsewhere in the report; that of these sentences is added.
+        shown_remedies: remedies that the report shows in other places, which is not repeated; that of these sentences
+            is added to it.
     """
     # The facts are the same for all axes.
     facts = _facts_on_new_gains(tuning, axes[0])
     conclusion = facts[0]
     remedies = []
-    if conclusion.remedy not in stated_remedies:
+    if conclusion.remedy not in shown_remedies:
         remedies.append(conclusion.remedy)
-        stated_remedies.add(conclusion.remedy)
+        shown_remedies.add(conclusion.remedy)
     report = " ".join(str(fact) for fact in facts)
     is_refused = conclusion.code is GainFact.NO_GAINS_ADVISED
     return _report_sentences(axes, report, remedies, has_no_gains=is_refused)
 
 
 def _sentences_without_loop(
-    tuning: Tuning, axes: list[str], stated_remedies: set[str], headline_above: str
+    tuning: Tuning, axes: list[str], shown_remedies: set[str], headline_above: str
 ) -> list[Sentence]:
     """Returns why some axes get no gains, and what leads to gains: their loops are not known for the same reason.
 
     Args:
         tuning: for these axes the fact (coded finding) that says why their loops are not known.
         axes: the axes.
-        stated_remedies: remedies that stand elsewhere in the report; those of these sentences are added.
+        shown_remedies: remedies that the report shows in other places, which are not repeated; those of these sentences
+            are added to it.
         headline_above: headline that stands above the report, which is not repeated as the reason; empty without one.
     """
     axis = axes[0]
@@ -441,8 +444,8 @@ def _sentences_without_loop(
     if not report:
         # The headline above says why: a repair is needed.
         return render_section("tune_repair", axes=axes)
-    remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
-    stated_remedies.update(remedies)
+    remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
+    shown_remedies.update(remedies)
     sentences = render_section("tune_no_gains", axes=axes, reason=report)
     sentences += _remedies_towards_gains(axes, remedies)
     text_on_axes = " ".join([report, *remedies])
@@ -524,8 +527,8 @@ def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
     )
 
 
-def _unstated_remedies(
-    tuning: Tuning, axis: str, report: str, stated_remedies: Collection[str]
+def _unshown_remedies(
+    tuning: Tuning, axis: str, report: str, shown_remedies: Collection[str]
 ) -> list[str]:
     """Returns what to do about one axis in sentences, without those that the report shows before.
 
@@ -533,7 +536,7 @@ def _unstated_remedies(
         tuning: for each axis the advice on its gains, or the finding that says why there is none.
         axis: "roll", "pitch" or "yaw".
         report: text on the axis, which the sentences will follow.
-        stated_remedies: sentences of this kind in the next step and in the text on other axes.
+        shown_remedies: sentences of this kind that the report shows in the next step and in the text on other axes.
 
     Returns:
         Up to two sentences: what to do about the gains, and what else to do about the loops. None is part of the other.
@@ -545,7 +548,7 @@ def _unstated_remedies(
         candidates.insert(0, advice_on_gains.remedy)
     new_remedies = []
     for remedy in dict.fromkeys(candidates):
-        if remedy not in stated_remedies and remedy not in report:
+        if remedy not in shown_remedies and remedy not in report:
             new_remedies.append(remedy)
     return _without_contained_texts(new_remedies)
 

@@ -827,10 +827,11 @@ def _advice_on_loop(
         reasons_against_gains = (*reasons_against_gains, *reasons_for_no_gains(flown_loop))
     raises_gains = raises_sound_gains or is_too_slow
     advise_gains = partial(advise, tune=margins, attitude_doubt=attitude_doubt)
-    has_usual_request = (
+    is_request_of_decision = (
         margins == "default" and raises_gains == is_too_slow and not reasons_against_gains
     )
-    if decision is not None and decision.advice is not None and has_usual_request:
+    if decision is not None and decision.advice is not None and is_request_of_decision:
+        # The same advice was computed for the decision.
         advice = decision.advice
     else:
         advice = advise_gains(loop, doubts=reasons_against_gains, raises_sound_gains=raises_gains)

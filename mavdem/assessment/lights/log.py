@@ -105,12 +105,23 @@ def log_light(evidence: Evidence) -> Fact:
         recording = recording.replace(duration=command_seconds, airborne=flight_seconds)
     elif code is LogLight.RECORDED_WITH_GAPS and not telemetry.dropouts:
         recording = recording.replace(gaps=np.count_nonzero(attitude_steps > MAX_GAP))
-    ends_in_air = [
-        event
-        for event in evidence.events
-        if event.code is MotionEvent.LOG_ENDED_IN_AIR and "is_after_loss" not in event.figures
-    ]
-    return worst_fact([recording, *ends_in_air])
+    return worst_fact([recording, *_missing_ends_of_flights(evidence)])
+
+
+def _missing_ends_of_flights(evidence: Evidence) -> list[Fact]:
+    """Returns the events that the log ends in the air, so that the rest of a flight is missing.
+
+    After a loss of the vehicle nothing is missing: the loss explains why the log ends.
+
+    Args:
+        evidence: events of the vehicle.
+    """
+    ends_in_air = []
+    for event in evidence.events:
+        is_explained_by_loss = "is_after_loss" in event.figures
+        if event.code is MotionEvent.LOG_ENDED_IN_AIR and not is_explained_by_loss:
+            ends_in_air.append(event)
+    return ends_in_air
 
 
 def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
@@ -261,14 +272,14 @@ def _stamps(stream: Attitude | MotorOutputs) -> TimeSeries:
 
 
 def _attitude_steps(evidence: Evidence, attitude: Attitude) -> Array:
-    """Returns the times between neighbouring samples of the attitude within each flight, s, of all flights together.
+    """Returns the time from each sample of the attitude in flight to the next one, s, by which gaps are found.
 
     Args:
         evidence: the flights of the vehicle.
         attitude: its attitude.
 
     Returns:
-        (n,) one for each pair of neighbours; empty without flight.
+        The n steps within all flights, (n,), one flight after another; empty without flight.
     """
     # An empty array comes first, since without a flight there would be nothing to join.
     steps_by_flight = [np.zeros(0)]
