@@ -9,7 +9,7 @@ from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
-from mavdem.fleet.flights import group_into_flights
+from mavdem.fleet.flights import group_into_flights, worst_row
 from mavdem.fleet.judgement import assess_safely
 from mavdem.fleet.parameter_changes import changed_parameters, parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
@@ -220,6 +220,40 @@ def rows_judged_by_each_other(
     # Neither of two logs is a baseline that is known to be healthy.
     judged_rows = assess_safely([*before, *after], assess_rows, healthy_rows=[])
     return judged_rows[: len(before)], judged_rows[len(before) :]
+
+
+def rows_with_known_health(library_rows: FlightRows, pair_rows: FlightRows) -> FlightRows:
+    """Returns the rows of a compared flight with the best known health of its motors.
+
+    Args:
+        library_rows: rows of the flight, with the health by all flights of its vehicle in the library.
+        pair_rows: the same rows, with the health by the two compared flights alone.
+
+    Returns:
+        The rows of the library, or those of the pair where the library knows no health yet.
+    """
+    if any(row.health != UNKNOWN for row in library_rows):
+        return library_rows
+    return pair_rows
+
+
+def motors_by_pair(rows: FlightRows, pair_rows: FlightRows) -> str:
+    """Returns what two compared flights show of the motors of the later one, without other flights of the vehicle.
+
+    Args:
+        rows: rows of the later flight, with the health of the motors that the page states first.
+        pair_rows: the same rows, with the health by the two flights alone.
+
+    Returns:
+        The reason of the health by the two flights, in sentences; empty if it is unknown, or no other than the first.
+    """
+    if not pair_rows:
+        return ""
+    stated_row, pair_row = worst_row(rows), worst_row(pair_rows)
+    is_unknown = pair_row.health == UNKNOWN
+    if is_unknown or pair_row.health_reason == stated_row.health_reason:
+        return ""
+    return pair_row.health_reason or ""
 
 
 def states_of_common_vehicle(

@@ -26,7 +26,11 @@ from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.parameter_changes import parse_parameters
 from mavdem.fleet.row import FlightRow, FlightRows
-from mavdem.fleet.state import rows_judged_by_each_other
+from mavdem.fleet.state import (
+    motors_by_pair,
+    rows_judged_by_each_other,
+    rows_with_known_health,
+)
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.ingest.telemetry import Parameters
@@ -695,14 +699,17 @@ class Pages:
             # Damaged parameters of the index count as not known.
             parameters_before = parse_parameters(entry_before.gains) or {}
             parameters_after = parse_parameters(entry_after.gains) or {}
-        # The page is about two flights, so that their motors are judged by these alone, as `mavdem diff` does it.
-        rows_before, rows_after = rows_judged_by_each_other(
-            self._rows_of_listed_vehicle(entry_before), self._rows_of_listed_vehicle(entry_after)
-        )
+        rows_before = self._rows_of_listed_vehicle(entry_before)
+        rows_after = self._rows_of_listed_vehicle(entry_after)
+        pair_before, pair_after = rows_judged_by_each_other(rows_before, rows_after)
+        # All pages of a flight have the same verdict on its motors: that by all flights of the vehicle.
+        rows_before = rows_with_known_health(rows_before, pair_before)
+        rows_after = rows_with_known_health(rows_after, pair_after)
         reviewed = compared_states(
             self._compared_state(entry_before, rows_before, parameters_before),
             self._compared_state(entry_after, rows_after, parameters_after),
         )
+        reviewed = reviewed._replace(motors_by_pair=motors_by_pair(rows_after, pair_after))
         return _with_reasons_for_missing_parameters(reviewed, entries_without_parameters)
 
     def _compared_state(

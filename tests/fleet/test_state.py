@@ -6,7 +6,13 @@ from datetime import UTC, datetime
 
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.state import VehicleState, rows_judged_by_each_other, with_motors_judged
+from mavdem.fleet.state import (
+    VehicleState,
+    motors_by_pair,
+    rows_judged_by_each_other,
+    rows_with_known_health,
+    with_motors_judged,
+)
 from mavdem.fleet.tracking import assess_rows
 from mavdem.ingest.telemetry import Telemetry
 
@@ -58,6 +64,11 @@ def test_two_flights_of_a_fleet_are_judged_by_each_other_alone():
     alone = assess_rows([*before.rows, *after.rows], [])
     assert in_fleet[2].health_reason != alone[1].health_reason
     assert rows_judged_by_each_other(in_fleet[:1], in_fleet[2:]) == (alone[:1], alone[1:])
+    # A library states the health by all flights first, and then what the two alone show, if that is something else.
+    assert rows_with_known_health(in_fleet[2:], alone[1:]) == in_fleet[2:]
+    assert rows_with_known_health(after.rows, alone[1:]) == alone[1:]
+    assert motors_by_pair(in_fleet[2:], alone[1:]) == alone[1].health_reason
+    assert motors_by_pair(alone[1:], alone[1:]) == motors_by_pair([], []) == ""
 
 
 def test_a_sound_flight_beside_a_single_one_has_a_probability_but_no_health():

@@ -77,6 +77,10 @@ class ReviewedDifference(NamedTuple):
     is_since_baseline: bool = False
     """Whether A is the baseline of a vehicle and B its latest flight, which a report then calls so."""
 
+    motors_by_pair: str = ""
+    """What both flights show of the motors without the vehicle's other flights; empty where they were judged by no
+    others, or if it is the same."""
+
     @property
     def has_only_control_parameters(self) -> bool:
         """Whether at most the parameters of control are compared, since a library stored no others of a side."""

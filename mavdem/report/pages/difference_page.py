@@ -150,7 +150,7 @@ def comparison_page(
 
 
 def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
-    """Returns the top of the page: the headline, remarks on the vehicles, the next step, and how both were flown.
+    """Returns the top of the page: the headline, remarks on motors and vehicles, the next step, and how both were flown.
 
     Args:
         reviewed: comparison of both flights.
@@ -161,7 +161,8 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
     if reviewed.difference.is_of_same_flight:
         # A flight that is compared with itself needs no remarks.
         return [*blocks_of_headline, *next_step]
-    remarks = Blocks(identity_remarks(reviewed))
+    remarks = Blocks(render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair))
+    remarks += identity_remarks(reviewed)
     if not reviewed.parameters:
         # Changed parameters have a chapter.
         remarks += parameter_sentences(reviewed)

@@ -116,7 +116,9 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     (table,) = motor_table(reviews, difference)
     assert table.rows[0][:2] == ["motor 1 (front right)", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
-    page = comparison_page(("a", "b"), reviewed_difference(difference, reviews))
+    reviewed = reviewed_difference(difference, reviews)._replace(motors_by_pair="Nothing.")
+    page = comparison_page(("a", "b"), reviewed)
+    assert "<strong>By these two alone:</strong> Nothing.</p>" in page
     assert f"<strong>Motors: good in A, {level} in B.</strong>" in page
     assert "<p>Motor 1 (front right) lost about" in page
     assert "<strong>B by itself:</strong>" not in page
