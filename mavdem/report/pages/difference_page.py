@@ -150,7 +150,7 @@ def comparison_page(
 
 
 def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
-    """Returns the top of the page: the headline, remarks on motors and vehicles, the next step, and how both were flown.
+    """Returns the top of the page: the headline, remarks, the next step, and how both were flown.
 
     Args:
         reviewed: comparison of both flights.
