@@ -23,7 +23,7 @@ from mavdem.assessment.judgement import judge, lights_without_loops, no_purposes
 from mavdem.assessment.lights.power import (
     mark_battery_reports_on_ground,
     with_low_supply,
-    with_supply_before_open_end,
+    with_supply_as_suspect,
 )
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_failure import (
@@ -427,7 +427,7 @@ def _evidence_without_loops(
     # 5. What is changed because of the flights, which follow from the ending.
     evidence = replace(evidence, events=mark_battery_reports_on_ground(evidence))
     evidence = replace(evidence, events=with_low_supply(evidence))
-    evidence = replace(evidence, events=with_supply_before_open_end(evidence))
+    evidence = replace(evidence, events=with_supply_as_suspect(evidence))
     if evidence.reasons_not_to_fly:
         evidence = replace(evidence, wind=without_flight_advice(wind))
     return evidence

@@ -4,6 +4,7 @@ Sources: ``RateControl``, ``ControlAllocation``, ``ControlAllocationPseudoInvers
 https://github.com/PX4/PX4-Autopilot.
 """
 
+from collections.abc import Iterator
 from functools import lru_cache
 from math import inf
 
@@ -60,9 +61,10 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
     """
     gain_names = px4_gain_names(axis)
     prefix = gain_names.rate_prefix
-    derivative_filter = DERIVATIVE_FILTER
-    if DERIVATIVE_FILTER not in parameters and OLDER_DERIVATIVE_FILTER in parameters:
-        derivative_filter = OLDER_DERIVATIVE_FILTER
+    has_only_older_filter = (
+        DERIVATIVE_FILTER not in parameters and OLDER_DERIVATIVE_FILTER in parameters
+    )
+    derivative_filter = OLDER_DERIVATIVE_FILTER if has_only_older_filter else DERIVATIVE_FILTER
     names = {
         "p": f"{prefix}P",
         "i": f"{prefix}I",
@@ -76,12 +78,11 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
     common_factor = parameters.get(f"{prefix}K", 1.0)
     for gain in ("p", "i", "d"):
         gains[gain] = common_factor * gains[gain]
-    notches = []
-    for frequency_name, bandwidth_name in GYRO_NOTCH_PARAMETERS:
-        notch = Notch(parameters.get(frequency_name, 0.0), parameters.get(bandwidth_name, 0.0), inf)
-        if notch.frequency > 0 and notch.bandwidth > 0:
-            notches.append(notch)
     loop_rate = parameters.get(LOOP_RATE_PARAMETERS["px4"], UNSET_LOOP_RATE)
+    # A demand is the torque itself, which no mixer distributes to motors.
+    mixer: Numbers = (1.0,)
+    if not is_demand:
+        mixer = _mixer_of_airframe(_airframe_parameters(parameters))[axis]
     return {
         "parameter_names": names,
         **gains,
@@ -90,12 +91,24 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
         "output_filter": parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,
         "gyro_filter": parameters.get("IMU_GYRO_CUTOFF", 0.0),
         "gyro_rate": GYRO_FILTER_RATE,
-        "notches": tuple(notches),
+        "notches": tuple(_gyro_notches(parameters)),
         "loop_period": 1 / max(loop_rate, MIN_LOOP_RATE),
-        "mixer": (1.0,)
-        if is_demand
-        else _mixer_of_airframe(_airframe_parameters(parameters))[axis],
+        "mixer": mixer,
     }
+
+
+def _gyro_notches(parameters: Parameters) -> Iterator[Notch]:
+    """Yields PX4's static notch filters of the gyro that are on.
+
+    Args:
+        parameters: parameters of the log, by name. A filter is off if its centre or its bandwidth, both in Hz, is 0.
+    """
+    for frequency_name, bandwidth_name in GYRO_NOTCH_PARAMETERS:
+        frequency = parameters.get(frequency_name, 0.0)
+        bandwidth = parameters.get(bandwidth_name, 0.0)
+        if frequency > 0 and bandwidth > 0:
+            # PX4's notches take all of the signal at their centre.
+            yield Notch(frequency, bandwidth, attenuation=inf)
 
 
 def px4_gain_names(axis: str) -> GainNames:

@@ -843,10 +843,10 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool)
     if not is_page:
         # Only a rating that the axis does not follow its setpoint has the figure "follows".
         ratings = [rating for rating in ratings if "follows" in rating.figures]
-    return [*ratings, *facts_on_gains, *_slower_attitude(advice)]
+    return [*ratings, *facts_on_gains, *_facts_on_slower_attitude(advice)]
 
 
-def _slower_attitude(advice: Advice) -> list[Fact]:
+def _facts_on_slower_attitude(advice: Advice) -> list[Fact]:
     """Returns the fact that with the new gains the angle follows its setpoint more slowly, by the predicted steps.
 
     Higher gains of the rate may have that effect: with less of the integral term the angle overshoots less.
@@ -1158,7 +1158,7 @@ def tuning_result(tuning: Tuning) -> Fact:
     if advice_with_room:
         slower_axes = []
         for axis, advice in advice_with_room.items():
-            if _slower_attitude(advice):
+            if _facts_on_slower_attitude(advice):
                 slower_axes.append(axis)
         return Fact(GainFact.ROOM_FOR_GAINS, names=[*advice_with_room], slower_axes=slower_axes)
     return _worst_rating(tuning) or flight_headline

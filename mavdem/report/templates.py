@@ -332,13 +332,15 @@ def _fact_template(code: Code, template_name: str) -> Template:
 
 @cache
 def _section_templates(name: str) -> list[dict[str, Template]]:
-    """Returns the compiled templates of a section's paragraphs.
+    """Returns the compiled templates of the paragraphs of a section, from the file ``sections/NAME.toml``.
+
+    They are compiled once, since live pages render the same sections every few seconds.
 
     Args:
         name: name of the section, such as "why".
 
     Returns:
-        For each paragraph, its templates by "text", "lead" and "always".
+        For each paragraph its templates by their keys in the file: "text", "lead" and "always".
     """
     templates = []
     for paragraph_index, paragraph in enumerate(_section_paragraphs(name)):

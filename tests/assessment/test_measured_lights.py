@@ -28,7 +28,7 @@ from mavdem.assessment.lights.power import (
     further_power_warnings,
     power_light,
     with_low_supply,
-    with_supply_before_open_end,
+    with_supply_as_suspect,
 )
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.mean_interval import MeanFigure
@@ -719,7 +719,7 @@ def test_a_low_supply_is_the_suspected_reason_for_a_log_that_ends_in_the_air(lea
     volts = np.where(TIME > 30, least, 5.1)
     ended = Fact(MotionEvent.LOG_ENDED_IN_AIR, time=36.5, boot=0, height=12.0, height_source="")
     judged = evidence(telemetry_with("POWER_STATUS", Vcc=1000 * volts))
-    (event,) = with_supply_before_open_end(replace(judged, events=(ended,)))
+    (event,) = with_supply_as_suspect(replace(judged, events=(ended,)))
     # A low supply is an event as well, unless the autopilot's messages had it below the critical voltage already.
     low_supplies = [fact for fact in with_low_supply(judged) if fact is not event]
     assert [fact.code for fact in low_supplies] == [ReportedEvent.BOARD_VOLTAGE_LOW] * is_suspect

@@ -253,7 +253,7 @@ def with_low_supply(evidence: Evidence) -> tuple[Fact, ...]:
     return tuple(in_time_order(events))
 
 
-def with_supply_before_open_end(evidence: Evidence) -> tuple[Fact, ...]:
+def with_supply_as_suspect(evidence: Evidence) -> tuple[Fact, ...]:
     """Names a low supply of the board as the suspected reason why a log ends in the air.
 
     If the supply fails, the autopilot stops, and so does its log.
@@ -527,13 +527,9 @@ def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
         - ``cell_voltage``: the lowest voltage of a cell, V, if that shows that the battery was not empty.
         - ``share_before``: the charge before it fell to 0, if that was faster than a battery can be emptied.
     """
-    telemetry = evidence.signals.telemetry
-    is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
     lowest_fraction = _lowest_charge(evidence, battery)
-    if is_ardupilot:
-        limits = ardupilot_charge_levels(evidence.flown_parameters, battery.number)
-    else:
-        limits = _px4_charge_levels(telemetry.autopilot, evidence.flown_parameters)
+    limits = _charge_limits(evidence, battery)
+    is_ardupilot = evidence.signals.telemetry.autopilot == "ARDUPILOTMEGA"
     # A limit of 0 is no limit. PX4 rounds the percentage up, so that it has warned already where its limit is reported.
     highest_limit = max(limits.watch, limits.bad)
     is_low = highest_limit > 0 and lowest_fraction <= highest_limit
@@ -562,6 +558,22 @@ def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
         share_limit=reached_limit if is_low else None,
         **optional_figures,
     )
+
+
+def _charge_limits(evidence: Evidence, battery: Battery) -> Limits:
+    """Returns the charges at which the autopilot acts on a low and on a critical battery, as fractions of the full one.
+
+    Args:
+        evidence: signals of the vehicle, with its autopilot and parameters.
+        battery: the battery; ArduPilot has parameters for each.
+
+    Returns:
+        The limits; 0 where the autopilot does not act.
+    """
+    autopilot = evidence.signals.telemetry.autopilot
+    if autopilot == "ARDUPILOTMEGA":
+        return ardupilot_charge_levels(evidence.flown_parameters, battery.number)
+    return _px4_charge_levels(autopilot, evidence.flown_parameters)
 
 
 def _lowest_charge(evidence: Evidence, battery: Battery) -> float:
