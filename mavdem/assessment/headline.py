@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from mavdem.assessment.attitude_losses import FAR_ANGLE
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights import OTHER_LIGHTS, VEHICLE_LIGHTS
+from mavdem.assessment.lights.motors import is_range_taken_by_commands
 from mavdem.dataset.learnability import NEVER_ARMED
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline
@@ -90,7 +91,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
                 # A battery or an estimator that is bad is the reason for a failsafe.
                 return lights[name]
         return certain_warnings[0]
-    vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
+    vehicle_lights = _vehicle_lights_by_urgency(lights)
     if evidence.condition.oscillation is not None:
         # A limit cycle drives motors to their limits, and so explains the light of the motors.
         vehicle_lights.insert(0, lights[Light.MARGINS])
@@ -261,7 +262,23 @@ def headline_by_lights(lights: NamedFacts) -> Fact:
         The first light of the vehicle that is to be watched. Without one, the fact that nothing is wrong with the
         lights that were checked.
     """
-    return _first_fact_to_watch([lights[name] for name in VEHICLE_LIGHTS], lights)
+    return _first_fact_to_watch(_vehicle_lights_by_urgency(lights), lights)
+
+
+def _vehicle_lights_by_urgency(lights: NamedFacts) -> list[Fact]:
+    """Returns the lights of the vehicle, the most urgent first.
+
+    They are in the order of ``VEHICLE_LIGHTS``, but the margins come before motors whose range fast commands take up: a
+    loop with little margin amplifies noise and gusts about its crossover frequency, so that it needs more of the range.
+
+    Args:
+        lights: the status lights by name.
+    """
+    vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
+    if is_range_taken_by_commands(lights[Light.MOTORS]):
+        vehicle_lights.remove(lights[Light.MARGINS])
+        vehicle_lights.insert(0, lights[Light.MARGINS])
+    return vehicle_lights
 
 
 def _first_fact_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:

@@ -9,7 +9,7 @@ from refusals import prose
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT, lights_with_event
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.headline import headline_of
+from mavdem.assessment.headline import headline_by_lights, headline_of
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.segment_learnability import Learnability
@@ -110,6 +110,22 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
         assert Light.POWER in levels
     else:
         assert Light.POWER not in levels
+
+
+def test_small_margins_come_before_motors_that_only_fast_commands_take_to_their_limits():
+    """Noise that the loop amplifies takes part of the range; a hover that takes it is no matter of the gains."""
+    headroom = Fact(
+        MotorsLight.HEADROOM_LITTLE, names=("motor 4",), share=0.095, trim=0.71, excess=None
+    )
+    by_commands = headroom.replace(is_by_commands=True)
+    for motors, margins, is_margins_first in (
+        (by_commands, "watch", True),
+        (by_commands, "good", False),
+        (headroom, "watch", False),
+    ):
+        status_lights = lights(margins=margins) | {Light.MOTORS: motors}
+        first = status_lights[Light.MARGINS if is_margins_first else Light.MOTORS]
+        assert headline(status_lights) == headline_by_lights(status_lights) == first
 
 
 def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():

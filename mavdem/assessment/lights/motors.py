@@ -457,6 +457,8 @@ def _little_headroom(hover: HoverFigures, *, is_trim_unknown: bool) -> Fact:
         - ``names``: the motors whose headroom is the smallest, within ``LIMIT_MARGIN``.
         - ``share``: their headroom, as a fraction of the range.
         - ``trim``: the largest mean output of a motor, as a fraction of the range.
+        - ``is_by_commands``: present and True if the mean of the hover leaves enough of the range to all motors
+          (:data:`MAX_HOVER_COMMAND`), so that fast commands, as when the vehicle is steered, take the rest.
         - ``excess``: by what fraction a single named motor works harder than the mean of all motors, if the trim is
           unknown and the fraction is above ``FAULT_RISE``; otherwise None. Then the motor may be weak.
         - ``is_only_motor``: present and True if all other motors have much more headroom.
@@ -480,4 +482,16 @@ def _little_headroom(hover: HoverFigures, *, is_trim_unknown: bool) -> Fact:
         trim=max(hover.trim_of_range),
         excess=excess,
     )
-    return fact.replace(is_only_motor=True) if _lacks_headroom_in_one_motor(hover) else fact
+    if _lacks_headroom_in_one_motor(hover):
+        return fact.replace(is_only_motor=True)
+    is_by_commands = excess is None and max(hover.trim_of_range) <= MAX_HOVER_COMMAND
+    return fact.replace(is_by_commands=True) if is_by_commands else fact
+
+
+def is_range_taken_by_commands(motors: Fact) -> bool:
+    """Returns whether motors have little headroom because of fast commands, and not because of the hover itself.
+
+    Args:
+        motors: the fact of the status light of the motors.
+    """
+    return motors.code is MotorsLight.HEADROOM_LITTLE and "is_by_commands" in motors.figures
