@@ -295,7 +295,8 @@ class MarginReview:
     """Reviews the stability margins of a live flight again and again, if setpoints of the body rate are received.
 
     Attributes:
-        margins: the fact on the margins, as the latest review of the latest flight shows them; None before one.
+        margins: the fact on the margins, as the latest review of the latest flight shows them; None before one
+            (:meth:`present_margins`).
         has_rate_setpoint: whether a setpoint of the body rate has come in the latest flight, by which the loops are
             identified.
     """
@@ -325,6 +326,33 @@ class MarginReview:
     def provisional_light(self) -> Fact | None:
         """What is said of the margins before the first review; None if no setpoint comes that a review needs."""
         return MARGINS_AWAITED if self.has_rate_setpoint else None
+
+    def present_margins(self, now: float, settled_start: float | None) -> Fact | None:
+        """Returns the margins by the latest review, with the settled flight since then if they need more of it.
+
+        Args:
+            now: present time, s of the boot clock.
+            settled_start: since when the flight is settled, s of the boot clock; None if it is not settled now.
+
+        Returns:
+            The fact on the margins; None before the first review. If the flight was too short for them, the figure
+            ``settled`` of its reason is how long settled flight has lasted until now, s, and ``is_settled`` is whether
+            it goes on.
+        """
+        margins = self.margins
+        if margins is None:
+            return None
+        reason = margins.figures.get("reason")
+        if reason is None or reason.code is not LoopFact.LOOP_TOO_SHORT:
+            return margins
+        if reason.figures["settled"] is None:
+            return margins
+        settled = reason.figures["settled"]
+        review_time = reason.figures["clock"]
+        if settled_start is not None and review_time is not None:
+            settled += max(0.0, now - max(review_time, settled_start))
+        present_reason = reason.replace(settled=settled, is_settled=settled_start is not None)
+        return margins.replace(reason=present_reason)
 
     def add_messages(
         self, stamp: float, frames: Sequence[Frame], vehicle: Component | None, boot: int

@@ -74,7 +74,7 @@ class StatusReport:
             findings=self.flight.judging.findings,
             model_judgement=self.flight.judging.judgement,
             is_recording_judged=self.flight.judging.is_of_recording,
-            margins=self.margin_review.margins,
+            margins=self.margin_review.present_margins(self.stream.now, self.stream.settled_start),
             margins_awaited=self.margin_review.provisional_light,
             learned_rows=self.flight.learning.learned_rows,
             unlearned_rows=self.flight.learning.unlearned_rows,

@@ -436,6 +436,11 @@ class LiveStream:
         return self._clock.latest_restart
 
     @property
+    def settled_start(self) -> float | None:
+        """Since when the flight is settled, s of the boot clock; None if it is not settled now."""
+        return self._phase.settled_start(self.now)
+
+    @property
     def has_rate_setpoint(self) -> bool:
         """Whether a setpoint of the body rate of the model's axis comes, by which a log identifies the control loop."""
         vehicle = self._review.telemetry

@@ -66,6 +66,27 @@ class TrackingWatch:
         samples = self._samples[SETPOINT_MESSAGE]
         return bool(samples) and now - samples[-1].time <= MEMORY_SECONDS
 
+    def _judged_start(self, now: float, settled_start: float) -> float:
+        """Returns the time from which on messages are judged, s of the boot clock.
+
+        Args:
+            now: present time on the boot clock, s.
+            settled_start: since when the flight is settled, s of the boot clock.
+        """
+        return max(settled_start, now - MEMORY_SECONDS, self._gap_end)
+
+    def remaining_seconds(self, now: float, settled_start: float | None) -> float | None:
+        """Returns how much more settled flight the judgement needs, s; None if the flight is not settled, or had it.
+
+        Args:
+            now: present time on the boot clock, s.
+            settled_start: since when the flight is settled, s of the boot clock; None if it is not settled now.
+        """
+        if settled_start is None:
+            return None
+        remaining_seconds = MIN_SETTLED_SECONDS - (now - self._judged_start(now, settled_start))
+        return remaining_seconds if remaining_seconds > 0 else None
+
     def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
         """Returns whether the stream has a setpoint of the body rate with which the rate loop may be identified later.
 
@@ -106,7 +127,7 @@ class TrackingWatch:
             The fact that they follow well or badly; None before ``MIN_SETTLED_SECONDS`` of settled flight since the
             latest gap, where no setpoint comes, or if the setpoints show too little.
         """
-        start_time = max(settled_start, now - MEMORY_SECONDS, self._gap_end)
+        start_time = self._judged_start(now, settled_start)
         duration = now - start_time
         has_setpoints = bool(self._samples[SETPOINT_MESSAGE])
         if duration < MIN_SETTLED_SECONDS or not has_setpoints:

@@ -215,6 +215,8 @@ class Watchdog:
         self._landing_report: Fact | None = None
         # Time of the latest review, s of the boot clock.
         self._review_time = -inf
+        # Since when the flight was settled at the latest review, s of the boot clock; None if it was not.
+        self._settled_start: float | None = None
         # Time of the latest thorough review, s.
         self._thorough_time = -inf
         # Time of the latest judgement of the tracking, s.
@@ -304,6 +306,7 @@ class Watchdog:
         Returns:
             Facts that the autopilot has reported since the last review, and alarms that are over by its reports.
         """
+        self._settled_start = settled_start
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
             self._thorough_time = now
@@ -1110,21 +1113,26 @@ class Watchdog:
         if self._battery_not_judged is not None:
             reasons.setdefault(WatchedQuantity.BATTERY, self._battery_not_judged)
         if self._landed_states.is_in_air:
-            self._add_quantities_not_judged_yet(reasons)
+            self._add_quantities_not_judged_yet(reasons, now)
         return reasons
 
-    def _add_quantities_not_judged_yet(self, reasons: dict[WatchedQuantity, Fact]) -> None:
+    def _add_quantities_not_judged_yet(
+        self, reasons: dict[WatchedQuantity, Fact], now: float
+    ) -> None:
         """Adds battery and tracking as not watched as long as they have not been judged in this flight.
 
         Their messages may come, but their status lights are still unknown: beside these, "watched" would be wrong.
 
         Args:
             reasons: why each quantity cannot be watched; it is extended, and reasons that it has already stay.
+            now: present time on the boot clock, s.
         """
         if not self._is_battery_judged:
             reasons.setdefault(WatchedQuantity.BATTERY, BATTERY_NOT_KNOWN_YET)
         if Light.TRACKING not in self.status_lights.latest:
-            reasons.setdefault(WatchedQuantity.TRACKING, TRACKING_AWAITED)
+            remaining_seconds = self._tracking.remaining_seconds(now, self._settled_start)
+            awaited = TRACKING_AWAITED.replace(remaining_duration=remaining_seconds)
+            reasons.setdefault(WatchedQuantity.TRACKING, awaited)
 
     def _is_too_early_for_oscillation(self, now: float) -> bool:
         """Returns whether the flight is still too short to say that nothing oscillates; False if something does.

@@ -231,6 +231,22 @@ def test_a_flight_is_reviewed_at_its_period_and_once_after_the_landing(review, s
     assert (source, vehicle, parameters) == ("flight.tlog", "1:1", {"A": 1.0})
 
 
+def test_the_settled_flight_that_margins_need_is_counted_between_two_reviews(review):
+    short = Fact(LoopFact.LOOP_TOO_SHORT, least_duration=20.0, settled=5.0, clock=30.0)
+    for now, settled_start, text in (
+        (30.0, 25.0, "15 s to go."),
+        (37.0, 25.0, "8 s to go."),
+        # A climb has ended settled flight, which began again at 36 s.
+        (37.0, None, "15 s to go: climb, landing and strong tilt do not count."),
+        (39.0, 36.0, "12 s to go."),
+        (46.0, 25.0, "they are judged again in this flight."),
+    ):
+        review.margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=short, rate=None)
+        assert str(review.present_margins(now, settled_start)).endswith(text)
+    review.margins = BAD
+    assert review.present_margins(46.0, 25.0) is BAD
+
+
 def test_a_landed_flight_is_not_reviewed_if_its_recording_is_assessed(review, stream):
     assert update(review, stream, 10, 12) == []
     stream.is_flying = False
