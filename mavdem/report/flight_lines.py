@@ -23,7 +23,6 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import rounded_up
-from mavdem.wind_velocity.beaufort import is_speed_known
 from mavdem.wind_velocity.compass import compass_text
 
 MAX_NOTE_LENGTH = 320
@@ -240,28 +239,26 @@ def _flight_seconds(flight: AxisRows) -> str:
 
 
 def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> str:
-    """Returns the speed of a wind, m/s, as precisely as it is known.
+    """Returns the speed of a wind, m/s, as an interval where that is known.
 
     Args:
         speed: the speed; None if still air is likely too, or if the speed is not identifiable.
         interval: both ends of its 90 % interval; None if they are not known.
 
     Returns:
-        The speed, such as "5.2". If it is known only roughly, both ends of the interval, such as "1.9 to 8.0". If still
-        air is likely too, the upper end, such as "below 2.1". Empty if nothing is known.
+        Both ends of the interval, such as "1.9 to 8.0". If still air is likely too, the upper end, such as "below 2.1".
+        Without an interval the speed, such as "5.2". Empty if nothing is known.
     """
     if interval is None:
         return "" if speed is None else f"{speed:.1f}"
     low, high = interval
     if speed is None or not low:
         return f"below {rounded_up(high, 1)}"
-    if is_speed_known((low, high)):
-        return f"{speed:.1f}"
     return f"{low:.1f} to {high:.1f}"
 
 
 def _wind_text(flight: AxisRows) -> str:
-    """Returns the cell with the wind of a flight in a fleet's list: speed, m/s, and where it came from, as in "5.2 NW".
+    """Returns the wind of a flight for a fleet's list: speed, m/s, and where it came from, as in "4.1 to 6.3 NW".
 
     What is not known is left out, so that the cell is empty without a wind.
 

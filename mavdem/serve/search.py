@@ -32,13 +32,13 @@ HALF_TYPED_TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])")
 TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
 
-WIND_LOW_SQL = "coalesce(wind_low, wind_speed)"
-"""SQL expression of the lower end of the wind speed's 90 % interval, m/s.
+WIND_LOW_SQL = "round(coalesce(wind_low, wind_speed), 1)"
+"""SQL expression of the lower end of the wind speed's 90 % interval, m/s, rounded as the list shows it.
 
 It is the speed itself for logs that an earlier version has read, which stored no interval.
 """
 
-WIND_HIGH_SQL = "coalesce(wind_high, wind_speed)"
+WIND_HIGH_SQL = "round(coalesce(wind_high, wind_speed), 1)"
 """SQL expression of the upper end of that interval, likewise."""
 
 NUMBER_COLUMNS = {
@@ -258,7 +258,7 @@ def unknown_terms(text: str) -> list[str]:
     if not names:
         return []
     shown_names = listed(dict.fromkeys(names))
-    return [f"No flight has a property {shown_names}: terms are {listed(KNOWN_TERMS)}, and gains"]
+    return [f"No such term: {shown_names}. Terms are {listed(KNOWN_TERMS)}, and gains"]
 
 
 def needs_complete_entries(text: str) -> bool:

@@ -317,7 +317,7 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     weak = served.add("weak.ulg", "A weak motor.")
     for path in ("/vehicle?name=quad%207", "/"):
         page = served.get(path).text
-        assert page.count('<span class="said bad">Motor 3 lost thrust.') == 1
+        assert page.count('<span class="said bad" title="Motor 3 lost thrust.">') == 1
     headline = '<p class="headline"><strong>Motor 3 lost thrust.</strong></p>'
     assert [headline in served.get(f"/f/{id}").text for id in (a, weak)] == [False, True]
     assert served.get(f"/compare?a={a}&b={served.add('c.ulg', 'damaged')}").status == 200
@@ -385,7 +385,9 @@ def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_
     listed = served.get("/").text
     assert listed.count(">unnamed ArduPilot quadrotor</a>") == 2
     assert "ardupilotmega-1" not in listed[listed.index("<nav>") : listed.index("</nav>")]
-    assert "data-previous=" not in served.get(f"/f/{b}").text
+    page_of_unnamed = served.get(f"/f/{b}").text
+    assert "data-previous=" not in page_of_unnamed
+    assert '<option value="">choose a flight</option>' in page_of_unnamed
     page = served.get("/vehicle?name=ardupilotmega-1").text
     assert "Over its flights" not in page and "Name their vehicle" in page
     served.ask("PUT", "/api/baseline", {"flights": [a, b]})
@@ -396,7 +398,8 @@ def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_
         assert answer.json["vehicle"] == "Red quad" and not answer.json["is_vehicle_unnamed"]
     rows = served.library.flight_rows([served.library.entry(a)])
     assert {(row.vehicle, row.vehicle_basis) for row in rows} == {("Red quad", "given")}
-    assert f'data-previous="{a}"' in served.get(f"/f/{b}").text
+    page_of_named = served.get(f"/f/{b}").text
+    assert f'data-previous="{a}"' in page_of_named and "choose a flight" not in page_of_named
     assert ">Red quad</a>" in served.get("/").text
     assert served.get("/vehicle?name=Red%20quad").status == 200
     served.ask("PUT", "/api/baseline", {"flights": [a, b]})

@@ -42,7 +42,7 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         server.work.run()
         page.until("!document.querySelector('#uploads progress')")
         counts = "document.getElementById('uploadcount').textContent"
-        page.until(f"{counts} === '22 files: 1 not read, 21 done; 14 not shown here'")
+        page.until(f"{counts} === '22 files: 1 not read, 21 done; show 14 more'")
         assert page.run("document.querySelector('#uploads li').innerText").startswith("letter.txt")
         assert page.run("document.querySelectorAll('#uploads li:not(.hidden)').length") == 8
         assert page.run("document.title") == "Flights"

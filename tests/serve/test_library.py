@@ -178,7 +178,7 @@ def test_the_words_that_the_list_shows_of_a_simulated_or_unnamed_flight_are_foun
 def test_a_search_by_an_unknown_property_names_the_known_ones():
     assert unknown_terms("quad wind>5 motors:bad tag:race MC_ROLL_P<6 date>2026") == []
     (sentence,) = unknown_terms("foo:bar quad")
-    assert sentence.startswith("No flight has a property foo: terms are vehicle, mode, tag, wind,")
+    assert sentence.startswith("No such term: foo. Terms are vehicle, mode, tag, wind,")
     assert sentence.endswith(", and gains")
 
 
@@ -221,6 +221,9 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     )
     assert f'aria-label="motors {level}"' in page
     assert ">2.9 to 10.4 m/s<" in page
+    # An interval that is narrow is shown as well, since searches compare it.
+    narrow = replace(entry, wind_speed=6.1, wind_low=4.98, wind_high=7.37)
+    assert ">5.0 to 7.4 m/s<" in library_page([narrow], {})
 
 
 @mark.parametrize(
@@ -629,6 +632,8 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
         columns = {"flight_time": flight_time, "distance": distance, "height": height}
         columns |= {"wind_speed": height, "vehicle": "ab"[number % 2]}
         ids.append(library.change(entry.id, **columns, received=float(number)).id)
+    # The list shows 2.0 to 3.0 m/s.
+    library.change(ids[0], wind_low=1.98, wind_high=3.04)
     for order, expected in (
         (ListingOrder.TIME, [2, 0, 3, 1]),
         (ListingOrder.DISTANCE, [0, 2, 3, 1]),
@@ -642,6 +647,7 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
         ("time>60", {0, 2, 3}),
         ("time>60 height<50", {2}),
         ("distance>100", {0}),
+        ("wind>=2 wind<=3", {0}),
     ):
         entries = library.find(*search_condition(search), 4).entries
         assert {ids.index(entry.id) for entry in entries} == expected

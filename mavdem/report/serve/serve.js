@@ -70,6 +70,9 @@
   let shownQuery = searchForm?.elements.q?.value ?? "", timer;
   const searchAfter = wait => { clearTimeout(timer); timer = setTimeout(search, wait); };
   searchForm?.elements.q?.addEventListener("input", () => searchAfter(150));
+  $("order")?.addEventListener("change", event => {
+    location = `/?${new URLSearchParams({ q: searchForm.elements.q.value, sort: event.target.value })}`;
+  });
   // Enter in the search opens the only flight that is found.
   searchForm?.addEventListener("submit", async event => {
     event.preventDefault();
@@ -106,7 +109,8 @@
   });
 
   // Dropping logs: three are sent at a time, each in a request of its own.
-  const dropArea = $("drop"), uploadList = $("uploads"), uploadItems = new Map(), MAX_SHOWN_UPLOADS = 8;
+  const dropArea = $("drop"), uploadList = $("uploads"), uploadItems = new Map();
+  let maxShownUploads = 8;
   // The list has failures first, then what is in work, and last what is done, which the table below has too. Its summary
   // counts all of them.
   const arrangeUploads = () => {
@@ -116,15 +120,19 @@
     for (const state of ["failed", "working", "done"]) {
       for (const item of items) {
         if (item.dataset.state !== state) continue;
-        item.classList.toggle("hidden", state !== "failed" && shown >= MAX_SHOWN_UPLOADS);
+        item.classList.toggle("hidden", state !== "failed" && shown >= maxShownUploads);
         shown += 1;
         if (item !== uploadList.lastElementChild) uploadList.append(item);
       }
     }
     const texts = [[counts.failed, "not read"], [counts.working, "waiting or in work"], [counts.done, "done"]];
     const text = texts.filter(([count]) => count).map(([count, words]) => `${count} ${words}`).join(", ");
-    const hidden = uploadList.querySelectorAll(".hidden").length, rest = hidden ? `; ${hidden} not shown here` : "";
-    $("uploadcount").textContent = items.length > 1 ? `${items.length} files: ${text}${rest}` : "";
+    const hidden = uploadList.querySelectorAll(".hidden").length;
+    $("uploadcount").textContent = items.length > 1 ? `${items.length} files: ${text}${hidden ? "; " : ""}` : "";
+    if (!hidden) return;
+    const button = element("button", `show ${hidden} more`, $("uploadcount"), "plain");
+    button.type = "button";
+    button.addEventListener("click", () => { maxShownUploads = Infinity; arrangeUploads(); });
   };
   const setUpload = (item, state, level, text) => {
     item.dataset.state = state;
@@ -287,6 +295,19 @@
       $("comparing").remove();
     });
   }
+  // What is saved may change the whole page, which is then loaded again, says so, and stays where it was.
+  const reloadAfterSaving = statusId => {
+    sessionStorage.setItem("saved", JSON.stringify({ statusId, path: location.pathname, top: scrollY }));
+    location.reload();
+  };
+  const saved = JSON.parse(sessionStorage.getItem("saved") ?? "null");
+  sessionStorage.removeItem("saved");
+  if (saved?.path === location.pathname && $(saved.statusId)) {
+    const status = $(saved.statusId), part = status.closest("details");
+    if (part) part.open = true;
+    status.textContent = "Saved.";
+    scrollTo(0, saved.top);
+  }
   let savedSharing = $("sharing")?.value;
   $("edit")?.addEventListener("submit", async event => {
     event.preventDefault();
@@ -295,7 +316,7 @@
     const isVehicleChanged = form.flight_vehicle && form.flight_vehicle.value !== form.flight_vehicle.defaultValue;
     if (isVehicleChanged) columns.vehicle_name = form.flight_vehicle.value;
     columns.tags = form.tags.value.split(",").map(tag => tag.trim()).filter(Boolean);
-    try { await callApi("PATCH", `/api/flights/${id}`, columns); savedSharing = columns.sharing; if (isVehicleChanged || form.given_name && form.given_name.value !== form.given_name.defaultValue) location.reload(); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
+    try { await callApi("PATCH", `/api/flights/${id}`, columns); savedSharing = columns.sharing; if (isVehicleChanged || form.given_name && form.given_name.value !== form.given_name.defaultValue) return reloadAfterSaving("saved"); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
   });
   // The flights of unnamed vehicles that are chosen get the name of their vehicle, one request each.
   $("assign")?.addEventListener("click", async () => {
@@ -308,7 +329,7 @@
   $("naming")?.addEventListener("submit", async event => {
     event.preventDefault();
     const vehicle = event.target.dataset.vehicle, name = $("vehicle_name").value;
-    try { await callApi("PUT", "/api/vehicle", { vehicle, name }); location.reload(); } catch (error) { $("named").textContent = error.message; }
+    try { await callApi("PUT", "/api/vehicle", { vehicle, name }); reloadAfterSaving("named"); } catch (error) { $("named").textContent = error.message; }
   });
   $("copy")?.addEventListener("click", async () => {
     $("address").select();
