@@ -1,24 +1,67 @@
 """``mavdem compare``: forecasts of DEM and of other methods on the same windows of one or several logs."""
 
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import partial
 from time import perf_counter
+from typing import NamedTuple
 
 import click
 
+from mavdem.cli.exit_codes import EXIT_DONE, EXIT_INTERRUPTED
 from mavdem.cli.options import (
     WholeNumberRange,
     motion_options,
     sources_argument,
     window_options,
 )
-from mavdem.cli.output import print_result, progress
+from mavdem.cli.output import print_result, progress_bar
 from mavdem.cli.sources import map_flights, sources_by_flight_name
-from mavdem.cli.streams import print_to_stderr
+from mavdem.cli.streams import print_to_stderr, stderr_is_terminal
 from mavdem.containers import Names
-from mavdem.experiments.compared_methods import METHODS
-from mavdem.experiments.comparison import compare
+from mavdem.experiments.compared_methods import METHODS, Method
+from mavdem.experiments.comparison import (
+    WindowOutcomes,
+    comparison_of_outcomes,
+    outcomes_by_window,
+)
 from mavdem.experiments.window import TRAIN_SECONDS, Length, Window, required_windows
 from mavdem.report.comparison import comparison_report
+from mavdem.report.numbers import listed
+from mavdem.report.templates import render_section
+
+SECONDS_BETWEEN_LINES = 30.0
+"""Time between two lines of progress in a file or a pipe, s; a choice. A shorter run prints none."""
+
+
+def _methods_from_text(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> Sequence[Method]:
+    """Returns the methods that a user has named; Click's callback for --methods.
+
+    Args:
+        context: Click's context of the command that is parsed.
+        parameter: The option.
+        text: Names of methods between commas, in capital or small letters; None for all methods.
+
+    Raises:
+        click.BadParameter: A name is that of no method, or there are not two methods to compare.
+    """
+    if text is None:
+        return METHODS
+    methods_by_name = {method.name.lower(): method for method in METHODS}
+    chosen_methods: list[Method] = []
+    for given_name in text.split(","):
+        name = given_name.strip()
+        method = methods_by_name.get(name.lower())
+        if method is None:
+            known_names = listed(method.name for method in METHODS)
+            raise click.BadParameter(f"'{name}' is none of {known_names}.")
+        if method not in chosen_methods:
+            chosen_methods.append(method)
+    if len(chosen_methods) == 1:
+        raise click.BadParameter("it takes two methods or more, with commas between them.")
+    return chosen_methods
 
 
 @click.command("compare")
@@ -30,6 +73,13 @@ from mavdem.report.comparison import comparison_report
     type=WholeNumberRange(1),
     help="Samples from one window to the next. [default: half of --train and --test]",
 )
+@click.option(
+    "--methods",
+    metavar="NAME,...",
+    callback=_methods_from_text,
+    help="Methods by their names in the tables; the first is compared with the others. Fewer are faster. "
+    "[default: all]",
+)
 def compare_command(
     sources: Names,
     axis: str,
@@ -39,19 +89,22 @@ def compare_command(
     train: Length | None,
     test: Length | None,
     hop: int | None,
+    methods: Sequence[Method],
 ) -> None:
     """Compares DEM with other methods, window by window.
 
     Each SOURCE is a log. Its longest settled flight is cut into windows. In each window every method is trained on
     --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
     methods that can. The report begins with what a paired test of DEM against each method says, and has the error ratio
-    (mean squared error over that of a constant forecast) by horizon.
+    (mean squared error over that of a constant forecast) by horizon. A run that is stopped, as by Ctrl-C, reports the
+    windows that are done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
     \b
     Examples:
       mavdem compare flight.tlog
+      mavdem compare flight.tlog --methods "joint VAR (Bayesian),PEM(4),hold last"
       mavdem compare one.tlog two.ulg --json > comparison.json
 
     A SOURCE that cannot be compared is reported, and the others are compared. Exit code: 0 if a flight was compared,
@@ -68,20 +121,144 @@ def compare_command(
     windows: list[Window] = []
     for windows_of_flight in windows_by_flight.values():
         windows += windows_of_flight
-    title = f"Comparing {len(METHODS)} methods on {len(windows)} windows"
-    with progress(title) as show_fraction:
-        comparison = compare(windows, METHODS, show_fraction)
+    run = _compare_until_stopped(windows, methods)
+    comparison = comparison_of_outcomes(windows, methods, run.outcomes)
     seconds = round(perf_counter() - start_time, 3)
     compared_sources = {
         name: source
         for name, source in sources_by_flight_name(sources).items()
-        if name in windows_by_flight
+        if name in comparison.flights
     }
     document = {
         **comparison.to_dict(),
         "axis": axis,
         "sources": compared_sources,
         "seconds": seconds,
+        "planned_windows": len(windows),
     }
-    print_result(document, comparison_report(comparison), as_json=as_json)
+    is_complete = len(run.outcomes) == len(windows)
+    report = comparison_report(comparison, None if is_complete else len(windows))
+    print_result(document, report, as_json=as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")
+    if run.exit_code != EXIT_DONE:
+        raise click.exceptions.Exit(run.exit_code)
+
+
+class _Run(NamedTuple):
+    """The windows that a run has compared, all or those before it was stopped."""
+
+    outcomes: list[WindowOutcomes]
+    """Outcomes of all methods in each window that is done; at least one."""
+
+    exit_code: int
+    """0 if the run came to its end, otherwise the exit code of the signal that stopped it."""
+
+
+def _compare_until_stopped(windows: Sequence[Window], methods: Sequence[Method]) -> _Run:
+    """Runs all methods on all windows, or on as many as are done when Ctrl-C or another signal stops the run.
+
+    Args:
+        windows: windows of one flight or several, at least one.
+        methods: methods to compare.
+
+    Returns:
+        The outcomes, and how the run ended.
+
+    Raises:
+        KeyboardInterrupt, SystemExit: the run was stopped before the first window was done.
+    """
+    outcomes: list[WindowOutcomes] = []
+    with progress_bar("Comparing") as show_bar:
+        show_progress = _ComparisonProgress(len(windows), len(methods), show_bar)
+        try:
+            with closing(outcomes_by_window(windows, methods, show_progress)) as window_outcomes:
+                for outcomes_of_window in window_outcomes:
+                    outcomes.append(outcomes_of_window)
+        except (KeyboardInterrupt, SystemExit) as stop:
+            if not outcomes:
+                raise
+            return _Run(outcomes, _exit_code(stop))
+    return _Run(outcomes, EXIT_DONE)
+
+
+def _exit_code(stop: KeyboardInterrupt | SystemExit) -> int:
+    """Returns the exit code of a command that a signal has stopped: 130 for Ctrl-C, otherwise that of the signal."""
+    if isinstance(stop, SystemExit) and isinstance(stop.code, int):
+        return stop.code
+    return EXIT_INTERRUPTED
+
+
+class _ComparisonProgress:
+    """Shows how far a comparison is and, once a window is done, how long the rest will take.
+
+    A terminal has a bar with a title. A file or a pipe gets a line after the first window and then every
+    ``SECONDS_BETWEEN_LINES``, unless all takes less than that.
+    """
+
+    def __init__(
+        self, window_count: int, method_count: int, show_bar: Callable[[float, str], None]
+    ) -> None:
+        """Starts the clock.
+
+        Args:
+            window_count: number of windows to compare.
+            method_count: number of methods to compare.
+            show_bar: function that shows a bar, filled by a fraction from 0 to 1, with a title beside it.
+        """
+        self._window_count = window_count
+        self._method_count = method_count
+        self._show_bar = show_bar
+        self._last_line_time = perf_counter()
+        self._is_first_estimate = True
+        # Time and fraction at the first result. The time before it is that in which the workers start.
+        self._first_time: float | None = None
+        self._first_fraction = 0.0
+
+    def __call__(self, fraction: float) -> None:
+        """Shows the progress.
+
+        Args:
+            fraction: completed fraction of the trials, above 0 and up to 1.
+        """
+        time = perf_counter()
+        seconds_left = self._seconds_left(time, fraction)
+        (progress,) = render_section(
+            "comparison_progress",
+            methods=self._method_count,
+            windows=self._window_count,
+            share=fraction,
+            seconds_left=seconds_left,
+        )
+        self._show_bar(fraction, progress.text)
+        if fraction < 1 and not stderr_is_terminal() and self._is_line_due(time, seconds_left):
+            print_to_stderr(f"{progress.text}.")
+            self._last_line_time = time
+
+    def _seconds_left(self, time: float, fraction: float) -> float | None:
+        """Returns the expected time until the end, s; None before the first window is done.
+
+        The methods take very different times, so that the time of a whole window must be known first.
+
+        Args:
+            time: time now, s, on the clock of ``perf_counter``.
+            fraction: completed fraction of the trials.
+        """
+        if self._first_time is None:
+            self._first_time = time
+            self._first_fraction = fraction
+        if fraction < 1 / self._window_count or fraction == self._first_fraction:
+            return None
+        seconds_per_fraction = (time - self._first_time) / (fraction - self._first_fraction)
+        return seconds_per_fraction * (1 - fraction)
+
+    def _is_line_due(self, time: float, seconds_left: float | None) -> bool:
+        """Returns whether the next line of progress is to be printed.
+
+        Args:
+            time: time now, s, on the clock of ``perf_counter``.
+            seconds_left: expected time until the end, s; None before the first window is done.
+        """
+        if seconds_left is not None and self._is_first_estimate:
+            self._is_first_estimate = False
+            return seconds_left > SECONDS_BETWEEN_LINES
+        return time - self._last_line_time >= SECONDS_BETWEEN_LINES

@@ -18,6 +18,8 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle, learnable_flight
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable, Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.command import NamedSource
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.joined import join_logs
@@ -172,7 +174,7 @@ def map_flights(
 
     Raises:
         click.BadParameter: A log is named twice.
-        Unreadable, NotLearnable: No log can be used; the error of the first one is raised.
+        Unreadable, NotLearnable: No log can be used (:func:`report_excluded`).
     """
     refuse_repeated_sources(sources)
     results = {}
@@ -195,9 +197,15 @@ def report_excluded(results: Sized, errors: Mapping[str, NotLearnable | Unreadab
         errors: Reason why each flight is left out, by the name to report.
 
     Raises:
-        Unreadable, NotLearnable: The first of ``errors``, if there are no results.
+        Unreadable, NotLearnable: There are no results. Of a single flight its own error is raised. Of several each is
+            reported, and the error says that none is left: it is ``Unreadable`` only if none of them can be read.
     """
+    if not results and len(errors) == 1:
+        raise next(iter(errors.values()))
     for name, error in errors.items():
-        if not results:
-            raise error
         print_to_stderr(f"mavdem: {name} is left out: {error}")
+    if not results:
+        nothing_left = Fact(NamedSource.NONE_USABLE, count=len(errors))
+        if all(isinstance(error, Unreadable) for error in errors.values()):
+            raise Unreadable(nothing_left)
+        raise NotLearnable(nothing_left)

@@ -186,6 +186,8 @@ class CompareReport(Comparison):
     """logs by the flight's name"""
     seconds: Seconds
     """time that it took"""
+    planned_windows: int
+    """number of windows to compare; a run that was stopped has fewer"""
 
 
 class Order(Document):

@@ -7,7 +7,7 @@ beside it. Over flights it is the geometric mean of these medians, so that each 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +28,9 @@ from mavdem.experiments.scores import (
     ForecastKind,
 )
 from mavdem.experiments.window import Window
+
+WindowOutcomes = tuple[Outcome, ...]
+"""The outcomes of all methods in one window, in the order of the methods."""
 
 COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")
 """Keys of a summary that are numbers of windows; they are summed over flights."""
@@ -57,18 +60,54 @@ def compare(
     """
     if not windows:
         raise ValueError("windows must be one at least")
+    outcomes = list(outcomes_by_window(windows, methods, progress))
+    return comparison_of_outcomes(windows, methods, outcomes)
+
+
+def outcomes_by_window(
+    windows: Sequence[Window],
+    methods: Sequence[Method],
+    progress: Progress = lambda _: None,
+) -> Generator[WindowOutcomes, None, None]:
+    """Runs all methods on one window after another; :func:`compare` says how.
+
+    A caller that stops early has the outcomes of all windows that are complete by then.
+
+    Args:
+        windows: windows of one flight or several.
+        methods: methods to compare.
+        progress: function that is called with the completed fraction of the trials, 0 to 1.
+
+    Yields:
+        The outcomes of all methods in each window, in the order of ``windows``.
+
+    Raises:
+        concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
+    """
     trials = [(method, window) for window in windows for method in methods]
-    outcomes = []
-    with closing(parallel_map(run_trial, trials)) as trial_outcomes:
-        for outcome in trial_outcomes:
-            outcomes.append(outcome)
-            progress(len(outcomes) / len(trials))
     # The outcomes come in the order of the trials: all methods of a window one after the other.
-    outcomes_by_window = []
-    for first_trial in range(0, len(trials), len(methods)):
-        outcomes_by_window.append(tuple(outcomes[first_trial : first_trial + len(methods)]))
+    outcomes_of_window: list[Outcome] = []
+    with closing(parallel_map(run_trial, trials)) as trial_outcomes:
+        for trial_count, outcome in enumerate(trial_outcomes, start=1):
+            outcomes_of_window.append(outcome)
+            progress(trial_count / len(trials))
+            if len(outcomes_of_window) == len(methods):
+                yield tuple(outcomes_of_window)
+                outcomes_of_window = []
+
+
+def comparison_of_outcomes(
+    windows: Sequence[Window], methods: Sequence[Method], outcomes: Sequence[WindowOutcomes]
+) -> Comparison:
+    """Returns the comparison on the windows that have outcomes.
+
+    Args:
+        windows: all windows.
+        methods: the methods that were compared, the reference first.
+        outcomes: outcomes of all methods in the first windows, or in all, as :func:`outcomes_by_window` yields them.
+    """
     names = tuple(method.name for method in methods)
-    return Comparison(tuple(windows), names, tuple(outcomes_by_window))
+    return Comparison(tuple(windows[: len(outcomes)]), names, tuple(outcomes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +124,7 @@ class Comparison:
 
     windows: tuple[Window, ...]
     methods: Names
-    outcomes: tuple[tuple[Outcome, ...], ...]
+    outcomes: tuple[WindowOutcomes, ...]
 
     @cached_property
     def flights(self) -> Names:

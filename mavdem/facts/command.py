@@ -19,6 +19,7 @@ class NamedSource(Code):
     STANDARD_INPUT_IS_NO_LOG = "standard_input_is_no_log"
     LINK_IS_NO_LOG = "link_is_no_log"
     AS_MANY_INPUTS_NEEDED = "as_many_inputs_needed"
+    NONE_USABLE = "none_usable"
 
 
 class RunEnd(Code):

@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from math import isfinite
+from typing import NamedTuple
 
 from mavdem.assessment.axis.findings import PREDICTION_LIMITS
 from mavdem.containers import JsonValues
+from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
@@ -22,12 +24,27 @@ LEAD_BY_KIND = {
 RESULT_ORDER = (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
 """Order in which the results of paired tests are reported."""
 
+MIN_DECIMAL, MAX_DECIMAL = 0.001, 1000.0
+"""Limits within which errors are printed without an exponent: two digits then take at most six characters."""
+
 STANDARD_ORDER = 3
 """Order of the model of ``mavdem learn``: angle, rate, and the lag of the motors."""
 
 
-def comparison_report(comparison: Comparison) -> Iterator[Block]:
-    """Yields the report of a comparison of forecasting methods: the result, tables of errors, failures, and a legend.
+class _Horizons(NamedTuple):
+    """The horizons of a table of errors."""
+
+    unit: str
+    """Unit of the horizons: "seconds" or "samples"."""
+
+    lengths: list[str]
+    """Length of each horizon as the header of its column; the last one is the whole test part."""
+
+
+def comparison_report(
+    comparison: Comparison, planned_windows: int | None = None
+) -> Iterator[Block]:
+    """Yields the report of a comparison of forecasting methods: the result, a key, tables of errors, and failures.
 
     All methods forecast with the recorded inputs of the test data, and some can also forecast without them. Each of
     these two kinds of forecast has its own sentence and table.
@@ -35,15 +52,19 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
     Args:
         comparison: errors and paired tests of all methods; the first method is the one that the others are compared
             with.
+        planned_windows: number of windows that were to be compared, if the run was stopped before; otherwise None.
     """
     kinds = [KNOWN_INPUTS]
     if comparison.methods_of(UNKNOWN_INPUTS):
         kinds.append(UNKNOWN_INPUTS)
+    yield from render_section(
+        "comparison_stopped", windows=len(comparison.windows), planned_windows=planned_windows
+    )
     yield headline_sentence(_result_text(comparison, KNOWN_INPUTS))
+    if planned_windows is None:
+        yield from _advice_on_pairs(comparison)
     for kind in kinds[1:]:
         yield Sentence(_result_text(comparison, kind), LEAD_BY_KIND[kind])
-    for kind in kinds:
-        yield from _error_blocks(comparison, kind)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
     yield from render_section(
@@ -52,6 +73,45 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
         several=len(comparison.flights) > 1,
         predicted=UNKNOWN_INPUTS in kinds,
         significance=SIGNIFICANCE,
+    )
+    for kind in kinds:
+        yield from _error_blocks(comparison, kind)
+    for flight in comparison.flights:
+        yield from _failure_sentences(comparison, flight)
+
+
+def _advice_on_pairs(comparison: Comparison) -> list[Sentence]:
+    """Returns in a sentence how to get enough windows for the paired test; empty if there are enough.
+
+    The test needs ``MIN_PAIRS`` windows that do not overlap. A flight has room for more of them if the windows are far
+    apart (--hop), or if they become shorter (--train); otherwise it takes more flights.
+
+    Args:
+        comparison: outcomes of all methods on windows of one flight or several.
+    """
+    pair_counts = [test.tested for test in comparison.tests().values()]
+    # Windows and the samples that they cover, by flight.
+    possible_pairs = 0
+    window_lengths = []
+    covered_lengths = []
+    for flight in comparison.flights:
+        windows = [window for window in comparison.windows if window.flight == flight]
+        window_length = windows[0].stop - windows[0].start
+        covered_length = windows[-1].stop - windows[0].start
+        possible_pairs += covered_length // window_length
+        window_lengths.append(window_length)
+        covered_lengths.append(covered_length)
+    # The longest training part with which a single flight has room for enough windows.
+    shorter_train = covered_lengths[0] // MIN_PAIRS - len(comparison.windows[0].test)
+    if len(comparison.flights) > 1 or shorter_train < MIN_SAMPLES:
+        shorter_train = 0
+    return render_section(
+        "comparison_more_pairs",
+        pair_count=min(pair_counts, default=MIN_PAIRS),
+        min_pairs=MIN_PAIRS,
+        possible_pairs=possible_pairs,
+        smaller_hop=max(window_lengths),
+        shorter_train=shorter_train,
     )
 
 
@@ -102,7 +162,8 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
     """
     reference = comparison.methods_of(kind)[0]
     tests = comparison.tests(kind)
-    blocks: Blocks = [Sentence("error ratio by steps ahead.", LEAD_BY_KIND[kind])]
+    horizons = _common_horizons(comparison)
+    blocks: Blocks = [Sentence(f"error ratio by {horizons.unit} ahead.", LEAD_BY_KIND[kind])]
     rows = []
     for summary in comparison.over_flights(kind):
         method = summary["method"]
@@ -110,8 +171,7 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
         if method == reference and _is_band_too_narrow(summary):
             text = f"the 90 % band of {reference} holds {_coverage(summary)} of the samples: it is too narrow."
             blocks.append(caution(text))
-    header = ["method", *_common_horizons(comparison)]
-    header += ["above 1", "unstable", f"{reference} / method", "p", "in 90 % band"]
+    header = ["method", *horizons.lengths, ">1", "reference/method", "p", "unstable", "band"]
     return [*blocks, Table(header, rows)]
 
 
@@ -123,19 +183,27 @@ def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
         test: paired test of the reference method against this one; None for the reference itself.
 
     Returns:
-        The name; the error ratio (NMSE) at each horizon; the number of windows with an error ratio above 1, and that
-        with an unstable model; ratio and p-value of the test; and the percentage of samples in the 90 % band.
+        The name; the error ratio (NMSE) at each horizon; the number of windows with an error ratio above 1; ratio and
+        p-value of the test; the number of windows with an unstable model; and the percentage of samples in the 90 %
+        band.
     """
     row = [summary["method"]]
     for error_ratio in summary["horizons"]:
-        row.append(f"{error_ratio:.3g}")
-    row += [str(summary["worse_than_constant"]), str(summary["unstable"])]
+        row.append(_short_number(error_ratio))
+    row.append(str(summary["worse_than_constant"]))
     if test is None:
         row += ["", ""]
     else:
-        row += [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]
-    row.append(_coverage(summary))
-    return row
+        row += [_short_number(test.ratio), f"{test.p_value:.2g}"]
+    return [*row, str(summary["unstable"]), _coverage(summary)]
+
+
+def _short_number(number: float) -> str:
+    """Returns a number with two digits in at most six characters, such as "0.013", "1.1e-5", "2.5" or "inf"."""
+    if MIN_DECIMAL <= number < MAX_DECIMAL or number == 0 or not isfinite(number):
+        return f"{number:.2g}"
+    mantissa, exponent = f"{number:.1e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
 
 
 def _coverage(summary: JsonValues) -> str:
@@ -151,27 +219,33 @@ def _is_band_too_narrow(summary: JsonValues) -> bool:
     return share_in_band is not None and share_in_band < PREDICTION_LIMITS.coverage
 
 
-def _common_horizons(comparison: Comparison) -> list[str]:
-    """Returns the headers of a table's columns for the horizons at which all flights were evaluated.
+def _common_horizons(comparison: Comparison) -> _Horizons:
+    """Returns the horizons at which all flights were evaluated.
 
     Args:
         comparison: outcomes of all methods on windows of one flight or several.
 
     Returns:
-        Numbers of steps as text, for the horizons that all flights have, and "all" for the whole test part.
+        The horizons in seconds if they last as long in all flights, otherwise in samples, with "all" for the whole
+        test part.
     """
-    horizon_counts = []
+    steps_by_flight = []
+    seconds_by_flight = []
     for flight in comparison.flights:
         summary_of_first_method = comparison.summaries(flight)[0]
-        horizon_counts.append(len(summary_of_first_method["horizons"]))
+        steps = [horizon["steps"] for horizon in summary_of_first_method["horizons"]]
+        dt = comparison.of_flight(flight).windows[0].train.dt
+        steps_by_flight.append(steps)
+        seconds_by_flight.append([f"{count * dt:.2g}" for count in steps])
+    if all(seconds == seconds_by_flight[0] for seconds in seconds_by_flight):
+        return _Horizons("seconds", seconds_by_flight[0])
     # The last horizon of a flight is its whole test part, and not one of ``HORIZONS``.
-    common_horizons = HORIZONS[: min(horizon_counts) - 1]
-    headers = [str(steps) for steps in common_horizons]
-    return [*headers, "all"]
+    common_count = min(len(steps) for steps in steps_by_flight) - 1
+    return _Horizons("samples", [*map(str, HORIZONS[:common_count]), "all"])
 
 
 def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
-    """Yields sentences on one flight of a comparison of forecasting methods: how much was compared, and what failed.
+    """Yields a sentence on one flight of a comparison of forecasting methods: how much of it was compared.
 
     A flight is divided into windows of training and test data. Paired tests use only windows that do not overlap.
 
@@ -188,7 +262,16 @@ def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
     yield from render_section(
         "comparison_flight", windows[0], window_count=len(windows), tested_count=tested_count
     )
-    for summary in summaries:
+
+
+def _failure_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
+    """Yields a sentence for each method that made no forecast, or a diverged one, in windows of one flight.
+
+    Args:
+        comparison: errors of all methods in all windows.
+        flight: name of the flight.
+    """
+    for summary in comparison.summaries(flight):
         yield from render_section("comparison_failures", **summary)
 
 

@@ -38,12 +38,61 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     assert f"{SLOW} is left out: ATTITUDE comes at 4 Hz" in captured.err
     assert captured.err.count(" is left out: ") == 2
     assert "4 Hz" in document_of(capsys, "compare", SLOW, code=1)["error"]["reason"]
+    missing = [str(tmp_path / "missing.tlog"), str(tmp_path / "lost.tlog")]
+    assert run("compare", missing[0], SLOW) == 1
+    error_text = capsys.readouterr().err
+    assert f"{missing[0]} is left out: " in error_text and f"{SLOW} is left out: " in error_text
+    assert str(Fact(NamedSource.NONE_USABLE, count=2)) in error_text
+    assert run("compare", *missing) == 2
 
 
 def test_a_flight_too_short_says_what_fits(quick, capsys):
     error_text = refused(capsys, 1, "compare", FLIGHT, "--train", "5900")
     assert "5900 training and 150 test samples were asked for" in error_text
     assert run("compare", FLIGHT, *error_text.split("`")[1].split()) == 0
+
+
+def test_named_methods_are_compared_on_lines_of_80_columns(quick, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("mavdem.cli.compare.SECONDS_BETWEEN_LINES", 0.0)
+    names = "Constant Mean, hold last"
+    assert run("compare", FLIGHT, "--hop", "2500", "--methods", names) == 0
+    captured = capsys.readouterr()
+    lines = captured.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "Next: `--hop 850` cuts 6 windows that do not overlap." in lines
+    assert [line for line in lines if line.startswith("constant mean")]
+    assert not [line for line in lines if line.startswith("subspace")]
+    header = next(line for line in lines if line.startswith("method "))
+    assert header.split()[1:7] == ["0.01", "0.05", "0.1", "0.25", "0.5", "1.5"]
+    assert captured.out.index("“band”") < captured.out.index(header)
+    assert "Comparing 2 methods on 3 windows: 67 % done, about 0 s left." in captured.err.replace(
+        "\n", " "
+    )
+    monkeypatch.delenv("COLUMNS")
+    assert "'foo' is none of hold last, constant mean" in refused(
+        capsys, 2, "compare", FLIGHT, "--methods", "foo"
+    )
+    assert "two methods" in refused(capsys, 2, "compare", FLIGHT, "--methods", "hold last")
+
+
+@mark.parametrize("signal, code", [(KeyboardInterrupt(), 130), (SystemExit(143), 143)])
+def test_a_run_that_is_stopped_reports_the_windows_that_are_done(signal, code, monkeypatch, capsys):
+    trainings = []
+
+    def stops_in_the_third_window(train):
+        trainings.append(train)
+        if len(trainings) == 3:
+            raise signal
+        return baselines.hold(train)
+
+    methods = (FEW[1], Method("hold last", stops_in_the_third_window))
+    monkeypatch.setattr("mavdem.cli.compare.METHODS", methods)
+    assert run("compare", FLIGHT, "--hop", "2500") == code
+    assert capsys.readouterr().out.startswith("Stopped: 2 of 3 windows are compared.")
+    trainings.clear()
+    document = document_of(capsys, "compare", FLIGHT, "--hop", "2500", code=code)
+    assert document["planned_windows"] == 3 and len(document["flights"][0]["windows"]) == 2
 
 
 def test_a_flight_of_other_inputs_is_left_out_of_an_order(capsys):
