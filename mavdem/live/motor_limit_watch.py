@@ -8,6 +8,7 @@ from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import MotorsLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.active_alarms import ActiveAlarms
 from mavdem.live.control_watch import ControlWatch
@@ -96,6 +97,14 @@ class MotorLimitWatch:
         review.facts[WatchedQuantity.OSCILLATION] = Fact(
             MarginsLight.OSCILLATES, reason=advice, **limit_cycle.figures
         )
+
+    @property
+    def swinging_motors(self) -> Fact | None:
+        """The fact that motors swing from stop to stop in the latest limit cycle of this boot; None if they did not."""
+        limit_cycle = self._limit_cycle
+        if limit_cycle is None or not limit_cycle.is_stop_to_stop:
+            return None
+        return Fact(MotorsLight.MOTORS_SWING, share=limit_cycle.at_limit)
 
     def _sinking_at_limit(
         self, review: Review, moment: FlightMoment, motors: MotorOutputs, is_at_upper: Flags

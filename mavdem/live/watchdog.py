@@ -724,6 +724,9 @@ class Watchdog:
             # The motors go from limit to limit in a limit cycle, and cannot be compared with each other. So it is no
             # longer known that they are sound.
             self.status_lights.remove_good(Light.MOTORS)
+            swinging_motors = self._motor_limits.swinging_motors
+            if swinging_motors is not None and self.loss is None:
+                self.status_lights.add(Light.MOTORS, swinging_motors)
         if self.loss is not None:
             for quantity in NOT_JUDGED_AFTER_LOSS:
                 review.facts.pop(quantity, None)

@@ -106,11 +106,18 @@ class Oscillation(NamedTuple):
     """Fraction of that time with one motor at its upper limit while another is at its lower limit."""
 
     @property
+    def is_stop_to_stop(self) -> bool:
+        """Whether motors swing from stop to stop on some axis, so that hardly any command is left to control it."""
+        cycles = (self, *self.other_axes)
+        return any(cycle.at_both_limits >= MIN_AT_BOTH_LIMITS_SHARE for cycle in cycles)
+
+    @property
     def figures(self) -> JsonValues:
         """The limit cycle as values of a fact (a coded finding), from which a report makes a sentence.
 
         They are the axis ("subject"), the frequency, Hz, and the standard deviation of the body rate ("turn_rate"),
-        rad/s. "axes" has axis, frequency and body rate of every axis that oscillates, this one first.
+        rad/s. "axes" has axis, frequency and body rate of every axis that oscillates, this one first. "is_stop_to_stop"
+        is whether motors swing from stop to stop on some of them.
         """
         oscillating_axes = []
         for cycle in (self, *self.other_axes):
@@ -122,6 +129,7 @@ class Oscillation(NamedTuple):
             "frequency": frequency,
             "turn_rate": body_rate,
             "axes": oscillating_axes,
+            "is_stop_to_stop": self.is_stop_to_stop,
         }
 
 
@@ -232,8 +240,7 @@ def _is_dangerous_at_once(cycle: Oscillation) -> bool:
     Args:
         cycle: the limit cycle, in which motors reach their limits.
     """
-    goes_from_stop_to_stop = cycle.at_both_limits >= MIN_AT_BOTH_LIMITS_SHARE
-    return cycle.rate >= MIN_DANGEROUS_RATE or goes_from_stop_to_stop
+    return cycle.rate >= MIN_DANGEROUS_RATE or cycle.is_stop_to_stop
 
 
 def _is_unsteered(angle: TimeSeries, setpoint: TimeSeries, segment: Segment) -> bool:
@@ -301,7 +308,8 @@ def continued_limit_cycle(first: Oscillation, present: Oscillation) -> Oscillati
     """Returns a limit cycle that goes on as it was found first, so that its statement does not change all the time.
 
     Its axes and frequencies vary from window to window. An axis that oscillates only now is added, and one whose body
-    rate has become ``MIN_GROWTH`` times as large is taken from the present.
+    rate has become ``MIN_GROWTH`` times as large is taken from the present. That motors swing from stop to stop is
+    stated from then on.
 
     Args:
         first: the limit cycle as it was stated first.
@@ -312,6 +320,9 @@ def continued_limit_cycle(first: Oscillation, present: Oscillation) -> Oscillati
         known_cycle = cycles.get(cycle.axis)
         if known_cycle is None or cycle.rate >= MIN_GROWTH * known_cycle.rate:
             cycles[cycle.axis] = cycle
+        else:
+            at_both_limits = max(known_cycle.at_both_limits, cycle.at_both_limits)
+            cycles[cycle.axis] = known_cycle._replace(at_both_limits=at_both_limits)
     strongest = _strongest_limit_cycle(cycle._replace(other_axes=()) for cycle in cycles.values())
     assert strongest is not None
     return strongest

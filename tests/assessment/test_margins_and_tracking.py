@@ -146,6 +146,15 @@ def test_a_limit_cycle_decides_the_lights_of_motors_margins_and_tracking():
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
     assert light.figures["reason"].code is GainFact.LOWER_GAINS
     assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
+    # Where motors swing from stop to stop, the vehicle may turn little: that comes first.
+    stops = light.replace(is_stop_to_stop=True)
+    assert stops.sentence.startswith(
+        "Pitch and roll oscillate, and motors swing from stop to stop: pitch at 5 Hz, by 40 °/s;"
+    )
+    assert stops.replace(axes=stops.figures["axes"][:1]).sentence == (
+        "The pitch rate oscillates, and motors swing from stop to stop: at 5 Hz, by 40 °/s "
+        "(standard deviation)."
+    )
     # Gains may be the cause, or a wrong frame type, with which no gain makes it safe to fly.
     assert light.remedy.startswith("Do not fly. First check frame type and motor order. Lower ")
     light = tracking_light(with_oscillation(evidence_of_delayed_roll(0.1)))

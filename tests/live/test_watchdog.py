@@ -61,6 +61,7 @@ from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.watch_list import not_watched
 from mavdem.live.watchdog import TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
+from mavdem.loops.limit_cycles import Oscillation
 from mavdem.report.live import light_rows, vehicle_text, watched_quantities_text
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import headline as headline_text
@@ -116,10 +117,31 @@ def test_a_limit_cycle_is_reported_within_two_seconds_and_when_it_ends(hot):
     cycle = alarm.figures["reason"]
     assert cycle.subject == "roll" and cycle.figures["frequency"] == approx(23.0, abs=1.1)
     assert cycle.figures["turn_rate"] < np.pi
-    assert not hot.stream.status().worst_lights[Light.MOTORS].is_good
+    assert hot.stream.status().worst_lights[Light.MOTORS].is_bad
     assert end_of_alarm.code is WatchFact.ALARM_OVER and 19.0 < end_of_alarm.time < 22.6
     [terminal_output] = [each for each in hot.events if each.fact is end_of_alarm]
     assert terminal_output.seconds - 1.7e9 == approx(end_of_alarm.time + CALM_SECONDS, abs=0.6)
+
+
+def test_motors_that_swing_from_stop_to_stop_are_bad():
+    """Of others that reach a limit now and then while the vehicle oscillates, it is not known how sound they are."""
+    vehicle = Telemetry(1, 1, "QUADROTOR", "PX4", {}, {})
+    cycle = Oscillation("roll", 17.0, 3.0, 0.9, False, 2.0, None)
+    levels = []
+    for at_both_limits in (0.1, 0.4):
+        watchdog = Watchdog(RecentMessages())
+        watchdog.status_lights.add(Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=3.0))
+        watchdog._motor_limits._limit_cycle = cycle._replace(at_both_limits=at_both_limits)
+        watchdog.loss_watch.judge_flight = Mock(return_value=[])
+        watchdog.is_thorough = False
+        review = Review(
+            6.0, vehicle, is_flying=True, has_settled=True, phase_start=2.0, recent_signals=None
+        )
+        review.facts[WatchedQuantity.OSCILLATION] = Fact(MarginsLight.OSCILLATES)
+        watchdog._judge_flight(review, Mock(motion=None))
+        motors = watchdog.status_lights.latest.get(Light.MOTORS)
+        levels.append(None if motors is None else motors.level)
+    assert levels == [None, Level.BAD]
 
 
 @mark.slow

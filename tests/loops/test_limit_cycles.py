@@ -176,6 +176,10 @@ def test_what_is_said_of_a_limit_cycle_stays_until_it_really_changes():
     assert both == roll._replace(other_axes=(pitch,))
     for present in (cycle("pitch", 17.0, 6.0), roll, cycle("roll", 18.0, 3.0, pitch)):
         assert continued_limit_cycle(both, present) == both
+    # Motors that swing from stop to stop are named once they do, and stay named.
+    stops = continued_limit_cycle(both, roll._replace(at_both_limits=0.4))
+    assert stops.is_stop_to_stop and not both.is_stop_to_stop
+    assert continued_limit_cycle(stops, roll) == stops
     grown = cycle("roll", 16.0, 10.0)
     assert continued_limit_cycle(both, grown) == grown._replace(other_axes=(pitch,))
 
