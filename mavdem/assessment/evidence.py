@@ -349,6 +349,28 @@ class Evidence:
             if in_intervals(event.start_time, self.flights(event.figures["boot"])):
                 yield event
 
+    def warnings_before_loss(self, codes: Container[Code]) -> Iterator[Fact]:
+        """Yields the events with certain codes that warn of something, until the vehicle was lost.
+
+        What the autopilot reports counts in flight only. What the motion shows is of a vehicle off the ground anyway, so
+        that it counts in hops too, which are hardly any free flight.
+
+        Args:
+            codes: codes of the events to yield.
+
+        Yields:
+            Facts whose level is bad or to be watched, in the order of time.
+        """
+        warnings_in_flight = list(self.warnings_in_flight(codes))
+        for event in self.events:
+            if event in warnings_in_flight:
+                yield event
+            elif isinstance(event.code, MotionEvent) and event.code in codes and event.is_watch_or_bad:
+                boot = event.figures["boot"]
+                is_before_loss = in_intervals(event.start_time, self._intervals_before_loss(boot))
+                if is_before_loss and self.flights(boot):
+                    yield event
+
     def _intervals_before_loss(self, boot: int) -> Intervals:
         """Returns the time of a boot before the vehicle lost its attitude, fell or crashed, if it did.
 

@@ -15,6 +15,7 @@ from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
 from mavdem.facts.vehicle import Basis, DateBasis, name_with_frame, system_id_name
+from mavdem.ingest.motors import MOTOR_COUNTS, PositionSource
 from mavdem.ingest.telemetry import MICROSECONDS, Parameters, Telemetry
 from mavdem.ingest.utc import MIN_UTC, utc_at_boot
 from mavdem.ingest.vocabulary import (
@@ -124,13 +125,29 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
         name_basis,
         telemetry.system,
         telemetry.autopilot,
-        telemetry.vehicle,
+        _frame(signals),
         firmware=telemetry.firmware or _firmware(telemetry),
         date=date,
         date_basis=date_basis,
         hardware=telemetry.hardware or board_name_in_texts(_texts(telemetry)),
         place=_first_fix(telemetry),
     )
+
+
+def _frame(signals: Signals) -> str:
+    """Returns the kind of the vehicle's frame, a MAV_TYPE without its prefix, such as "QUADROTOR".
+
+    Logs of ArduCopter before 3.5 name no frame. If the parameters still place each motor, their number is that of the
+    frame.
+    """
+    vehicle, motors = signals.telemetry.vehicle, signals.motors
+    if vehicle != "GENERIC_MULTIROTOR" or motors is None:
+        return vehicle
+    if motors.geometry.position_source is PositionSource.PARAMETERS:
+        for frame, motor_count in MOTOR_COUNTS.items():
+            if motor_count == len(motors.geometry.motors):
+                return frame
+    return vehicle
 
 
 def vehicle_name(telemetry: Telemetry, *, is_simulated: bool) -> NameWithBasis:

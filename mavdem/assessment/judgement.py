@@ -13,7 +13,7 @@ from mavdem.assessment.axis.loop_decision import (
     common_action,
     decide_on_loops,
 )
-from mavdem.assessment.event_lights import lights_with_event
+from mavdem.assessment.event_lights import light_or_warning, lights_with_event
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.headline import headline_of
 from mavdem.assessment.lights import REGISTRY, RegisteredLight
@@ -125,8 +125,8 @@ def _judged_light(
 ) -> Fact:
     """Judges one status light, such as the light of the motors, by the function that is registered for it.
 
-    It is not judged again if it is known already. A light of a vehicle in the air is not judged at all if the vehicle
-    did not fly.
+    A light that is unknown by that shows the worst warning in flight about its subject. It is not judged again if it is
+    known already. A light of a vehicle in the air is not judged at all if the vehicle did not fly.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -142,7 +142,7 @@ def _judged_light(
     if light.name in known_lights:
         return known_lights[light.name]
     needed_facts = [earlier_lights[name] for name in light.needs]
-    return light.judge(evidence, *needed_facts)
+    return light_or_warning(light.name, light.judge(evidence, *needed_facts), evidence)
 
 
 def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:

@@ -285,8 +285,9 @@ def _with_full_throttle_marked(
         limit: fact (a coded finding) that a motor was at its limit, with its time.
 
     Returns:
-        The event with ``is_full_throttle``, and the level "good" in a climb. It is unchanged unless the stick was at
-        full throttle, in a mode in which it sets the thrust, for more than ``FULL_THROTTLE_FRACTION`` of the time.
+        The event with ``is_full_throttle`` and the mean ``climb_speed``, m/s, if it was measured. In a climb its level is
+        "good". It is unchanged unless the stick was at full throttle, in a mode in which it sets the thrust, for more
+        than ``FULL_THROTTLE_FRACTION`` of the time.
     """
     stick = series_of_boot(throttle_stick(signals), boot)
     if stick is None:
@@ -304,8 +305,10 @@ def _with_full_throttle_marked(
     climb_rate = series_of_boot(signals.climb_rate, boot)
     if climb_rate is not None:
         climb_in_event = climb_rate.values[in_intervals(climb_rate.time, [interval])]
-        if len(climb_in_event) and climb_in_event.mean() > MIN_CLIMB_SPEED:
-            return limit_at_full_throttle.replace(Level.GOOD)
+        if len(climb_in_event):
+            climb_speed = float(climb_in_event.mean())
+            level = Level.GOOD if climb_speed > MIN_CLIMB_SPEED else limit.level
+            return limit_at_full_throttle.replace(level, climb_speed=climb_speed)
     return limit_at_full_throttle
 
 

@@ -1,5 +1,6 @@
 """The next step of a judgement, a fact (a coded finding): what to repair, to log or to fly, by headline and lights."""
 
+from mavdem.assessment.event_lights import EVENTS_BY_LIGHT
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
@@ -112,8 +113,8 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     other_facts = []
     for name in unexplained_lights:
         fact = lights[name]
-        # The fact of a light may be the loss itself, which is in the headline already.
-        shows_loss = fact.code in Ending
+        # The fact of a light may be the loss itself, or the motion that led to it, which is in the headline already.
+        shows_loss = fact.code in EVENTS_BY_LIGHT[Light.TRACKING]
         needs_advice = fact.is_bad or (not is_loss and _is_low_battery(fact, headline))
         if needs_advice and not shows_loss and not _advises_other_step_first(fact):
             other_facts.append(fact)

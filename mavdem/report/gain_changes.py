@@ -262,22 +262,47 @@ def loading_sentences(advice_by_axis: AdviceByAxis) -> list[Sentence]:
     Args:
         advice_by_axis: for each axis the gains to set, or the fact (coded finding) why no gains are advised.
     """
-    advice_by_stage = dict[Stage, list[Advice]]()
-    for advice in advice_by_axis.values():
-        if isinstance(advice, Advice) and advice.parameters and advice.is_sound and advice.stage:
-            advice_by_stage.setdefault(advice.stage, []).append(advice)
-    if not advice_by_stage:
+    advice_of_stage = _advice_of_first_stage(advice_by_axis)
+    if not advice_of_stage:
         return []
-    first_stage = min(advice_by_stage)
-    advice_of_stage = advice_by_stage[first_stage]
     # Axes of which another step follows have the fuller advice.
     advice_with_most_steps = max(advice_of_stage, key=attrgetter("flights"))
     return render_section(
         "gain_loading",
-        stage=int(first_stage),
+        stage=int(advice_with_most_steps.stage or 0),
         remedy=advice_with_most_steps.conclusion.remedy,
         is_noise_unknown=any(advice.noise is None for advice in advice_of_stage),
     )
+
+
+def changes_on_trial(advice_by_axis: AdviceByAxis) -> int:
+    """Returns the number of changes towards the margin goal of which the advised gains are the first, on trial.
+
+    Gains are on trial if fewer than ``SURE_SHARE`` of the models of the vehicle have the required margins with them.
+
+    Args:
+        advice_by_axis: for each axis the gains to set, or the fact (coded finding) why no gains are advised.
+
+    Returns:
+        The number for the axis that needs the most, each with a flight after it; 0 if the gains are not on trial.
+    """
+    advice_of_stage = _advice_of_first_stage(advice_by_axis)
+    if all(advice.sure >= SURE_SHARE for advice in advice_of_stage):
+        return 0
+    return max(advice.flights for advice in advice_of_stage)
+
+
+def _advice_of_first_stage(advice_by_axis: AdviceByAxis) -> list[Advice]:
+    """Returns the sound advice on gains of the stage that comes first, of all axes; empty without sound gains.
+
+    Args:
+        advice_by_axis: for each axis the gains to set, or the fact (coded finding) why no gains are advised.
+    """
+    advice_by_stage = dict[Stage, list[Advice]]()
+    for advice in advice_by_axis.values():
+        if isinstance(advice, Advice) and advice.parameters and advice.is_sound and advice.stage:
+            advice_by_stage.setdefault(advice.stage, []).append(advice)
+    return advice_by_stage[min(advice_by_stage)] if advice_by_stage else []
 
 
 def _notch_row(name: str, present_value: float | None, value: float) -> list[str]:

@@ -27,7 +27,7 @@ from mavdem.report.brief_events import (
     stated_events,
     with_saturations_counted,
 )
-from mavdem.report.gain_changes import gain_changes
+from mavdem.report.gain_changes import changes_on_trial, gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
 from mavdem.report.screen import flight_sentences
@@ -357,13 +357,14 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
     )
     if changes is None or not changes.tables:
         return []
-    texts = []
+    gain_texts = []
     # The gains of a later stage wait for the flight with the first ones.
     for name, present_value, advised_value, _ in changes.first_table.rows:
         # A gain and its values stay on one line.
-        texts.append(f"{name} {present_value} → {advised_value}".replace(" ", HARD_SPACE))
-    text = f"They are {', '.join(texts)}; with `--out FOLDER` the command writes them as files."
-    return [*wrapped_lines(text, columns)]
+        gain_texts.append(f"{name} {present_value} → {advised_value}".replace(" ", HARD_SPACE))
+    change_count = changes_on_trial(assessment.advised_gains)
+    sentences = render_section("review_gains", gains=gain_texts, change_count=change_count)
+    return [line for sentence in sentences for line in wrapped_lines(sentence.text, columns)]
 
 
 def page_line(assessment: Assessment) -> str:

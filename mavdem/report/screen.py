@@ -434,8 +434,17 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     return [*blocks, *render_section("motion", physical=physical, half=half_widths, hover=hover)]
 
 
+def motor_table_of_all_flight(figures: HoverFigures) -> Blocks:
+    """Returns the table of the motors of a vehicle that hardly hovered.
+
+    Args:
+        figures: command and headroom of each motor over all flight, with manoeuvres.
+    """
+    return [*_motor_table("motor in all flight", figures.motors, _hover_columns(figures))]
+
+
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
-    """Returns the columns of the table of motors that show how hard each motor works in settled flight.
+    """Returns the columns of the table of motors that show how hard each motor works, usually in settled flight.
 
     They are the mean command in its unit (if it has one), the command and the headroom as percentages of the range, and
     the percentage of the time at a limit. The lower limit has a column only if a motor reached it. The deviation of a

@@ -167,14 +167,14 @@ def test_the_next_step_says_do_not_fly_once():
     assert " Nor fly before motor 3," in str(step)
 
 
-def test_the_next_step_says_first_not_to_fly_where_the_headline_does_not():
+def test_the_next_step_begins_with_do_not_fly_and_then_the_headline():
     toppled = Fact(Ending.TOPPLED_AT_LANDING, time=9.0, height=0.0, cause=None, word=None)
     assert "Do not fly" not in toppled.remedy
     limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1)
     step = str(Fact(NextStep.DO_AS_ADVISED, reason=toppled, also=(BAD_VIBRATION, limited)))
-    assert step.startswith("Do not fly: check and balance the propellers")
-    assert step.endswith(toppled.remedy) and step.count("Do not fly") == 1
-    assert " Nor fly before motor 2 " in step
+    # What to do follows the order of the headline.
+    assert step.startswith(f"Do not fly. {toppled.remedy} Also check and balance the propellers")
+    assert step.count("Do not fly") == 1 and " Nor fly before motor 2 " in step
 
 
 @mark.parametrize("code", [Ending.CONTROL_LOST, Ending.CRASHED])
@@ -388,6 +388,10 @@ def test_an_event_in_the_headline_is_its_light_unless_that_is_as_bad(levels, cod
     before = lights(**levels)
     event = Fact(code, Level(level))
     after = lights_with_event(before, event)
+    # A warning that a light shows for want of a measurement gives way to a headline that is as bad.
+    warning = Fact(MotionEvent.ATTITUDE_CAUGHT, Level(level))
+    if LIGHT_OF_EVENT.get(code) is Light.TRACKING:
+        assert lights_with_event({**before, Light.TRACKING: warning}, event)[Light.TRACKING] is event
     assert {name for name, fact in after.items() if fact is event} == ({light} - {None})
 
 

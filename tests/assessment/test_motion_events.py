@@ -455,6 +455,7 @@ def test_a_motor_at_its_limit_at_full_throttle_is_to_be_watched_only_without_a_c
     telemetry = stick(with_pulses(telemetry, outputs), pulse, EVENT, EVENT + 2.0)
     limit = events_and_ending(telemetry)[0][MotionEvent.MOTOR_AT_ITS_STOP]
     assert (limit.level, "at full throttle" in limit.sentence) == (level, is_full)
+    assert ("while the vehicle" in limit.sentence) is is_full
     assert ("motor 2" in limit.remedy) is not is_full
 
 

@@ -9,6 +9,8 @@ from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.assessment.assess import alarms_before_loss
+from mavdem.assessment.event_lights import light_or_warning
+from mavdem.assessment.identity import identify_vehicle
 from mavdem.assessment.lights import motors
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.assessment.motor_alarms import motor_alarms
@@ -16,9 +18,11 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
+from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.facts.session import SessionFact
 from mavdem.motors.motor_changes import thrust_losses
+from mavdem.report.templates import headline
 
 HOVER = Hover(hovering=60.0)
 FRONT_LEFT = "motor 3 (front left)"
@@ -231,9 +235,16 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     )
     assert motors_light(replace(without_hover, events=(shorter, longer, stop))) == longer
     # In a flight without a hover, a moment at the limit is no need of thrust.
-    assert motors_light(replace(without_hover, events=(shorter, stop))) == light_fact
+    limited = replace(without_hover, events=(shorter, stop))
+    assert motors_light(limited) == light_fact
+    # But what would be unknown shows the longest warning that there is.
+    assert light_or_warning(Light.MOTORS, light_fact, limited) == stop
+    assert light_or_warning(Light.TRACKING, light_fact, limited) == light_fact
+    even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
+    assert light_or_warning(Light.MOTORS, even, limited) == even
     lost = replace(without_hover, events=(stop,), ending=Fact(SessionFact.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
+    assert light_or_warning(Light.MOTORS, light_fact, lost) == light_fact
     assert motors_light(replace(flight, events=(stop,))).level == "good"
 
 
@@ -341,3 +352,32 @@ def test_no_headroom_is_stated_under_a_height_that_diverged():
     diverged = Fact(MotionEvent.HEIGHT_DIVERGED, Level.BAD, time=20.0, boot=0)
     fact = motors_light(replace(sound, events=(diverged,)))
     assert fact.figures.get("headroom") is None and "headroom" not in fact.sentence
+
+
+@mark.parametrize(
+    "deviation, text",
+    [
+        (0.069, "Motor 1 works 6.9 ± 1.4 % harder than the mean: compare with healthy flights"),
+        (-0.069, "Motor 1 works 6.9 ± 1.4 % less hard than the mean: compare"),
+        (0.03, "No motor stands out; one that lost 32 % of its thrust would show; headroom 24 %."),
+    ],
+)
+def test_the_motor_that_deviates_most_is_named_though_the_trim_is_even(deviation, text):
+    light_fact = Fact(
+        MotorsLight.MOTORS_EVEN,
+        Level.GOOD,
+        worst="motor 1 (front right)",
+        deviation=deviation,
+        half=0.014,
+        most_loss=0.32,
+        headroom=0.24,
+    )
+    assert headline(light_fact).startswith(text)
+    assert ("Motor 1 (front right)" in light_fact.sentence) is (abs(deviation) > 0.06)
+
+
+def test_a_copter_whose_log_names_no_frame_has_that_of_its_placed_motors():
+    telemetry = Hover(hovering=1.0).telemetry(2.0, 2.0, parameters=X_QUAD_PARAMETERS)
+    unnamed = replace(telemetry, vehicle="GENERIC_MULTIROTOR")
+    assert identify_vehicle(Signals(unnamed)).frame == "QUADROTOR"
+    assert identify_vehicle(Signals(replace(unnamed, parameters={}))).frame == unnamed.vehicle

@@ -196,7 +196,7 @@ def test_the_light_of_the_headline_refers_to_it():
         assumed=False,
     )
     judgement = replace(assessment.judgement, headline=trim, lights={"motors": trim})
-    screen = review_screen(replace(assessment, judgement=judgement), columns=200)
+    screen = review_screen(replace(assessment, judgement=judgement), columns=300)
     assert "\nmotors     watch    See the headline.\n" in screen
     assert f"\n{trim.sentence}\n" in screen
 

@@ -16,7 +16,7 @@ from mavdem.ingest.parameter_file import read_parameters
 from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
-from mavdem.report.gain_changes import gain_changes, loading_sentences
+from mavdem.report.gain_changes import changes_on_trial, gain_changes, loading_sentences
 
 LOWER = Fact(
     LoopAction.LOWER_BY_A_THIRD,
@@ -120,17 +120,18 @@ def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatc
 def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():
     remedies = {Stage.RATE: "Load them and hover.", Stage.ANGLE: "Load them later."}
     advice = {}
-    for axis, stage, noise in (
-        ("roll", Stage.RATE, None),
-        ("pitch", Stage.RATE, ()),
-        ("yaw", Stage.ANGLE, ()),
+    for axis, stage, noise, sure in (
+        ("roll", Stage.RATE, None, 0.95),
+        ("pitch", Stage.RATE, (), 0.2),
+        ("yaw", Stage.ANGLE, (), 0.95),
     ):
         advice[axis] = partial_record(
             Advice,
             gains={axis: Gain(2.0, 3.0)},
             stage=stage,
             is_sound=True,
-            flights=1,
+            flights=4 if axis == "roll" else 1,
+            sure=sure,
             noise=noise,
             conclusion=partial_record(Fact, remedy=remedies[stage]),
         )
@@ -140,6 +141,9 @@ def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():
     [later] = loading_sentences({"yaw": advice["yaw"]})
     assert later.lead.startswith("Stage 2") and later.text == "Load them later."
     assert loading_sentences({"yaw": Fact(NextStep.KEEP_MODEL)}) == []
+    # The models of one axis of the first stage lack margin, so that its gains are on trial.
+    assert changes_on_trial(advice) == 4
+    assert changes_on_trial({"yaw": advice["yaw"]}) == 0
 
 
 def test_a_flight_whose_gains_stay_has_no_table():

@@ -15,7 +15,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ModelName
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.labels import Labels
-from mavdem.report.screen import motor_blocks, prediction_blocks
+from mavdem.report.screen import motor_blocks, motor_table_of_all_flight, prediction_blocks
 
 
 def test_errors_stand_beside_the_model_that_forecast_or_predicted():
@@ -41,6 +41,9 @@ def test_what_no_motor_has_is_no_column_and_what_is_not_identifiable_is_named_on
     unknown = dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE)
     table, sentence = motor_blocks(model(physical(**unknown)), HOVER)
     assert [*table.header][:2] == ["motor in settled flight", "command (µs)"]
+    [table_of_all_flight] = motor_table_of_all_flight(HOVER)
+    assert table_of_all_flight.header[0] == "motor in all flight"
+    assert table_of_all_flight.rows == table.rows
     names = "control effectiveness, rate damping and motor time constant"
     assert f"; {names} not identifiable" in sentence.text
     known_table, known_sentence = motor_blocks(model(physical()), HOVER)

@@ -121,7 +121,7 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
         motor_statistics = hover
     else:
         segments = evidence.flight_segments(motors.boot)
-        motor_statistics = _statistics_of_whole_flight(motors, segments)
+        motor_statistics = motor_figures_of_all_flight(evidence)
     if motor_statistics is None:
         return None
     motors_at_limit = limited_motors(motor_statistics)
@@ -164,19 +164,23 @@ def _with_yaw_trim(evidence: Evidence, limited_motors_fact: Fact) -> Fact:
     return limited_motors_fact.replace(yaw_trim=yaw_trim, assumed=trim.figures["assumed"])
 
 
-def _statistics_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
-    """Computes the trim, the headroom and the time at the limits of each motor over the whole flight.
+def motor_figures_of_all_flight(evidence: Evidence) -> HoverFigures | None:
+    """Computes the mean command, the headroom and the time at the limits of each motor over all flight.
 
-    These statistics are usually computed of hover alone. This function is for a flight with too little of it.
+    These figures are usually of hover alone. This function is for a flight with too little of it, and manoeuvres are in
+    its figures.
 
     Args:
-        motors: outputs (N, k) of k motors over time.
-        segments: all segments of flight, with manoeuvres too.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The statistics, fractions of the range of the outputs. None if the flight was shorter than
+        The figures, fractions of the range of the outputs. None without motor outputs, if all flight lasted less than
         ``MIN_STEADY_SECONDS``, if no output was recorded in it, or if the motors were off throughout.
     """
+    motors = evidence.signals.motors
+    if motors is None:
+        return None
+    segments = evidence.flight_segments(motors.boot)
     duration = total_duration(segments)
     outputs_in_flight = motors.outputs[in_segments(motors, *segments)]
     if duration < MIN_STEADY_SECONDS or not len(outputs_in_flight):
@@ -187,7 +191,7 @@ def _statistics_of_whole_flight(motors: MotorOutputs, segments: Segments) -> Hov
             motors.scale,
             duration,
             outputs_in_flight,
-            # The mean lean of the vehicle is a part of these statistics that is not used here.
+            # The mean lean of the vehicle is a part of these figures that is not used here.
             lean={},
         )
     except NotLearnable:

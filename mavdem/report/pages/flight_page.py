@@ -21,6 +21,7 @@ from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name, utc_date
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.last_position import last_position_of_loss
+from mavdem.assessment.lights.motors import motor_figures_of_all_flight
 from mavdem.assessment.motor_failure import failure_commands
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
@@ -94,6 +95,7 @@ from mavdem.report.screen import (
     flight_sentences,
     judgement_sentences,
     motor_blocks,
+    motor_table_of_all_flight,
     prediction_blocks,
     purpose_tables,
     torque_blocks,
@@ -985,7 +987,8 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
     """Returns the chapter on the motors of a flight: a table of the motors, and the vehicle drawn from above.
 
     If a motor failed, the drawing shows what the motors were commanded at that time; otherwise it shows the means of
-    the hover. If the log allows no full model, sentences on the motors' condition follow the table.
+    the hover. If the log allows no full model, sentences on the motors' condition follow the table. Without a hover the
+    table is of all flight.
 
     Args:
         analysis: what the log shows of the chosen axis: model, physical parameters and condition.
@@ -994,6 +997,10 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
     """
     hover = analysis.condition.hover
     blocks = motor_blocks(analysis.learned, hover)
+    if hover is None:
+        figures_of_all_flight = motor_figures_of_all_flight(evidence)
+        if figures_of_all_flight is not None:
+            blocks += motor_table_of_all_flight(figures_of_all_flight)
     has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
     if not has_full_model:
         for sentence in render_section("condition", analysis.condition):
