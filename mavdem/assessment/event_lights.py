@@ -87,7 +87,7 @@ LIGHT_OF_WARNING: dict[Code, Light] = LIGHT_OF_EVENT | {
 
 
 def light_or_warning(name: Light, light: Fact, evidence: Evidence) -> Fact:
-    """Returns the fact that a light shows: if the light is unknown, the worst warning before any loss about its subject.
+    """Returns the fact that a light shows: the worst warning about its subject before any loss, if it is unknown.
 
     What could not be measured is not known to be sound, and a warning about it is known.
 
@@ -116,7 +116,6 @@ def _duration(event: Fact) -> float:
     if "duration" in event.figures:
         return float(event.figures["duration"])
     return 0.0 if event.end_time is None else event.end_time - event.start_time
-
 
 
 def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:

@@ -352,8 +352,8 @@ class Evidence:
     def warnings_before_loss(self, codes: Container[Code]) -> Iterator[Fact]:
         """Yields the events with certain codes that warn of something, until the vehicle was lost.
 
-        What the autopilot reports counts in flight only. What the motion shows is of a vehicle off the ground anyway, so
-        that it counts in hops too, which are hardly any free flight.
+        What the autopilot reports counts in flight only. What the motion shows is of a vehicle off the ground anyway,
+        so that it counts in hops too, which are hardly any free flight.
 
         Args:
             codes: codes of the events to yield.
@@ -365,7 +365,11 @@ class Evidence:
         for event in self.events:
             if event in warnings_in_flight:
                 yield event
-            elif isinstance(event.code, MotionEvent) and event.code in codes and event.is_watch_or_bad:
+            elif (
+                isinstance(event.code, MotionEvent)
+                and event.code in codes
+                and event.is_watch_or_bad
+            ):
                 boot = event.figures["boot"]
                 is_before_loss = in_intervals(event.start_time, self._intervals_before_loss(boot))
                 if is_before_loss and self.flights(boot):

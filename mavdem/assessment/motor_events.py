@@ -285,9 +285,9 @@ def _with_full_throttle_marked(
         limit: fact (a coded finding) that a motor was at its limit, with its time.
 
     Returns:
-        The event with ``is_full_throttle`` and the mean ``climb_speed``, m/s, if it was measured. In a climb its level is
-        "good". It is unchanged unless the stick was at full throttle, in a mode in which it sets the thrust, for more
-        than ``FULL_THROTTLE_FRACTION`` of the time.
+        The event with ``is_full_throttle`` and the mean ``climb_speed``, m/s, if it was measured. In a climb its level
+        is "good". It is unchanged unless the stick was at full throttle, in a mode in which it sets the thrust, for
+        more than ``FULL_THROTTLE_FRACTION`` of the time.
     """
     stick = series_of_boot(throttle_stick(signals), boot)
     if stick is None:

@@ -391,7 +391,9 @@ def test_an_event_in_the_headline_is_its_light_unless_that_is_as_bad(levels, cod
     # A warning that a light shows for want of a measurement gives way to a headline that is as bad.
     warning = Fact(MotionEvent.ATTITUDE_CAUGHT, Level(level))
     if LIGHT_OF_EVENT.get(code) is Light.TRACKING:
-        assert lights_with_event({**before, Light.TRACKING: warning}, event)[Light.TRACKING] is event
+        assert (
+            lights_with_event({**before, Light.TRACKING: warning}, event)[Light.TRACKING] is event
+        )
     assert {name for name, fact in after.items() if fact is event} == ({light} - {None})
 
 
