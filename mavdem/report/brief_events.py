@@ -10,6 +10,7 @@ from mavdem.facts import Code, Fact, Facts, NamedFacts
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.session import LinkFact, RowsFact
 
 MAX_WORST_EVENTS = 3
 """Events of a short list besides those that tell the course of the flight, a choice: the page lists all of them."""
@@ -123,6 +124,7 @@ def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEven
     - The headline's event and the causes that it names.
     - The ``MAX_WORST_EVENTS`` worst of the other events (:func:`worst_events`). Left out are those that a status light
       states, those that are a part of the headline's event, and what is only to be watched after the flight was lost.
+    - After a loss of the link in flight, that messages came again.
 
     Args:
         events: events of the log, in the order of time, each a coded finding.
@@ -148,7 +150,25 @@ def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEven
         elif worst_count < MAX_WORST_EVENTS and not _is_stated(events, index, stated):
             counts[index] = count
             worst_count += 1
+    for index in _ends_of_losses(events, counts):
+        counts.setdefault(index, 1)
     return [CountedEvent(index, counts[index]) for index in sorted(counts)]
+
+
+def _ends_of_losses(events: Sequence[Fact], listed_indices: Collection[int]) -> list[int]:
+    """Returns the indices of the events by which messages came again after losses of the link in flight.
+
+    Args:
+        events: events of the flight, in the order of time.
+        listed_indices: indices of the events that are listed. Of these, a loss that has ended needs its end.
+    """
+    ends = []
+    resumptions = _indices_of(events, (RowsFact.MESSAGES_RESUMED,))
+    for loss in _indices_of(events, (LinkFact.LOST_IN_FLIGHT,)):
+        later_resumptions = [index for index in resumptions if index > loss]
+        if loss in listed_indices and later_resumptions:
+            ends.append(later_resumptions[0])
+    return ends
 
 
 def _flight_bounds(

@@ -35,6 +35,7 @@ from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import (
+    headline_and_next_step,
     headline_reason,
     light_rows,
     live_alarm,
@@ -99,6 +100,9 @@ def test_a_model_does_not_hide_why_the_estimator_is_not_judged(slow):
 def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):
     headline = slow.overall_judgement.headline
     assert str(headline) == str(SLOW)
+    assert headline_and_next_step(slow.overall_judgement)[0] == (
+        "Messages come too slowly: 25 of 40 Hz."
+    )
     power = {Light.POWER: Fact(Unjudged.NOT_JUDGED, reason=None)}
     checked = replace(slow, worst_lights=power).overall_judgement.headline
     assert str(checked) == "No alarm now in what is watched: oscillation and motor limits."

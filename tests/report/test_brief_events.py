@@ -12,7 +12,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.online import SurpriseCause
-from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
+from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
 from mavdem.report.brief_events import (
@@ -144,6 +144,18 @@ def test_the_short_list_of_a_sound_flight_has_its_take_off_modes_and_landing():
     del events[3]
     brief_events = Head(Level.GOOD, {}, _numbered_events(events, None)).brief_events
     assert [event.number for event in brief_events] == [1, 3, 4]
+
+
+def test_the_short_list_has_the_end_of_a_lost_link_that_it_has():
+    taken_off = Fact(ReportedEvent.OFF_GROUND, time=2.0, boot=0)
+    lost = Fact(LinkFact.LOST_IN_FLIGHT, Level.BAD, time=14.0, cause=None)
+    resumed = Fact(RowsFact.MESSAGES_RESUMED, subject=MissingMessages.MESSAGES, duration=15.0)
+    landed = Fact(ReportedEvent.ON_GROUND, time=46.0, boot=0)
+    stated = StatedEvents(None, (), ())
+    for events in ((taken_off, lost, resumed, landed), (taken_off, lost, landed)):
+        assert [events[event.event_index] for event in short_list(events, stated)] == [*events]
+    # Without the loss its end says nothing.
+    assert len(short_list((taken_off, resumed, landed), stated)) == 2
 
 
 def test_the_short_list_has_the_landings_and_take_offs_between_three_flights_but_not_of_more():
