@@ -80,7 +80,12 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         page.run("document.querySelector('[name=q]').select()")
         page.command("Input.insertText", text="alone")
         page.run("document.getElementById('find').requestSubmit()")
-        page.until("location.pathname.startsWith('/f/')")
+        page.until("location.pathname.startsWith('/f/') && document.getElementById('given_name')")
+        # A new name loads the page again, which still says that it is saved.
+        page.run("document.getElementById('given_name').value = 'By itself'")
+        page.run("document.getElementById('edit').requestSubmit()")
+        page.until("document.querySelector('h1')?.textContent.startsWith('By itself')")
+        page.until("document.getElementById('saved').textContent === 'Saved.'")
         assert server.library.find("1", (), 1)[1] == 21
         assert page.said == []
 

@@ -297,12 +297,12 @@
   }
   // What is saved may change the whole page, which is then loaded again, says so, and stays where it was.
   const reloadAfterSaving = statusId => {
-    sessionStorage.setItem("saved", JSON.stringify({ statusId, path: location.pathname, top: scrollY }));
+    history.replaceState({ statusId, top: scrollY }, "");
     location.reload();
   };
-  const saved = JSON.parse(sessionStorage.getItem("saved") ?? "null");
-  sessionStorage.removeItem("saved");
-  if (saved?.path === location.pathname && $(saved.statusId)) {
+  const saved = history.state;
+  if (saved?.statusId && $(saved.statusId)) {
+    history.replaceState(null, "");
     const status = $(saved.statusId), part = status.closest("details");
     if (part) part.open = true;
     status.textContent = "Saved.";
