@@ -149,7 +149,8 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     assert time[0] == approx(100.0, abs=0.2) and time[-1] == approx(110.0, abs=0.2)
     for segment in (1, 2, 3):
         add_flight(history, 2.0, segment, 110.0 + 5 * segment)
-    measured = live_timeline(history, "roll").flight_charts[0].lines[0]
+    roll_chart = live_timeline(history, "roll").flight_charts[0]
+    (measured,) = (line for line in roll_chart.lines if line.name == "measured")
     assert np.isnan(measured.y).sum() == 3
     # No line is drawn across a gap.
     assert np.diff(measured.x)[~np.isnan(measured.y[1:])].max() < 1.0
