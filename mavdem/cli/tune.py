@@ -43,7 +43,7 @@ PAGE_FILE = "tune.html"
 
 GAIN_FILES = tuple(
     f"gains.{part}.{ending}"
-    for part in ("stage1", "stage2", "notch", "before")
+    for part in ("stage1", "stage2", "lower", "notch", "before")
     for ending in ("params", "param")
 )
 """Names of the files with the advised gains, by the stage of tuning, and with the present ones; for QGroundControl and
@@ -99,7 +99,7 @@ def tune_command(
     --verbose it prints all margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of
     each stage for QGroundControl (.params) and Mission Planner (.param), and the present ones beside them (.before).
 
-    Exit code: 1 if gains are neither advised nor kept; the report and the page then say why, and what to fly.
+    Exit code: 1 if gains are neither computed nor kept; the report and the page then say why, and what to fly.
 
     \b
     Examples:
@@ -158,7 +158,8 @@ def _write_tuning(
     # The keys are endings of names, such as ".stage1.params".
     parameter_texts = tuning.files(vehicle)
     if parameter_texts:
-        parameter_texts |= present_parameter_files(tuning.parameters, vehicle)
+        names = [name for parameter_set in tuning.sets for name in parameter_set.parameters]
+        parameter_texts |= present_parameter_files(names, vehicle)
     for ending, text in parameter_texts.items():
         text_by_name[f"gains{ending}"] = text
     write_texts(folder, text_by_name, GAIN_FILES)

@@ -234,7 +234,7 @@ def tune_document(source: str, margins: str, tuning: Tuning, flights: Facts = ()
         flights: verdicts on the flights of a recording, if they are judged each by itself.
 
     Returns:
-        The document. Its key ``error`` is there only if gains are neither advised nor kept.
+        The document. Its key ``error`` is there only if gains are neither computed nor kept.
     """
     axes = {}
     for axis, advice in tuning.axes.items():

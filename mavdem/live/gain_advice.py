@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
-from mavdem.assessment.axis.tuning import Tuning, parameter_sets, tune_loops
+from mavdem.assessment.axis.tuning import Tuning, tune_loops
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import AXES
@@ -209,7 +209,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         return GainAdvice(facts, tuning.judgement)
     # The new gains of all axes by the names of their parameters.
     confirmed_gains = dict[str, float]()
-    for parameter_set in parameter_sets(tuning.advice, tuning.notch_parameters):
+    for parameter_set in tuning.sets:
         confirmed_gains |= parameter_set.parameters
     simulated_effects = predicted_errors(assessment.evidence, confirmed_gains)
     files_fact = _write_gain_files(recording, texts, tuning.judgement.next_step)

@@ -9,9 +9,14 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.tuning import ParameterSet, parameter_sets, present_parameter_files
+from mavdem.assessment.axis.tuning import (
+    NO_GAINS,
+    ParameterSet,
+    parameter_sets,
+    present_parameter_files,
+)
 from mavdem.facts import Fact
-from mavdem.facts.loops import GainFact, LoopAction
+from mavdem.facts.loops import GainFact
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
@@ -23,14 +28,8 @@ from mavdem.report.templates import render_section, sentences_by_axes
 READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
 """Ground stations that read a parameter file, by the ending of its name."""
 
-LOWERING = (GainFact.LOWER_GAINS, LoopAction.LOWER_BY_A_THIRD)
-"""Facts whose ``changes`` are gains to lower: name, value now and value to set."""
-
 NO_PARAMETERS: Parameters = MappingProxyType({})
 """No parameters besides the gains."""
-
-LOWERED_GAINS_HEADING = "Gains to lower before the next flight"
-"""First line of the parameter files of gains to lower."""
 
 
 class ParameterDownload(NamedTuple):
@@ -107,19 +106,19 @@ def gain_changes(
     log_name: str,
     vehicle: Telemetry,
     advice: AdviceByAxis,
-    next_step: Fact,
+    gains_to_lower: Mapping[str, Gain] = NO_GAINS,
     notch_parameters: Parameters = NO_PARAMETERS,
 ) -> GainChanges | None:
     """Returns a table of the gains to set after a judged flight, and parameter files with them to download.
 
-    These are the gains to lower, if the next step of the judgement names some, and otherwise the advised gains. Advised
-    gains that another flight is to confirm are in a table of their own, and in no file.
+    These are the advised gains of axes with a known loop, and the gains to lower on other axes. Advised gains that
+    another flight is to confirm are in a table of their own, and in no file.
 
     Args:
         log_name: name of the log, after which the files are named.
         vehicle: the vehicle, with its present parameters.
         advice: advised gains by axis, or why there are none.
-        next_step: next step of the judgement.
+        gains_to_lower: gains of axes for which none can be computed, by the autopilot's names.
         notch_parameters: parameters of the notch filter that the advised gains presuppose; they are set together with
             the first set of gains.
 
@@ -127,18 +126,9 @@ def gain_changes(
         The tables with their files; None if no gain changes.
     """
     advice_on_loops = [each for each in advice.values() if isinstance(each, Advice)]
-    gains_to_lower = _gains_to_lower(next_step)
-    if gains_to_lower:
-        gains = gains_to_lower
-        values = {name: gain.set for name, gain in gains.items()}
-        sets = [ParameterSet({**values, **notch_parameters}, LOWERED_GAINS_HEADING)]
-        tried_gains: dict[str, Gain] = {}
-        cautions: Sequence[Block] = ()
-    else:
-        gains = _changed_gains(advice_on_loops)
-        sets = parameter_sets(advice_on_loops, notch_parameters)
-        tried_gains = _changed_gains(each for each in advice_on_loops if not each.is_sound)
-        cautions = tuple(_cautions_on_gains(advice))
+    gains = {**_changed_gains(advice_on_loops), **gains_to_lower}
+    sets = parameter_sets(advice_on_loops, notch_parameters, gains_to_lower)
+    tried_gains = _changed_gains(each for each in advice_on_loops if not each.is_sound)
     if not sets and not tried_gains:
         return None
     return GainChanges(
@@ -147,7 +137,7 @@ def gain_changes(
         ),
         downloads=tuple(_downloads_of_sets(sets, PurePath(log_name).stem, vehicle)),
         tried_gains=_table_of_tried_gains(tried_gains) if tried_gains else None,
-        cautions=cautions,
+        cautions=tuple(_cautions_on_gains(advice)),
         new_values=_new_values(sets, tried_gains),
     )
 
@@ -249,11 +239,6 @@ def _new_values(
         for name, value in parameter_set.parameters.items():
             new_values[name] = NewValue(f"{value:.4g}", later_stage)
     return new_values
-
-
-def names_gains_to_lower(next_step: Fact) -> bool:
-    """Returns whether the next step of a judgement names gains to lower, in the place of the advised gains."""
-    return bool(_gains_to_lower(next_step))
 
 
 def loading_sentences(advice_by_axis: AdviceByAxis) -> list[Sentence]:
@@ -360,32 +345,3 @@ def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
     sentences = sentences_by_axes(model_fractions)
     sentences += sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy"))
     return sentences
-
-
-def _gains_to_lower(next_step: Fact) -> dict[str, Gain]:
-    """Returns the gains that a next step advises to lower, each with its value now and the value to set.
-
-    Args:
-        next_step: what to do next, a coded finding. The advice to lower gains is this fact or one that it contains,
-            such as its reason.
-
-    Returns:
-        The gains by the autopilot's names; empty if the next step is something else.
-    """
-    gains = {}
-    for fact in _fact_and_contained_facts(next_step):
-        if fact.code in LOWERING:
-            for name, present_value, new_value in fact.figures["changes"]:
-                gains[name] = Gain(present_value, new_value)
-    return gains
-
-
-def _fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
-    """Yields a fact (coded finding), the facts among its figures, and in turn those among their figures."""
-    yield fact
-    for figure in fact.figures.values():
-        # A figure is a value or a tuple of values.
-        values = figure if isinstance(figure, tuple) else (figure,)
-        for value in values:
-            if isinstance(value, Fact):
-                yield from _fact_and_contained_facts(value)

@@ -102,14 +102,16 @@ class GainOutcome(StrEnum):
     """The gains stay, but too few models of the vehicle have the margins to be sure of them."""
     FLY_FIRST = "fly_first"
     """Other gains were tried, and another flight is to confirm them before they are loaded."""
+    LOWER = "lower"
+    """Gains are lowered, since the axis oscillates or lacks margin by a measurement, and none can be computed."""
     DOUBTFUL = "doubtful"
     """The margins of the identified loop may be wrong, and no gains are advised."""
     UNKNOWN = "unknown"
     """No loop was identified."""
 
 
-OUTCOMES_WITHOUT_MARGINS = (GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN)
-"""Outcomes of axes whose stability margins are not known, or may be wrong."""
+OUTCOMES_WITHOUT_GAINS = (GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN)
+"""Outcomes of axes whose gains are neither set nor kept, since their margins are not known, or may be wrong."""
 
 
 def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
@@ -134,7 +136,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     next_step = Sentence(str(tuning.judgement.next_step), "Next:")
     # The remedies in the headline and in the next step are not repeated between them.
     texts_beside = [sentence.lead for sentence in heading]
-    texts_beside.append(next_step.text)
+    texts_beside += [next_step.text, *_texts_in_next_step(tuning)]
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
     if _needs_doublets_after_next_step(tuning):
         summary += render_section("tune_doublets")
@@ -157,8 +159,8 @@ def _needs_doublets_after_next_step(tuning: Tuning) -> bool:
     if is_action_on_loops or is_about_loops(next_step, tuning.judgement):
         return False
     for axis in tuning.axes:
-        lacks_margins = _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_MARGINS
-        if lacks_margins and axis not in tuning.axes_without_controller:
+        lacks_gains = _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_GAINS
+        if lacks_gains and axis not in tuning.axes_without_controller:
             return True
     return False
 
@@ -184,16 +186,16 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
 
     Returns:
-        A list with the sentence. If no axis has reliable margins, it says only that there are no gains for this reason.
+        A list with the sentence. If no gains are set or kept, it says only that no axis has reliable margins.
     """
     axes_by_outcome = group_by(tuning.axes, lambda axis: _gain_outcome(tuning, axis))
-    reliable_outcomes = axes_by_outcome.keys() - set(OUTCOMES_WITHOUT_MARGINS)
+    outcomes_with_gains = axes_by_outcome.keys() - set(OUTCOMES_WITHOUT_GAINS)
     return render_section(
         "tune_axes",
         axes=[*tuning.axes],
         axes_by_outcome=axes_by_outcome,
         outcomes=[*GainOutcome],
-        has_reliable_margins=bool(reliable_outcomes),
+        has_gains=bool(outcomes_with_gains),
     )
 
 
@@ -272,10 +274,9 @@ def _overview_header(tuning: Tuning, axis: str) -> str:
         "now → new", or "now" if no axis has new gains; "now → tried" if another flight is to confirm the new gains of
         this axis; ``DOUBTFUL_HEADER`` if its margins may be wrong.
     """
-    outcome = _gain_outcome(tuning, axis)
-    if outcome is GainOutcome.DOUBTFUL:
+    if _has_doubtful_margins(tuning, axis):
         return DOUBTFUL_HEADER
-    if outcome is GainOutcome.FLY_FIRST:
+    if _gain_outcome(tuning, axis) is GainOutcome.FLY_FIRST:
         return "now → tried"
     if any(isinstance(advice, Advice) and advice.parameters for advice in tuning.axes.values()):
         return "now → new"
@@ -325,6 +326,8 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         tuning: advice on the gains of each axis, or the fact that says why its loop is not known.
         axis: "roll", "pitch" or "yaw".
     """
+    if tuning.lowers_gains_of(axis):
+        return GainOutcome.LOWER
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
         return GainOutcome.UNKNOWN
@@ -442,11 +445,13 @@ def _sentences_without_loop(
         reason = _fact_on_axes(reason, listed(axes))
     report = _joined_sentences([reason], headline_above)
     if not report:
-        # The headline above says why: a repair is needed.
-        return render_section("tune_repair", axes=axes)
+        # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
+        axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
+        return render_section("tune_repair", axes=axes_without_gains)
     remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
     shown_remedies.update(remedies)
-    sentences = render_section("tune_no_gains", axes=axes, reason=report)
+    lowers_gains = any(tuning.lowers_gains_of(axis) for axis in axes)
+    sentences = render_section("tune_no_gains", axes=axes, reason=report, lowers_gains=lowers_gains)
     sentences += _remedies_towards_gains(axes, remedies)
     text_on_axes = " ".join([report, *remedies])
     return [*sentences, *_faults_in_flight(tuning, axes, text_on_axes, headline_above)]
@@ -1098,6 +1103,11 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
         for advice in tuning.advice:
             if advice.parameters and advice.is_sound and not tuning.waits(advice):
                 texts.add(_conclusion(tuning, advice).remedy)
+    if next_step.code is NextStep.LOAD_GAINS:
+        # The gains to lower are among those to load.
+        for axis, decision in tuning.judgement.loop_decisions.items():
+            if tuning.lowers_gains_of(axis):
+                texts.add(decision.fact.remedy)
     return texts
 
 
@@ -1383,7 +1393,7 @@ def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) ->
     for loop_name in LOOP_NAMES:
         rows += _margin_rows(loops, loop_name)
         rows += _step_rows(loops, loop_name, axes_with_feedforward)
-    if tuning.parameters:
+    if any(advice.parameters for advice in tuning.advice):
         # The standard deviation of the angle in the wind of the flight, degrees.
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append(["error by wind torque, sd (°)", *wind_errors])

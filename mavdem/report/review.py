@@ -352,9 +352,7 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
     if not advises_to_tune(assessment.next_step) or assessment.evidence is None:
         return []
     vehicle = assessment.evidence.signals.telemetry
-    changes = gain_changes(
-        assessment.log.source, vehicle, assessment.advised_gains, assessment.next_step
-    )
+    changes = gain_changes(assessment.log.source, vehicle, assessment.advised_gains)
     if changes is None or not changes.tables:
         return []
     gain_texts = []

@@ -95,6 +95,9 @@ def test_a_resonance_is_seen_by_the_response_to_the_setpoint():
     response = flight_evidence.margins[0].response
     assert response.frequency == approx(10.0, abs=1.0) and response.coherence > 0.9
     assert response.peak == approx(0.5 / np.sin(np.radians(6.0)), rel=0.2)
+    # What resonates is said by the sensitivity, since a rate that is as large as its setpoint would read as good.
+    low, high = response.ms_interval
+    assert f"Ms is {low:.2g} to {high:.2g} by the measured response" in light.sentence
 
 
 @mark.slow

@@ -9,12 +9,17 @@ from made_up_loop import made_up
 from numpy.testing import assert_array_equal
 from pytest import approx, mark
 
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import _advice_on_changed_loops, _next_step_with_new_gains
+from mavdem.assessment.axis.tuning import (
+    _advice_on_changed_loops,
+    _allows_new_gains,
+    _next_step_with_new_gains,
+)
 from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.loops import GainBound, GainFact, LoopFact, StepResponseFact
+from mavdem.facts.loops import GainBound, GainFact, LoopAction, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import TrimFact
 from mavdem.loops.advice import advise, reasons_for_no_gains
@@ -363,6 +368,14 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     for name, advice in {"sound": [lacks, unclear], "unclear": [unclear]}.items():
         steps[name] = _next_step_with_new_gains(judgement, advice, (), (), is_written=True)
     assert steps["sound"].code is NextStep.LOAD_GAINS
+    # Gains that are lowered on another axis are loaded with these, and come before a flight that changes none.
+    lower = Fact(LoopAction.LOWER_BY_A_THIRD, subject="rate", axis="pitch", changes=(("P", 3, 2),))
+    pitch = LoopDecision("pitch", LoopDiagnosis.BELOW_GOAL, headline, lower)
+    lowering = Judgement(headline.replace(action=lower), lower, {}, {"pitch": pitch})
+    assert _allows_new_gains(lowering.headline)
+    step = _next_step_with_new_gains(lowering, [lacks, unclear], (), (), is_written=True)
+    assert step.code is NextStep.LOAD_GAINS and step.figures["names"] == ("roll", "pitch")
+    assert lower == _next_step_with_new_gains(lowering, [unclear], (), (), is_written=True)
     assert steps["unclear"].code is NextStep.FLY_BEFORE_GAINS
     assert steps["unclear"].sentence == (
         "Keep the gains, and fly ten small, quick doublets about roll in calm air; then run "

@@ -7,7 +7,7 @@ from hover import Hover
 from partial_records import partial_record
 from pytest import MonkeyPatch, approx
 
-from mavdem.assessment.axis.tuning import stage_to_load
+from mavdem.assessment.axis.tuning import lowered_gains, stage_to_load
 from mavdem.cli.tune import tune_command
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
@@ -29,7 +29,7 @@ LOWER = Fact(
 def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
     vehicle = Hover().telemetry(parameters={"ATC_RAT_RLL_P": 0.135})
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
-    changes = gain_changes("flight.bin", vehicle, {}, next_step)
+    changes = gain_changes("flight.bin", vehicle, {}, lowered_gains(next_step))
     assert changes.first_table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
     gains = {}
     for download in changes.downloads:
@@ -45,7 +45,7 @@ def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
     vehicle = Hover().telemetry(parameters={"INS_HNTCH_FREQ": 60.0})
     notch = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 80.0}
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
-    changes = gain_changes("flight.bin", vehicle, {}, next_step, notch)
+    changes = gain_changes("flight.bin", vehicle, {}, lowered_gains(next_step), notch)
     assert changes.first_table.rows[1:] == [
         ["INS_HNTCH_ENABLE", "", "1", ""],
         ["INS_HNTCH_FREQ", "60", "80", ""],
@@ -70,8 +70,7 @@ def test_what_limits_advised_gains_stands_beside_them(monkeypatch: MonkeyPatch):
         sure=0.56,
         before=partial_record(Loop, cautions=(part, result)),
     )
-    next_step = Fact(NextStep.KEEP_MODEL)
-    changes = gain_changes("a.bin", Hover().telemetry(), {"roll": advice}, next_step)
+    changes = gain_changes("a.bin", Hover().telemetry(), {"roll": advice})
     share, caution = (f"{sentence.lead} {sentence.text}" for sentence in changes.cautions)
     assert share.startswith(
         "Roll: The gains tried, which are not to be loaded, have the margins in 56 %"
@@ -98,7 +97,7 @@ def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatc
         advice[axis] = partial_record(
             Advice, target=None, gains=gains, stage=stage, sure=0.95, before=loop
         )
-    changes = gain_changes("a.ulg", Hover().telemetry(), advice, Fact(NextStep.KEEP_MODEL))
+    changes = gain_changes("a.ulg", Hover().telemetry(), advice)
     first, second = changes.tables
     assert first.header[0] == "gain, stage 1" and first.rows[0][0] == "MC_ROLLRATE_P"
     assert second.header[0] == "gain, stage 2" and second.rows[0][0] == "MC_YAW_P"
@@ -110,11 +109,17 @@ def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatc
     assert stage_to_load(advice.values()) is Stage.RATE
     # Where nothing waits, a file still has the name of its stage, and is loaded at once.
     assert "load after a flight" in unquote(changes.downloads[3].address)
-    alone = gain_changes(
-        "a.ulg", Hover().telemetry(), {"yaw": advice["yaw"]}, Fact(NextStep.KEEP_MODEL)
-    )
+    alone = gain_changes("a.ulg", Hover().telemetry(), {"yaw": advice["yaw"]})
     assert [download.name for download in alone.downloads] == ["a.stage2.param", "a.stage2.params"]
     assert "load, hover one minute" in unquote(alone.downloads[1].address)
+    # Gains to lower on an axis for which none can be computed are in the same table and file as the first ones.
+    gains_to_lower = {"MC_PITCHRATE_P": Gain(0.15, 0.1)}
+    both = gain_changes("a.ulg", Hover().telemetry(), {"roll": advice["roll"]}, gains_to_lower)
+    [table] = both.tables
+    assert [row[0] for row in table.rows] == ["MC_ROLLRATE_P", "MC_PITCHRATE_P"]
+    assert [download.name for download in both.downloads] == ["a.stage1.param", "a.stage1.params"]
+    for name in both.new_values:
+        assert name in unquote(both.downloads[1].address)
 
 
 def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():
@@ -147,7 +152,7 @@ def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():
 
 
 def test_a_flight_whose_gains_stay_has_no_table():
-    assert gain_changes("a.bin", Hover().telemetry(), {}, Fact(NextStep.KEEP_MODEL)) is None
+    assert gain_changes("a.bin", Hover().telemetry(), {}) is None
 
 
 def test_help_and_guide_name_the_largest_step_of_a_gain():

@@ -1,5 +1,6 @@
 """What stands first in the report of ``mavdem tune``: its headline, and what to do next."""
 
+from hover import Hover
 from pytest import mark
 
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
@@ -11,7 +12,9 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
-from mavdem.report.loops import tune_summary, tuning_result
+from mavdem.loops.advice import Gain
+from mavdem.report.blocks import Sentence
+from mavdem.report.loops import outcome_sentences, tune_blocks, tune_summary, tuning_result
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 FLY_DOUBLETS = Fact(LoopAction.FLY_DOUBLETS, axis="roll", is_biased=False)
@@ -82,3 +85,19 @@ def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
     )
     leads = [sentence.lead for sentence in tune_summary(tuning, LIMITED)]
     assert ("To tune then:" in leads) is needs_doublets
+
+
+def test_lowered_gains_are_one_set_for_headline_report_and_files():
+    change = ("ATC_RAT_PIT_P", 0.2, 0.1333)
+    lower = Fact(LoopAction.LOWER_BY_A_THIRD, subject="rate", axis="pitch", changes=(change,))
+    decision = LoopDecision("pitch", LoopDiagnosis.BELOW_GOAL, NOT_STEERED, lower)
+    tuning = tuning_of(
+        NOT_STEERED, lower, {"pitch": decision}, gains_to_lower={"ATC_RAT_PIT_P": Gain(0.2, 0.1333)}
+    )
+    [outcome] = outcome_sentences(tuning)
+    assert outcome.lead == "Pitch: lower gains. Roll: no gains (margins not known)."
+    report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED.sentence)
+    assert Sentence("no gains, for the reason above.", "Roll:") in report
+    files = tuning.files(Hover().telemetry())
+    assert sorted(files) == [".lower.param", ".lower.params"]
+    assert "ATC_RAT_PIT_P,0.1333" in files[".lower.param"]

@@ -405,7 +405,8 @@ def resonance_fact(resonance: Resonance) -> Fact:
         resonance: peak of the measured response, which must have an interval.
 
     Returns:
-        The fact "resonates" or "no resonance", with its level.
+        The fact "resonates" or "no resonance", with its level. If it resonates, the fact has the interval of Ms and the
+        Ms that it should not exceed.
     """
     assert resonance.ms_interval is not None
     lowest_ms, highest_ms = resonance.ms_interval
@@ -418,7 +419,10 @@ def resonance_fact(resonance: Resonance) -> Fact:
         # A response that was measured only up to a low frequency may rise again where the rate loop crosses over.
         if resonance.rolls_off and resonance.max_frequency >= MAX_LOOP_FREQUENCY / 2:
             level = Level.GOOD
-    return _peak_fact(code, level, resonance)
+    fact = _peak_fact(code, level, resonance)
+    if code is MarginsLight.NO_RESONANCE:
+        return fact
+    return fact.replace(ms_interval=resonance.ms_interval, needed=USUAL_MARGINS.ms)
 
 
 def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:

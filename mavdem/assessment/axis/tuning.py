@@ -8,13 +8,19 @@ The results are facts (coded findings), in these roles:
   change the next step, for example to load the new gains.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.assessment.axis.gains import loop_at_end_of_log
-from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, LoopDecision, advises_to_tune
+from mavdem.assessment.axis.loop_decision import (
+    ADVICE_TO_TUNE,
+    LoopDecision,
+    LoopDiagnosis,
+    advises_to_tune,
+)
 from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
@@ -24,12 +30,12 @@ from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import ControllerFact, LoopAction, LoopFact
+from mavdem.facts.loops import ControllerFact, GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
-from mavdem.loops.advice import Advice, AdviceByAxis, advise, reasons_for_no_gains
+from mavdem.loops.advice import Advice, AdviceByAxis, Gain, advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.gain_design import SURE_SHARE, Stage
 from mavdem.loops.resonance import controller_if_known
@@ -43,12 +49,20 @@ WAITING_HEADING = (
     "Stage 2, angle P: load after a flight with stage 1, if its log advises them again"
 )
 """First line of the parameter files of the second stage, if those of the first are to be flown before."""
+LOWERED_GAINS_HEADING = "Gains to lower before the next flight"
+"""First line of the parameter files of gains to lower, if no other gains are set with them."""
 NOTCH_HEADING = "Notch filter, with the gains of the log"
 """First line of the parameter files of a notch filter alone."""
 PRESENT_HEADING = "The values of the log, to go back to"
 """First line of the parameter files with the values that advised ones replace."""
 PRESENT_SUFFIX = ".before"
 """End of the name of these files, before the ending."""
+
+NO_GAINS: Mapping[str, Gain] = MappingProxyType({})
+"""No gains to lower."""
+
+LOWERING = (GainFact.LOWER_GAINS, LoopAction.LOWER_BY_A_THIRD)
+"""Facts whose ``changes`` are gains to lower: name, value now and value to set."""
 
 LIGHTS_BEFORE_GAINS = (Light.MOTORS, Light.VIBRATION, Light.POWER)
 """Lights whose faults are mended before new gains are loaded: motors, vibration and battery change the loops."""
@@ -80,42 +94,80 @@ class ParameterSet(NamedTuple):
     """Their values, by the autopilot's names."""
     heading: str
     """First line of their parameter files."""
+    suffix: str
+    """End of the name of their files, before the ending."""
     stage: Stage | None = None
-    """The stage of tuning that they belong to; None for a notch filter alone."""
+    """The stage of tuning that they belong to; None for gains to lower, or for a notch filter, alone."""
 
-    @property
-    def suffix(self) -> str:
-        """End of the name of their files, before the ending."""
-        return ".notch" if self.stage is None else f".stage{self.stage:d}"
+
+def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> dict[str, Gain]:
+    """Returns the gains that the next step and the decisions on some axes advise to lower, by the autopilot's names.
+
+    Args:
+        next_step: what to do next, a coded finding. The advice to lower gains is this fact or one that it contains,
+            such as its reason.
+        decisions: decisions on the loops of the axes whose gains are set with those of the next step. Of these, the
+            gains of a loop with a measured lack of margin are lowered; against a limit cycle the next step lowers all.
+
+    Returns:
+        Each gain with its value now and the value to set; empty if none is to be lowered.
+    """
+    advice = [fact for fact in _fact_and_contained_facts(next_step) if fact.code in LOWERING]
+    for decision in decisions:
+        if decision.action is not None and decision.action.code is LoopAction.LOWER_BY_A_THIRD:
+            advice.append(decision.action)
+    gains = {}
+    for fact in advice:
+        for name, present_value, new_value in fact.figures["changes"]:
+            gains[name] = Gain(present_value, new_value)
+    return gains
+
+
+def _fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
+    """Yields a fact (coded finding), the facts among its figures, and in turn those among their figures."""
+    yield fact
+    for figure in fact.figures.values():
+        # A figure is a value or a tuple of values.
+        values = figure if isinstance(figure, tuple) else (figure,)
+        for value in values:
+            if isinstance(value, Fact):
+                yield from _fact_and_contained_facts(value)
 
 
 def parameter_sets(
-    advice_on_loops: Sequence[Advice], notch_parameters: Parameters
+    advice_on_loops: Sequence[Advice],
+    notch_parameters: Parameters,
+    gains_to_lower: Mapping[str, Gain] = NO_GAINS,
 ) -> list[ParameterSet]:
     """Returns the parameters that may be loaded, as one set for each flight, in the order of the flights.
 
-    Gains are flown stage by stage. A notch filter is set with the first gains, or alone if no gains are to be loaded.
-    Gains that another flight is to confirm first are in no set (``Advice.is_sound``).
+    Computed gains are flown stage by stage. Gains to lower and a notch filter are set with the first of them, or alone
+    if no others are to be loaded. Gains that another flight is to confirm first are in no set (``Advice.is_sound``).
 
     Args:
         advice_on_loops: the advice on each axis whose loops are known.
         notch_parameters: parameters that set a notch filter; empty without one.
+        gains_to_lower: gains of axes for which none can be computed, by the autopilot's names (:func:`lowered_gains`).
     """
     sets = list[ParameterSet]()
-    notch_to_set = notch_parameters
+    parameters_of_first_set = {name: gain.set for name, gain in gains_to_lower.items()}
+    parameters_of_first_set |= notch_parameters
     for stage, heading in STAGE_HEADINGS.items():
         parameters_of_stage = dict[str, float]()
         for advice in advice_on_loops:
             if advice.stage is stage and advice.is_sound:
                 parameters_of_stage |= advice.parameters
         if parameters_of_stage:
-            parameters_of_stage |= notch_to_set
-            notch_to_set = {}
+            parameters_of_stage |= parameters_of_first_set
+            parameters_of_first_set = {}
             # Gains of the second stage wait only if there are some of the first.
             heading_of_set = WAITING_HEADING if sets else heading
-            sets.append(ParameterSet(parameters_of_stage, heading_of_set, stage))
-    if notch_to_set:
-        sets.append(ParameterSet(notch_to_set, NOTCH_HEADING))
+            suffix = f".stage{stage:d}"
+            sets.append(ParameterSet(parameters_of_stage, heading_of_set, suffix, stage))
+    if parameters_of_first_set and gains_to_lower:
+        sets.append(ParameterSet(parameters_of_first_set, LOWERED_GAINS_HEADING, ".lower"))
+    elif parameters_of_first_set:
+        sets.append(ParameterSet(parameters_of_first_set, NOTCH_HEADING, ".notch"))
     return sets
 
 
@@ -166,6 +218,23 @@ class Tuning(NamedTuple):
     """The axes whose controller or mixer the logged parameters do not describe, so that no flight leads to gains."""
     no_loop: Fact | None = None
     """Why the loops of no axis are known; None if those of at least one axis are."""
+    gains_to_lower: Mapping[str, Gain] = NO_GAINS
+    """Gains to lower, of axes for which none can be computed; they are among ``parameters``."""
+
+    @property
+    def sets(self) -> list[ParameterSet]:
+        """The parameters to load, as one set for each flight (:func:`parameter_sets`)."""
+        return parameter_sets(self.advice, self.notch_parameters, self.gains_to_lower)
+
+    def lowers_gains_of(self, axis: str) -> bool:
+        """Returns whether gains of an axis are lowered because it oscillates or lacks margin by a measurement."""
+        decision = self.judgement.loop_decisions.get(axis)
+        if decision is None or decision.diagnosis is LoopDiagnosis.UNKNOWN:
+            return False
+        action = decision.action
+        if action is None or action.code not in LOWERING:
+            return False
+        return any(name in self.gains_to_lower for name, _, _ in action.figures["changes"])
 
     @property
     def refusal(self) -> Fact | None:
@@ -181,7 +250,7 @@ class Tuning(NamedTuple):
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the contents of the parameter files that set the advised gains, to be loaded by a ground station.
 
-        There is a pair of files, in two formats, for each of the :func:`parameter_sets`.
+        There is a pair of files, in two formats, for each of the ``sets``.
 
         Args:
             vehicle: the vehicle that will load the files.
@@ -190,7 +259,7 @@ class Tuning(NamedTuple):
             The text of each file by the ending of its name, such as ``.stage1.params``.
         """
         text_by_ending = {}
-        for parameter_set in parameter_sets(self.advice, self.notch_parameters):
+        for parameter_set in self.sets:
             texts = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
             for ending, text in texts.items():
                 text_by_ending[f"{parameter_set.suffix}{ending}"] = text
@@ -252,6 +321,9 @@ def tune_loops(
         # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
+    decisions = judgement.loop_decisions
+    decisions_on_axes = [decisions[axis] for axis in axes if axis in decisions]
+    gains_to_lower = lowered_gains(judgement.next_step, decisions_on_axes)
     arguments = _arguments_of_command(
         evidence, margins, raises_sound_gains=raises_sound_gains, filters=filters
     )
@@ -266,13 +338,14 @@ def tune_loops(
     tuning = Tuning(
         axes=advice_by_axis,
         advice=advice_on_loops,
-        parameters=parameters,
+        parameters=parameters | {name: gain.set for name, gain in gains_to_lower.items()},
         notch_parameters=notch_parameters if parameters else {},
         notch=notch,
         judgement=tuning_judgement,
         doubtful_axes=axes_with_doubtful_loop(assessment.margins, evidence.loops),
         axes_without_controller=_axes_without_controller(evidence, axes),
         no_loop=no_loop,
+        gains_to_lower=gains_to_lower,
     )
     return freeze(tuning)
 
@@ -336,7 +409,8 @@ def _judgement_with_tuning_step(
     There are five cases:
 
     - There are new gains, but of axes with enough margin, while others lack it: the next step is to tune those first.
-    - There are new gains, and no other fault comes before them: the next step is to load the gains.
+    - There are new gains, and no other fault comes before them: the next step is to load the gains, with any that are
+      to be lowered on another axis.
     - There are none, although the next step was to tune the vehicle: it becomes to tune other axes or, if their gains
       need no change, what the advice on the loops says instead, such as to fly doublets.
     - No gains can be advised at all, and no fault is the reason: the next step is what leads to advice, such as to log
@@ -524,14 +598,17 @@ def _next_step_with_new_gains(
         is_written: whether the gains are written to a file.
 
     Returns:
-        The fact (coded finding) ``FLY_BEFORE_GAINS`` if the flight is not a basis for the new gains of any axis
-        (``Advice.is_sound``), and otherwise ``LOAD_GAINS``.
+        The fact (coded finding) ``LOAD_GAINS`` if the flight is a basis for the new gains of an axis
+        (``Advice.is_sound``). Otherwise the next step of the judgement if it lowers gains, and ``FLY_BEFORE_GAINS`` if
+        not.
     """
     changed_loops = _advice_on_changed_loops(advice_on_loops)
     if any(advice.is_sound for advice in changed_loops):
         return _step_to_load_gains(
             judgement, changed_loops, other_axes, arguments, is_written=is_written
         )
+    if lowered_gains(judgement.next_step):
+        return judgement.next_step
     return _step_to_fly_before_gains(judgement, changed_loops)
 
 
@@ -661,6 +738,7 @@ def _step_to_load_gains(
     axes_to_load: Names = ()
     if len(loops_to_load) < len(changed_loops):
         axes_to_load = tuple(advice.before.axis for advice in loops_to_load)
+        axes_to_load += _axes_with_lowered_gains(judgement)
     return Fact(
         NextStep.LOAD_GAINS,
         judgement.headline.level,
@@ -680,6 +758,15 @@ def _step_to_load_gains(
         others=tuple(other_axes),
         arguments=tuple(arguments),
     )
+
+
+def _axes_with_lowered_gains(judgement: Judgement) -> Names:
+    """Returns the axes whose gains the decisions on their loops lower, since they lack margin by a measurement."""
+    axes = []
+    for axis, decision in judgement.loop_decisions.items():
+        if decision.action is not None and decision.action.code is LoopAction.LOWER_BY_A_THIRD:
+            axes.append(axis)
+    return tuple(axes)
 
 
 def _has_biased_effectiveness(loop: Loop) -> bool:
@@ -850,8 +937,8 @@ def _advice_on_loop(
 def _allows_new_gains(headline: Fact) -> bool:
     """Returns whether new gains may be the next step after a flight, or whether another fault must be mended before.
 
-    - A headline about the loops allows new gains if its own advice is to change gains, or to fly before they are
-      loaded.
+    - A headline about the loops allows new gains if its own advice is to change gains, which may be to lower those of
+      an axis for which none can be computed, or to fly before they are loaded.
     - A headline about anything else allows them unless it is bad.
 
     Args:
@@ -860,7 +947,11 @@ def _allows_new_gains(headline: Fact) -> bool:
     """
     action = headline.figures.get("action")
     if action is not None:
-        return action.code in ADVICE_TO_TUNE or action.code is LoopAction.FLY_BEFORE_GAINS
+        return action.code in (
+            *ADVICE_TO_TUNE,
+            LoopAction.FLY_BEFORE_GAINS,
+            LoopAction.LOWER_BY_A_THIRD,
+        )
     return not headline.is_bad
 
 

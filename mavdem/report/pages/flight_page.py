@@ -16,6 +16,7 @@ from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import model_findings
 from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.axis.responses import advised_steps
+from mavdem.assessment.axis.tuning import lowered_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name, utc_date
@@ -60,7 +61,7 @@ from mavdem.report.charts.timeline import (
     rate_title,
 )
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.gain_changes import gain_changes, loading_sentences, names_gains_to_lower
+from mavdem.report.gain_changes import gain_changes, loading_sentences
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
@@ -238,10 +239,13 @@ def log_page(
     changes = None
     if assessment.evidence is not None:
         vehicle = assessment.evidence.signals.telemetry
-        changes = gain_changes(name, vehicle, advice, assessment.next_step)
+        gains_to_lower = lowered_gains(assessment.next_step)
+        # A next step that lowers gains comes before new ones.
+        advice_to_load = {} if gains_to_lower else advice
+        changes = gain_changes(name, vehicle, advice_to_load, gains_to_lower)
     # Sentences refer to parts of the page, where those of the terminal name commands.
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
-        if changes is not None and not names_gains_to_lower(assessment.next_step):
+        if changes is not None and not lowered_gains(assessment.next_step):
             changes = changes._replace(loading=loading_sentences(advice))
         evidence = headline_evidence(assessment.headline, assessment.lights)
         timeline = assessment_timeline(assessment, has_all_flights=True)
@@ -742,7 +746,7 @@ def _flight_chapters(
         yield _axes_chapter(assessment, timeline)
     steps = advised_steps(assessment.responses, advice)
     yield responses_chapter(assessment.responses, steps, assessment.lights[Light.MARGINS])
-    has_advised_gains_above = not names_gains_to_lower(assessment.next_step)
+    has_advised_gains_above = not lowered_gains(assessment.next_step)
     yield from loops_chapters(assessment, evidence, advice, has_gains_above=has_advised_gains_above)
     vibration = vibration_chapter(assessment, timeline, has_spectrograms=is_full)
     if is_full:

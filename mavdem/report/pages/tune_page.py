@@ -129,7 +129,7 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
         name,
         evidence.signals.telemetry,
         tuning.axes,
-        tuning.judgement.next_step,
+        tuning.gains_to_lower,
         tuning.notch_parameters,
     )
 
@@ -389,7 +389,7 @@ def _twin_charts_by_axis(tuning: Tuning, assessment: Assessment) -> dict[str, li
     # Gains are advised only of a vehicle that was judged, and so has evidence.
     assert assessment.evidence is not None
     charts_by_axis = dict[str, list[Panel]]()
-    if not tuning.parameters:
+    if not any(advice.parameters for advice in tuning.advice):
         return charts_by_axis
     # Either the simulated flights, or a fact (coded finding) that says why there is no twin.
     trial = try_gains(assessment.evidence, tuning.parameters)
