@@ -49,6 +49,7 @@ from mavdem.report.live import moment_text, unrepaired_fault_text
 from mavdem.report.pages import flight_page
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import as_clause
+from mavdem.report.templates import headline as headline_text
 from mavdem.serve import link_monitor, live_pages
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
@@ -523,6 +524,11 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         # What is known of the flight that has ended since.
         own_verdict = [f"This flight: {as_clause(status.overall_judgement.headline)}."]
         assert [sentence.text for sentence in further] == own_verdict * status.flight_number
+    details = "Motor 3 lost 18 to 40 % of its thrust at 26 s (probability > 0.99): it works harder."
+    stated = waiting.unrepaired_fault.figures["reason"].replace(headline=details)
+    assert headline_text(waiting.unrepaired_fault.replace(reason=stated)) == (
+        "Earlier flight (2026-11-28 09:15 UTC): motor 3 lost 18 to 40 % of its thrust at 26 s."
+    )
     # Where only its system id is known, the flight may be of another vehicle.
     doubtful_step = next_step("PX4", "quad", is_named=False)
     assert str(doubtful_step).startswith(
