@@ -361,8 +361,9 @@ class FlightRow:
 
     @property
     def has_flight(self) -> bool:
-        """Whether the row is of a flight: one with figures, or one without any whose assessment is bad."""
-        return self.is_read or self.headline_level == Level.BAD
+        """Whether the row is of a flight: one with figures, one that was too short for any, or one that went badly."""
+        was_in_air = bool(self.flight_time) and self.headline is not None
+        return self.is_read or was_in_air or self.headline_level == Level.BAD
 
     @cached_property
     def order(self) -> RowOrder:

@@ -123,9 +123,35 @@ ATTITUDE_GAIN = re.compile(r"ATC_ANG_(RLL|PIT|YAW)_P$|STB_(RLL|PIT|YAW)_P$|MC_(R
 
 AUTOPILOT_SET_PARAMETERS = re.compile(
     r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
-    r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"
+    r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|SCAL|AHRS_TRIM)_[XYZ]$|"
+    r"^COMPASS_((OFS|DIA|ODI|MOT)\d?_[XYZ]|SCALE\d?)$|^SENS_BOARD_[XYZ]_OFF$"
 )
 """Names of parameters that autopilots set by themselves: counters, and what they learn in flight and by calibration."""
+
+CALIBRATION_PARAMETERS = {
+    "accelerometers": re.compile(
+        r"INS\d?_ACC\d?(OFFS|SCAL)_[XYZ]$|INS\d?_ACC\d?_CALTEMP$|CAL_ACC\d_[XYZ]SCALE$"
+    ),
+    "level": re.compile(r"AHRS_TRIM_[XYZ]$|SENS_BOARD_[XYZ]_OFF$"),
+    "compass": re.compile(
+        r"COMPASS_((DIA|ODI|MOT)\d?_[XYZ]|SCALE\d?)$|CAL_MAG\d_[XYZ](SCALE|ODIAG|COMP)$"
+    ),
+    "radio": re.compile(r"RC\d+_(MIN|MAX|TRIM)$"),
+    "temperature compensation": re.compile("TC_"),
+}
+"""Names of parameters of ArduPilot and PX4 that only a calibration by a person sets, by what is calibrated."""
+
+CALIBRATED_OR_LEARNED_PARAMETERS = {
+    "accelerometers": re.compile("CAL_ACC"),
+    "gyros": re.compile("CAL_GYRO"),
+    "compass": re.compile(r"COMPASS_OFS\d?_[XYZ]$|CAL_MAG"),
+}
+"""Names of parameters that a calibration sets, or that the autopilot learns in flight, by what is calibrated.
+
+ArduPilot learns offsets of the compass by COMPASS_LEARN, PX4 those of all three by SENS_IMU_AUTOCAL and
+SENS_MAG_AUTOCAL. Offsets of ArduPilot's gyros are in neither table, since it measures them at each start by itself
+(INS_GYR_CAL).
+"""
 
 
 SIH_AIRFRAMES = range(10040, 10050)

@@ -514,9 +514,9 @@ def _balance_change(
         further_values: Further values of the fact: the change, the usual deviations, and the healthy flights.
 
     Returns:
-        The fact, with the likeliest cause as ``explanation``, and the mean and the ends of the 90 % interval of the
-        rise of the likeliest motor's command, and of its loss of thrust. The motor is its subject if that is probable
-        enough.
+        The fact, with the likeliest cause as ``explanation``, the probability that any motor is the cause, and the mean
+        and the ends of the 90 % interval of the rise of the likeliest motor's command, and of its loss of thrust. The
+        motor is its subject if that is probable enough.
     """
     motor = int(change.motor_probabilities.argmax())
     cause_probabilities = {
@@ -538,6 +538,7 @@ def _balance_change(
         probability=change_probability,
         explanation=likeliest,
         explanation_probability=cause_probabilities[likeliest],
+        any_motor_probability=float(any_motor_probability),
         rise=rise,
         loss=lost_thrust(rise, flight.signatures.own_rise_ratios[motor]),
         **further_values,

@@ -12,10 +12,17 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
-from mavdem.report.blocks import Blocks, Table, truncated
+from mavdem.report.blocks import Blocks, Sentence, Table, shortened, truncated
 from mavdem.report.fleet import ANOMALOUS_HEALTHS, vehicle_label
-from mavdem.report.numbers import MAX_LISTED_NAMES, abbreviated_list, listed
-from mavdem.report.templates import as_clause, bans_first, capitalize_first, render_section
+from mavdem.report.numbers import abbreviated_list, listed
+from mavdem.report.templates import (
+    as_clause,
+    bans_first,
+    capitalize_first,
+    first_clause,
+    first_sentence,
+    render_section,
+)
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
 
 TIER_WORDS = {
@@ -37,6 +44,12 @@ MIN_WHOLE_HOURS = 10
 
 MAX_REASONS = 8
 """Reasons why logs were not used that are shown, the most frequent ones."""
+
+MAX_VEHICLE_LINES = 20
+"""Vehicles that need a look with a line of their own on the terminal; the page has all. A choice."""
+
+MAX_FINDING_LENGTH = 100
+"""Letters of what such a line says of the latest flight: with the next step, two lines of a terminal. A choice."""
 
 MAX_FILE_LENGTH = 40
 """Letters of a file's name in a table."""
@@ -96,8 +109,38 @@ def fleet_blocks(
         bad_names=bad_names,
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
+    if not lists_follow:
+        # They follow the headline, which counts them.
+        blocks[1:1] = _urgent_vehicle_lines(vehicles_of_headline, names, shared_names)
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused_rows)]
+
+
+def _urgent_vehicle_lines(
+    vehicles: Mapping[str, VehicleFlights], names: GivenNames, shared_names: Collection[str]
+) -> list[Sentence]:
+    """Returns a line for each of several vehicles that need a look: what was found, and what to do next.
+
+    Args:
+        vehicles: summary of each vehicle that the headline counts, by its name in the logs.
+        names: names that owners gave to vehicles.
+        shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
+
+    Returns:
+        The lines, the most urgent vehicle first, at most ``MAX_VEHICLE_LINES``. A single vehicle has none, since the
+        headline itself says it.
+    """
+    labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
+    urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
+    if len(urgent) < 2:
+        return []
+    lines = []
+    for vehicle in urgent[:MAX_VEHICLE_LINES]:
+        finding = as_clause(shortened(vehicle.flights.texts.latest_flight, MAX_FINDING_LENGTH))
+        next_step = first_clause(first_sentence(vehicle.flights.texts.next_step))
+        text = f"{finding} · {next_step}" if vehicle.flights.texts.next_step else f"{finding}."
+        lines.append(Sentence(text, lead=f"{vehicle.label}:"))
+    return lines
 
 
 class _HeadlineCounts(NamedTuple):
@@ -283,7 +326,7 @@ class HealthSummary(NamedTuple):
     """Number of vehicles that need a look: with a fault or a drift of the motors, or a bad headline."""
 
     urgent_list: str
-    """These vehicles with the reasons, in words."""
+    """These vehicles, or the first, in words; a single one with the reason. Empty where a line for each follows."""
 
     watched_count: int
     """Number of vehicles that do not need a look, but whose latest flight has the level "watch"."""
@@ -295,11 +338,11 @@ class HealthSummary(NamedTuple):
     """Number of vehicles whose motors are healthy."""
 
     reason: str
-    """Why the motors of the most urgent vehicle are judged as they are; empty where a list follows that says it."""
+    """Why the motors of the only urgent vehicle are judged as they are; empty where a list follows that says it."""
 
     next_steps: list[str]
-    """What to do next about each urgent vehicle that the headline names, "Do not fly" first, then the most urgent; of
-    each the label stands before it, unless the fleet has no other vehicle."""
+    """What to do next about each urgent vehicle, unless a list that follows says it: "Do not fly" first, then the most
+    urgent; of each the label stands before it, unless the fleet has no other vehicle."""
 
 
 def _health_summary(
@@ -316,7 +359,8 @@ def _health_summary(
         names: names that owners gave to vehicles.
         shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
         lists_follow: whether a list of the vehicles follows the headline. Then, of more than two urgent vehicles, the
-            headline names the most urgent one only.
+            headline names the most urgent one only, and leaves what to do to the list. Without such a list, several
+            urgent vehicles have a line each below the headline.
     """
     labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
     urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
@@ -327,26 +371,34 @@ def _health_summary(
         is_watched = vehicle.flights.last.badge_level is Level.WATCH
         if is_watched and not vehicle.flights.needs_look:
             watched_count += 1
+    urgent_list = ""
+    reason = ""
+    advised = urgent
+    if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:
+        # The list below has the others, and what to do about each.
+        urgent_list = f"first {urgent[0].label}"
+        advised = []
+    elif lists_follow:
+        urgent_list = listed(vehicle.label for vehicle in urgent)
+    elif len(urgent) == 1:
+        urgent_list = _urgent_text(urgent[0])
+        reason = _reason(urgent[0])
+    else:
+        # A line for each vehicle follows, with what to do about it.
+        advised = []
     next_steps = []
-    for vehicle in urgent:
+    for vehicle in advised:
         next_step = vehicle.flights.texts.next_step
         if next_step:
             next_steps.append(f"{vehicle.subject}{next_step}")
-    if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:
-        # The list below has the others, and what to do about them.
-        urgent_list = f"first {urgent[0].label}"
-        next_steps = next_steps[:1]
-    else:
-        urgent_list = abbreviated_list(_urgent_texts(urgent, has_reasons=not lists_follow))
     return HealthSummary(
         urgent_count=len(urgent),
         urgent_list=urgent_list,
         watched_count=watched_count,
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=len(healthy),
-        # A list that follows has the reasons.
-        reason="" if lists_follow else _reason_of_most_urgent(urgent),
-        next_steps=bans_first(next_steps)[:MAX_LISTED_NAMES],
+        reason=reason,
+        next_steps=bans_first(next_steps),
     )
 
 
@@ -383,33 +435,16 @@ def _labelled_by_urgency(
     return labelled_vehicles
 
 
-def _urgent_texts(urgent: Sequence[_LabelledVehicle], *, has_reasons: bool) -> list[str]:
-    """Returns the label of each vehicle that needs a look.
-
-    Args:
-        urgent: these vehicles.
-        has_reasons: whether what was found in the latest flight follows each label in parentheses.
-    """
-    if not has_reasons:
-        return [vehicle.label for vehicle in urgent]
-    texts = []
-    for vehicle in urgent:
-        finding = as_clause(vehicle.flights.texts.latest_flight)
-        texts.append(f"{vehicle.label} ({finding})")
-    return texts
+def _urgent_text(vehicle: _LabelledVehicle) -> str:
+    """Returns the label of a vehicle that needs a look, and in parentheses what was found in its latest flight."""
+    finding = as_clause(vehicle.flights.texts.latest_flight)
+    return f"{vehicle.label} ({finding})"
 
 
-def _reason_of_most_urgent(urgent: Sequence[_LabelledVehicle]) -> str:
-    """Returns why the motors of the most urgent vehicle are judged as they are; empty without a reason or a vehicle.
-
-    Args:
-        urgent: the vehicles that need a look, the most urgent one first.
-    """
-    if not urgent:
-        return ""
-    most_urgent = urgent[0]
-    reason = most_urgent.flights.texts.reason
-    return f"{most_urgent.subject}{reason}" if reason else ""
+def _reason(vehicle: _LabelledVehicle) -> str:
+    """Returns why the motors of a vehicle are judged as they are, after its label; empty without a reason."""
+    reason = vehicle.flights.texts.reason
+    return f"{vehicle.subject}{reason}" if reason else ""
 
 
 class FlownTotals(NamedTuple):

@@ -22,7 +22,7 @@ from mavdem.report.fleet import (
     vehicle_name_or_type,
 )
 from mavdem.report.numbers import listed, rounded
-from mavdem.report.templates import rounded_up
+from mavdem.report.templates import render_section, rounded_up
 from mavdem.wind_velocity.compass import compass_text
 
 MAX_NOTE_LENGTH = 320
@@ -217,6 +217,10 @@ def _notes_on_flight(flight: AxisRows) -> str:
     if not has_anomaly or not is_headline_replaced(level_of_log):
         notes += [row.headline for row in flight]
     notes += [row.health_reason for row in flight if row.health != MotorHealth.OK]
+    if not first_row.is_read:
+        notes += [
+            note.text for note in render_section("fleet_not_compared", reason=first_row.status)
+        ]
     for row in flight:
         notes += row.warnings
     # A dictionary keeps each sentence once, in order.

@@ -15,6 +15,7 @@ from mavdem.documents import complete_document
 from mavdem.documents.fleet import Diff
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import ComparedSubject, Incomparable, QuantityOutcome
+from mavdem.fleet.calibration_changes import calibration_changes
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.flight_conditions import mean_conditions
 from mavdem.fleet.parameter_changes import (
@@ -437,6 +438,32 @@ def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
     set_by_autopilot = [("INS_GYROFFS_X", 0.1, 0.2), ("MIS_TOTAL", 1.0, 2.0)]
     assert parameters_changed_by_autopilot(before, after) == set_by_autopilot
     assert states_without_gains(before, {"MIS_TOTAL": 1.0}) == ("B",)
+
+
+def test_what_a_person_calibrated_is_told_from_what_the_autopilot_learns():
+    """Offsets of a compass alone may have been learned in flight; its scale is set by a calibration only."""
+    certain = ["INS_ACC2SCAL_X", "AHRS_TRIM_Y", "COMPASS_DIA2_X", "COMPASS_OFS_X", "RC8_MAX"]
+    autopilot = ["INS_GYROFFS_X", "INS_GYR1_CALTEMP", "STAT_BOOTCNT", "BARO1_GND_PRESS"]
+
+    def changes(names):
+        """Returns changes of these parameters, all of which the autopilot or a calibration sets."""
+        before = dict.fromkeys(names, 0.0)
+        assert not changed_parameters(before, dict.fromkeys(names, 1.0))
+        return calibration_changes(
+            parameters_changed_by_autopilot(before, dict.fromkeys(names, 1.0))
+        )
+
+    calibrated = ("accelerometers", "level", "compass", "radio")
+    assert changes([*certain, *autopilot]) == (calibrated, (), len(autopilot))
+    assert changes(["COMPASS_OFS2_Z"]) == ((), ("compass",), 0)
+    px4 = [
+        "CAL_ACC0_XSCALE",
+        "CAL_ACC0_XOFF",
+        "SENS_BOARD_X_OFF",
+        "CAL_MAG1_XOFF",
+        "CAL_GYRO0_XOFF",
+    ]
+    assert changes(px4) == (("accelerometers", "level"), ("gyros", "compass"), 0)
 
 
 def test_the_document_states_where_the_steps_of_each_axis_come_from():

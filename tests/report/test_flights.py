@@ -74,8 +74,12 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     assert (motors["health"], motors["sentence"]) == ("unknown", "It fell.")
     cycle = {"headline": "Oscillates.", "headline_level": "bad", "next_step": "Lower the gains."}
     rows = [flight_row("alpha", 0, **cycle), weak]
-    steps = f"Next: alpha: Lower the gains. beta: {inspect}"
-    assert steps in plain_text(fleet_blocks(rows))
+    # Of several vehicles each has a line with what was found and what to do, in one order.
+    headline, alpha, beta, *rest = fleet_blocks(rows)
+    assert headline.lead == "2 of 2 vehicles need a look."
+    assert (alpha.lead, alpha.text) == ("alpha:", "oscillates · Lower the gains.")
+    assert (beta.lead, beta.text) == ("beta:", f"motor 2: fault · {inspect}")
+    assert "Next:" not in plain_text(rest)
     assert vehicle_texts([[rows[0]]]).next_step == "Lower the gains."
     lost = flight_row("beta", 1, **cycle, health="fault", suspect_motor=2)
     assert vehicle_texts([[weak], [lost]]).next_step == f"Lower the gains. {inspect}"
@@ -96,9 +100,15 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
         flight_row("mended", 0, **cycle),
         flight_row("mended", 1),
     ]
-    text = plain_text(fleet_blocks(rows))
-    worst = "board (oscillates), beta (motor 2: fault), newer (drift) and alpha (drift)"
-    assert text.startswith(f"4 of 5 vehicles need a look: {worst}.")
+    headline, *lines = fleet_blocks(rows)
+    assert headline.lead == "4 of 5 vehicles need a look."
+    findings = [f"{line.lead} {line.text.partition(' · ')[0]}" for line in lines[:4]]
+    assert findings == [
+        "board: oscillates.",
+        "beta: motor 2: fault",
+        "newer: drift",
+        "alpha: drift",
+    ]
     # Several vehicles may have flown under no name, or under one system id.
     unnamed = [
         flight_row("unknown", 0, **cycle, health="unknown"),
@@ -107,7 +117,7 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     ]
     text = plain_text(fleet_blocks([*rows, *unnamed]))
     other_flights_text = "and so do 2 bad flights whose vehicle is not known."
-    assert text.startswith(f"4 of 5 vehicles need a look: {worst}, {other_flights_text}")
+    assert text.startswith(f"4 of 5 vehicles need a look, {other_flights_text}")
     text = plain_text(fleet_blocks(unnamed[:1]))
     assert text.startswith("1 bad flight whose vehicle is not known needs a look.")
     unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
@@ -186,6 +196,22 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
     )
     counts = fleet_counts(rows)
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
+
+
+def test_a_flight_without_figures_keeps_its_headline_and_is_not_called_unused():
+    """A flight that was too short for figures has a headline by its log; a log without time in the air has none."""
+    reason = "No settled flight (between climb and landing) in 50 s in the air."
+    landed = {"headline": "Landed hard at 1.8 m/s.", "headline_level": "watch"}
+    short = flight_row("quad", 0, status=reason, health="unknown", **landed)
+    cells = dict(zip(COLUMNS, flight_line([short]).cells, strict=True))
+    assert cells["health"] == "watch"
+    assert cells["notes"].split("\n") == [
+        "Landed hard at 1.8 m/s.",
+        f"Motors not compared: {reason}",
+    ]
+    on_ground = replace(short, flight_time=0.0)
+    cells = dict(zip(COLUMNS, flight_line([on_ground]).cells, strict=True))
+    assert (cells["health"], cells["notes"]) == ("not used", reason)
 
 
 def test_the_motor_of_a_flight_is_the_one_that_failed_in_it_or_that_others_suspect():
@@ -278,7 +304,14 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     difference = vehicle_difference(before, after, gains)
     assert not next_blocks(reviewed_difference(difference))
     equal = reviewed_difference(difference)._replace(compared_parameter_count=866)
-    assert "all 866 that both logs have are equal" in plain_text(parameter_sentences(equal))
+    assert "all 866 that A and B have in common are equal" in plain_text(parameter_sentences(equal))
+    names = ("RC1_MIN", "STAT_BOOTCNT", "COMPASS_OFS_X")
+    equal = equal._replace(
+        parameters_set_by_autopilot=[ParameterChange(name, 0.0, 1.0) for name in names]
+    )
+    text = plain_text(parameter_sentences(equal))
+    assert "are equal, beside one that the autopilot counts or learns by itself." in text
+    assert "Calibrated anew: radio; calibrated or learned in flight: compass." in text
     # The gains are the cause, and what follows from them is neither doubtful nor tested.
     sentences = headline_of_comparison(reviewed_difference(difference, {}, gains))
     headline = plain_text(sentences)
@@ -352,14 +385,14 @@ def test_a_flight_without_a_date_comes_last():
     "speed, interval, text",
     [
         (5.7, None, "5.7 W (270°) →"),
-        (5.7, (5.1, 6.5), "5.7 W (270°) →"),
+        (5.7, (5.1, 6.5), "5.1 to 6.5 W (270°) →"),
         (5.7, (2.9, 10.4), "2.9 to 10.4 W (270°) →"),
         (None, (0.0, 2.04), "below 2.1 W (270°) →"),
         (None, None, "W (270°) →"),
     ],
 )
 def test_a_wind_that_is_known_only_roughly_is_an_interval_in_the_table(speed, interval, text):
-    """The cell has the speed if its interval is narrow, and otherwise the interval."""
+    """The cell has the interval, and the speed alone only where no interval is known."""
     row = flight_row(
         "quad", 0, wind_speed=speed, wind_speed_interval=interval, wind_direction=1.5 * pi
     )
@@ -381,15 +414,12 @@ def test_a_headline_before_a_list_names_the_most_urgent_vehicle_alone():
         )
         for number in (1, 2)
     ]
-    full_headline, brief = (
+    full, brief = (
         plain_text(fleet_blocks(rows, lists_follow=lists_follow)).split("\n")[0]
         for lists_follow in (False, True)
     )
-    assert (
-        "quad 0" in full_headline
-        and "quad 2" in full_headline
-        and "unnamed PX4 quadrotor" in full_headline
-    )
+    assert full.startswith("3 of 3 vehicles need a look, and so do 2 bad flights whose vehicle")
+    assert "unnamed PX4 quadrotor" in full and "quad 0" not in full
     assert brief == (
         "3 of 3 vehicles need a look: first quad 0, and so do 2 bad flights whose vehicle is not known."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, pairwise
-from math import dist
+from math import ceil, dist
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -329,40 +329,50 @@ def _wind_rose(
     counts = weight * np.histogram2d(speed, sector, bin_edges)[0]
     # The petals of a class begin where those of the slower class end: at the counts, summed over the classes.
     petal_edges = np.vstack([np.zeros(SECTOR_COUNT), counts.cumsum(axis=0)])
-    # The length that is drawn for a count of 1. The lower limit only avoids a division by zero where nothing is drawn.
-    length_per_count = RADIUS / max(petal_edges.max(), 1e-9)
+    outer_count = _count_of_outer_ring(petal_edges.max())
+    # The length that is drawn for a count of 1.
+    length_per_count = RADIUS / outer_count
     # The key has the classes of speed that occur.
     occurring_classes = np.flatnonzero(counts.any(axis=1)).tolist()
     svg = figure_as_svg(
         "rose",
         petals=_petals(petal_edges, length_per_count),
-        rings=_rings_of_rose(length_per_count, unit="" if weight == 1.0 else " %"),
+        rings=_rings_of_rose(outer_count, unit="" if weight == 1.0 else " %"),
         arrow=mean_direction,
         classes=[_speed_class(number) for number in occurring_classes],
     )
     return Plan("Wind rose", description, svg)
 
 
-def _rings_of_rose(length_per_count: float, unit: str) -> list[tuple[float, str]]:
+def _count_of_outer_ring(max_count: float) -> float:
+    """Returns the count at the outer ring of a wind rose, which no petal exceeds.
+
+    From 2 on it is an even number, so that the labels of both rings are whole numbers, one half the other.
+
+    Args:
+        max_count: count of the longest petal; 0 if there is none.
+    """
+    if max_count < 2:
+        # The lower limit only avoids a division by zero where nothing is drawn.
+        return max(max_count, 1e-9)
+    return 2.0 * ceil(max_count / 2)
+
+
+def _rings_of_rose(outer_count: float, unit: str) -> list[tuple[float, str]]:
     """Returns the two rings that show the scale of a wind rose.
 
     Args:
-        length_per_count: length that is drawn for a count of 1.
+        outer_count: count at the outer ring.
         unit: unit of the counts, with a space before it; empty if they are numbers of flights.
 
     Returns:
         The radius of each ring, and its label: the count at that radius, such as "10 %".
     """
-    outer_count = RADIUS / length_per_count
-    decimals = 1
-    if outer_count >= 2:
-        # The outer ring is at the largest even number, so that both labels are whole numbers, one half the other.
-        outer_count = 2 * (outer_count // 2)
-        decimals = 0
-    rings = []
-    for count in (outer_count / 2, outer_count):
-        rings.append((count * length_per_count, f"{count:.{decimals}f}{unit}"))
-    return rings
+    decimals = 0 if outer_count >= 2 else 1
+    return [
+        (RADIUS / 2, f"{outer_count / 2:.{decimals}f}{unit}"),
+        (RADIUS, f"{outer_count:.{decimals}f}{unit}"),
+    ]
 
 
 def _speed_class(number: int) -> _SpeedClass:

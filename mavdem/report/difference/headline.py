@@ -21,7 +21,6 @@ from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.difference.changes import (
     changes_by_cause,
     changes_by_relevance,
-    doubtful_changes,
     result_sentences,
 )
 from mavdem.report.difference.identity import identity_cautions
@@ -30,6 +29,7 @@ from mavdem.report.difference.lights import (
     Review,
     bad_lights,
     compared_levels,
+    light_heading,
     lights_of_both,
     remark_on_imus,
     vibrations_of_same_imu,
@@ -70,7 +70,7 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
     5. The other lights of the vehicle that are to be watched on one side, and good on the other.
 
-    If the gains explain all changed figures, the third comes last, since it then says that nothing else changed.
+    If the gains explain all changed figures, or others are doubtful, the third comes last: nothing else is certain.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
@@ -103,10 +103,34 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     sentences += light_sentences
     if changes_by_cause(difference, changes).unexplained:
         return [*sentences, *result, *gain_sentences, *watched]
-    if doubtful_changes(reviewed):
-        return [*sentences, *gain_sentences, *result, *watched]
-    # The result is then that nothing else changed: it follows all that did.
+    # The result is then that nothing else changed for sure: it follows all that did.
     return [*sentences, *gain_sentences, *watched, *result]
+
+
+def light_headings(reviewed: ReviewedDifference) -> dict[str, str]:
+    """Returns what a page states in large letters of the lights that differ, such as "In B: motor 1 is weak.".
+
+    Args:
+        reviewed: comparison of the two states, with the reviews of both logs.
+
+    Returns:
+        The heading of each bad light, and of the motors if they are judged differently, by the lead of its sentence in
+        the headline, such as "Motors:". It is empty for a light whose cause an earlier heading states, and left out for
+        margins whose sentence has their values in both logs.
+    """
+    lights_by_name = lights_of_both(reviewed.reviews)
+    names = []
+    for light in bad_lights(reviewed.reviews):
+        if not _change_of_bad_margin(light, reviewed):
+            names.append(light.name)
+    if reviewed.motors.differs and Light.MOTORS not in names:
+        names.append(Light.MOTORS)
+    headings = dict[str, str]()
+    for name in names:
+        heading = light_heading(lights_by_name[name])
+        is_stated_above = heading in headings.values()
+        headings[f"{name.capitalize()}:"] = "" if is_stated_above else heading
+    return headings
 
 
 def _sentences_on_gains(

@@ -9,9 +9,14 @@ from mavdem.facts import Level
 from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
-from mavdem.report.blocks import Blocks, Rated, Table
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table, shortened
 from mavdem.report.numbers import rounded
-from mavdem.report.templates import render_section
+from mavdem.report.templates import (
+    as_clause,
+    first_clause,
+    first_sentence,
+    render_section,
+)
 
 Review = Mapping[str, Any]
 """The document of a review, as ``report.json`` has it; any of its keys may be missing."""
@@ -21,6 +26,10 @@ NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
 
 WARNING_LEVELS = (Level.BAD, Level.WATCH)
 """Levels of a light that warns, the worse first."""
+
+
+MAX_HEADING_LENGTH = 90
+"""Letters from which on a heading leaves out remarks in brackets, and then all after a clause: a choice, two lines."""
 
 
 class LightReason(NamedTuple):
@@ -185,6 +194,31 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
         if light["level"] == Level.UNKNOWN:
             reasons.append(LightReason(side, light["sentence"]))
     return ComparedLevels(levels, reasons, remark)
+
+
+def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns what a status light warns of, in one clause for each log in which it has the worst level.
+
+    Args:
+        lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to be
+            watched.
+
+    Returns:
+        A sentence such as "In B: motor 1 lost about 25 % of its thrust with probability 0.87."; two if both logs have
+        the same level for different reasons.
+    """
+    levels = {light["level"] for light in lights_by_side.values()}
+    worst_level = next(level for level in WARNING_LEVELS if level in levels)
+    sides_by_sentence = dict[str, list[str]]()
+    for side, light in lights_by_side.items():
+        if light["level"] == worst_level:
+            sides_by_sentence.setdefault(light["sentence"], []).append(side)
+    headings = list[Sentence]()
+    for sentence, sides in sides_by_sentence.items():
+        clause = as_clause(first_clause(first_sentence(sentence)))
+        clause = shortened(clause, MAX_HEADING_LENGTH)
+        headings += render_section("difference_answer", sides=sides, clause=clause)
+    return " ".join(heading.text for heading in headings)
 
 
 def vibrations_of_same_imu(

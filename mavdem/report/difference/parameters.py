@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 from math import inf, log
 
+from mavdem.fleet.calibration_changes import calibration_changes
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Sentence
@@ -14,7 +15,9 @@ from mavdem.report.templates import render_section
 def parameter_sentences(
     reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
 ) -> list[Sentence]:
-    """Returns the sentences on changed parameters, or that none changed, and on sides whose parameters are not known.
+    """Returns the sentences on changed parameters, or that none changed, and on what was calibrated between A and B.
+
+    Sentences on sides whose parameters are not known follow.
 
     Args:
         reviewed: comparison of two states, with the changed parameters.
@@ -26,19 +29,40 @@ def parameter_sentences(
         text = parameter_text(parameter)
         if text not in texts_above:
             parameters.append(text)
-    return render_section(
+    calibrations = calibration_changes(reviewed.parameters_set_by_autopilot)
+    sentences = render_section(
         "difference_parameters",
         parameters=parameters,
         are_two_vehicles=reviewed.are_two_vehicles,
         sides_without_parameters=reviewed.sides_without_parameters,
         changed_count=len(reviewed.parameters),
         compared_count=reviewed.compared_parameter_count,
-        common_count=reviewed.common_parameter_count,
-        autopilot_count=len(reviewed.parameters_set_by_autopilot),
+        learned_count=calibrations.other_count,
         has_two_autopilots=reviewed.has_two_autopilots,
         are_of_control=reviewed.has_only_control_parameters,
         tracked_sides=reviewed.tracked_sides,
         outdated_sides=reviewed.outdated_sides,
+    )
+    return [*sentences, *calibration_sentences(reviewed)]
+
+
+def calibration_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the sentence on what was calibrated between two states of a vehicle, such as its compass.
+
+    Args:
+        reviewed: comparison of two states, with the parameters that the autopilot itself set to other values.
+
+    Returns:
+        A list with the sentence. It is empty if nothing was calibrated, and for two vehicles, of which each has its own
+        calibration.
+    """
+    if reviewed.are_two_vehicles:
+        return []
+    calibrations = calibration_changes(reviewed.parameters_set_by_autopilot)
+    return render_section(
+        "difference_calibration",
+        calibrated=calibrations.calibrated,
+        calibrated_or_learned=calibrations.calibrated_or_learned,
     )
 
 

@@ -56,9 +56,6 @@ class ReviewedDifference(NamedTuple):
     compared_parameter_count: int = 0
     """Number of parameters that both sides have, and that the autopilot does not set by itself."""
 
-    common_parameter_count: int = 0
-    """Number of all parameters that both sides have."""
-
     parameters_set_by_autopilot: Sequence[ParameterChange] = ()
     """Parameters that the autopilot itself set to other values, such as the learned throttle of hover."""
 
@@ -121,12 +118,10 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
     has_two_autopilots = have_different_autopilots(before.rows, after.rows)
     parameter_changes: list[ParameterChange] = []
     parameters_to_compare: list[str] = []
-    common_parameter_count = 0
     parameters_set_by_autopilot: list[ParameterChange] = []
     if not has_two_autopilots:
         parameter_changes = changed_parameters(before.parameters, after.parameters)
         parameters_to_compare = compared_parameters(before.parameters, after.parameters)
-        common_parameter_count = len(before.parameters.keys() & after.parameters.keys())
         parameters_set_by_autopilot = parameters_changed_by_autopilot(
             before.parameters, after.parameters
         )
@@ -148,10 +143,7 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
         renamed_gain=renamed_gain(before.parameters, after.parameters),
         has_two_autopilots=has_two_autopilots,
     )
-    return reviewed._replace(
-        common_parameter_count=common_parameter_count,
-        parameters_set_by_autopilot=parameters_set_by_autopilot,
-    )
+    return reviewed._replace(parameters_set_by_autopilot=parameters_set_by_autopilot)
 
 
 def reviewed_difference(

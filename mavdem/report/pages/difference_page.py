@@ -42,13 +42,14 @@ from mavdem.report.difference.conditions import condition_table
 from mavdem.report.difference.headline import (
     headline_blocks,
     headline_of_comparison,
+    light_headings,
     sentences_on_watched_lights,
 )
 from mavdem.report.difference.identity import identity_cautions, identity_remarks
 from mavdem.report.difference.lights import Review, light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
-from mavdem.report.difference.parameters import parameter_sentences
+from mavdem.report.difference.parameters import calibration_sentences, parameter_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
@@ -161,20 +162,34 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
     if reviewed.difference.is_of_same_flight:
         # A flight that is compared with itself needs no remarks.
         return [*blocks_of_headline, *next_step]
-    remarks = Blocks(render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair))
-    remarks += identity_remarks(reviewed)
-    if not reviewed.parameters:
-        # Changed parameters have a chapter.
-        remarks += parameter_sentences(reviewed)
-    return [*blocks_of_headline, *remarks, *next_step, *condition_table(reviewed)]
+    return [
+        *blocks_of_headline,
+        *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
+        *identity_remarks(reviewed),
+        *next_step,
+        *_parameter_remarks(reviewed),
+        *condition_table(reviewed),
+    ]
+
+
+def _parameter_remarks(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns what the top of the page says of parameters; changed ones have a chapter, so that it leaves them out.
+
+    Args:
+        reviewed: comparison of both flights, with the changed parameters.
+    """
+    if reviewed.parameters:
+        return calibration_sentences(reviewed)
+    return parameter_sentences(reviewed)
 
 
 def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
     """Returns the sentences that head the page: the important ones in large letters, the others as usual text.
 
-    Of an important one only the first sentence of its text is in large letters: what explains it may be long. A
-    caution, such as that the flights are of two vehicles, is in usual text. So is what is only to be watched, and all
-    that follows it. Two vehicles differ in much, so that of their differences only the first is in large letters.
+    What a light warns of stands in large letters above its sentence. Of other important sentences, the first sentence
+    of the text is in large letters. Usual text has cautions, such as that the flights are of two vehicles, what is only
+    to be watched, and that nothing else changed for sure, unless nothing is above it. Two vehicles differ in much, so
+    that of their differences only the first is in large letters.
 
     Args:
         reviewed: comparison of both flights.
@@ -182,25 +197,40 @@ def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sent
     """
     cautions = identity_cautions(reviewed)
     watched_lights = sentences_on_watched_lights(reviewed.reviews)
+    headings = light_headings(reviewed)
     blocks = Blocks()
-    # Once this is False, all further sentences are in usual text.
-    may_be_large = True
+    is_first_difference = True
     for sentence in headline:
-        if sentence in watched_lights:
-            may_be_large = False
-        if may_be_large and sentence not in cautions:
-            blocks += _large_sentence(sentence)
-            may_be_large = not reviewed.are_two_vehicles
-        else:
+        # Leads such as "Changed:" introduce a difference. One that is a sentence itself says that there is none.
+        states_difference = sentence.lead.endswith(":")
+        # The cause of a light without a heading is stated above.
+        heading = headings.get(sentence.lead, sentence.lead)
+        is_important = is_first_difference or (states_difference and not reviewed.are_two_vehicles)
+        if sentence in cautions or not is_important or not heading:
             # A sentence that is a lead alone would be in large letters.
             blocks.append(sentence if sentence.text else Sentence(sentence.lead))
+            continue
+        is_first_difference = False
+        if sentence in watched_lights:
+            blocks.append(sentence)
+        elif sentence.lead in headings:
+            blocks += [headline_sentence(heading), sentence]
+        else:
+            blocks += _large_sentence(sentence)
     return blocks
 
 
 def _large_sentence(sentence: Sentence) -> Blocks:
-    """Returns a text whose first sentence is in large letters; the rest, which explains it, is in usual text."""
-    result, explanation = first_and_further_sentences(sentence.text)
-    blocks: Blocks = [headline_sentence(f"{sentence.lead} {result}".strip())]
+    """Returns a sentence whose beginning is in large letters; the rest, which explains it, is in usual text.
+
+    The beginning is the lead if that is a sentence itself, and otherwise the lead with the first sentence of the text.
+    """
+    if sentence.lead.endswith("."):
+        beginning, explanation = sentence.lead, sentence.text
+    else:
+        result, explanation = first_and_further_sentences(sentence.text)
+        beginning = f"{sentence.lead} {result}".strip()
+    blocks: Blocks = [headline_sentence(beginning)]
     if explanation:
         blocks.append(Sentence(explanation))
     return blocks
@@ -261,11 +291,11 @@ def _chapter_in_words(reviewed: ReviewedDifference, headline: Sequence[Sentence]
         reviewed: comparison of both flights.
         headline: the sentences that head the comparison.
     """
-    sentences = difference_blocks(reviewed, headline)
-    if not reviewed.parameters:
-        # What is known of parameters then stands at the top.
-        stated_above = parameter_sentences(reviewed)
-        sentences = [sentence for sentence in sentences if sentence not in stated_above]
+    stated_above = _parameter_remarks(reviewed)
+    sentences = []
+    for sentence in difference_blocks(reviewed, headline):
+        if sentence not in stated_above:
+            sentences.append(sentence)
     return Chapter("In words", sentences, folded=True)
 
 
@@ -615,14 +645,14 @@ def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
 
 
 def _autopilot_parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
-    """Returns the folded chapter on parameters that the autopilot itself set to other values; empty if there are none.
+    """Returns the folded chapter on parameters that a calibration or the autopilot itself set; empty if there are none.
 
     Args:
         reviewed: comparison of both flights, with these parameters.
     """
-    title = f"Set by the autopilot: {len(reviewed.parameters_set_by_autopilot)}"
+    title = f"Calibrated, learned or counted: {len(reviewed.parameters_set_by_autopilot)}"
     rows = _parameter_rows(reviewed.parameters_set_by_autopilot)
-    return _table_chapter(title, "learned, calibrated or counted", rows)._replace(folded=True)
+    return _table_chapter(title, "parameter", rows)._replace(folded=True)
 
 
 def _parameter_rows(parameters: Sequence[ParameterChange]) -> list[list[str]]:

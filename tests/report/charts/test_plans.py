@@ -12,7 +12,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.motors import MotorsLight
 from mavdem.report.charts.chart import Span
 from mavdem.report.charts.flown_path import MapWind, flown_path
-from mavdem.report.charts.plans import motor_levels
+from mavdem.report.charts.plans import motor_levels, rose_of_flights
 from mavdem.report.charts.timeline import Timeline
 
 EVEN = np.zeros(4)
@@ -100,3 +100,15 @@ def test_a_hover_fills_the_map_by_more_than_a_third_and_noise_on_the_ground_does
     # The drawing is 300 wide.
     assert widths[0] > 100.0
     assert widths[1] < 10.0
+
+
+def test_no_petal_of_a_wind_rose_passes_its_outer_ring():
+    """Three flights have wind from the east: the outer ring, at 4, is the next even number."""
+    winds = np.array([[np.pi / 2, 3.0]] * 3 + [[0.0, 3.0]])
+    svg = rose_of_flights(winds).svg
+    radii = [float(radius) for radius in re.findall(r'class="ring" r="([\d.]+)"', svg)]
+    labels = re.findall(r'class="small"[^>]*>([^<]*)<', svg)
+    petals = re.findall(r'class="petal" r="([\d.]+)" stroke-width="([\d.]+)"', svg)
+    longest = max(float(middle) + float(width) / 2 for middle, width in petals)
+    assert labels == ["2", "4"] and radii == [radii[1] / 2, radii[1]]
+    assert_allclose(longest, radii[1] * 3 / 4, atol=0.2)

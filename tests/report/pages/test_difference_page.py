@@ -29,7 +29,11 @@ from mavdem.report.difference.conditions import (
     vibration_row,
     wind_rows,
 )
-from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
+from mavdem.report.difference.headline import (
+    headline_blocks,
+    headline_of_comparison,
+    light_headings,
+)
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import light_blocks
 from mavdem.report.difference.motors import motor_table
@@ -486,7 +490,7 @@ def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
     assert f">P{MAX_LISTED_PARAMETERS - 1}<" in page and f">P{MAX_LISTED_PARAMETERS}<" not in page
     assert f"{len(parameters)} of {2 * len(parameters)} parameters changed, the first" in page
     # The headline has no gains to name, but does not leave out that parameters changed.
-    assert f"{len(parameters)} that both logs have differ, but no gain of the rate" in page
+    assert f"{len(parameters)} that A and B have in common differ, but no gain of the rate" in page
 
 
 def test_gains_that_both_sides_name_differently_are_not_compared_and_not_called_equal():
@@ -524,8 +528,22 @@ def test_only_the_first_sentence_of_a_headline_is_large(difference):
     bad = {"level": "bad", "sentence": "Motor 1 failed. It stopped at take-off."}
     reviews = {"A": {"lights": {"motors": good}}, "B": {"lights": {"motors": bad}}}
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
-    large = "".join(re.findall('<p class="headline">(.*?)</p>', page))
-    assert "Motors:" in large and "It stopped at take-off." in page and "It stopped" not in large
+    first, *_ = re.findall('<p class="headline"><strong>(.*?)</strong></p>', page)
+    # The heading is what happened and where; the levels of both lights stand below it.
+    assert first == "In B: motor\N{NO-BREAK SPACE}1 failed." and "It stopped at take-off." in page
+    assert "<strong>Motors:</strong> good in A, bad in B. Motor" in page
+    loss = "lost about 25 % of its thrust (17 to 32 %; motor or propeller) with probability 0.87"
+    bad["sentence"] = f"Motor 1 (front right) {loss}: it then works 16 % harder."
+    headings = light_headings(reviewed_difference(difference, reviews))
+    heading = "In B: motor 1 lost about 25 % of its thrust with probability 0.87."
+    assert headings == {"Motors:": heading}
+    # One cause of two lights heads the page once.
+    reviews = {
+        "A": {"lights": {"motors": good, "tracking": good}},
+        "B": {"lights": {"motors": bad, "tracking": bad}},
+    }
+    headings = light_headings(reviewed_difference(difference, reviews))
+    assert headings["Motors:"] and headings["Tracking:"] == ""
 
 
 def test_the_vibration_at_the_top_is_of_the_imu_that_vibrates_most():

@@ -117,10 +117,10 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     assert table.rows[0][:2] == ["motor 1 (front right)", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
     reviewed = reviewed_difference(difference, reviews)._replace(motors_by_pair="Nothing.")
-    page = comparison_page(("a", "b"), reviewed)
+    page = comparison_page(("a", "b"), reviewed).replace("\N{NO-BREAK SPACE}", " ")
     assert "<strong>By these two alone:</strong> Nothing.</p>" in page
-    assert f"<strong>Motors: good in A, {level} in B.</strong>" in page
-    assert "<p>Motor 1 (front right) lost about" in page
+    assert "<strong>In B: motor 1 (front right) lost about 22 % of its thrust.</strong>" in page
+    assert f"<strong>Motors:</strong> good in A, {level} in B. Motor 1 (front right) lost" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
         (step,) = next_blocks(reviewed_difference(difference, reviews))
@@ -233,12 +233,14 @@ def test_a_doubtful_trim_is_no_step_where_all_together_show_no_weak_motor():
         health="unknown", fault_probability=0.01, health_reason="Not enough flights."
     )
     (result,) = texts(headline_of_comparison(reviewed_difference(difference, reviews)))
-    assert result.startswith("Perhaps changed: motor 4's relative trim +8 % (+2 to +14 %)")
+    assert result.startswith(
+        "No change is certain. Perhaps: motor 4's relative trim +8 % (+2 to +14 %)"
+    )
     assert result.endswith("show no motor that works 8 % harder (probability 0.01).")
     assert next_blocks(reviewed_difference(difference, reviews)) == []
     # Without that judgement the trim is all that is known.
     assert texts(headline_of_comparison(reviewed_difference(difference)))[0].startswith(
-        "Perhaps changed: motor 4"
+        "No change is certain. Perhaps: motor 4"
     )
     (step,) = texts(next_blocks(reviewed_difference(difference)))
     assert step.startswith("Next: Inspect motor 4")
