@@ -54,7 +54,7 @@ SECTION_CLASSES = {Level.BAD: "doubted", Level.WATCH: "lacking"}
 """The class of a section with a result, by the level of the result."""
 
 MOTORS_LIGHT_HTML = re.compile(
-    r'(?P<heading><div data-light="motors"><dt>.*?</dt>)'
+    r'(?P<heading><div data-light="motors"[^>]*><dt>.*?</dt>)'
     r'<dd class="(?P<level>\w+)"(?: data-alone="(?P<level_of_log>\w+)")?>\w+</dd>'
     r'<dd class="soft">(?:<b>[^<]*</b> )?(?P<sentence>.*?)</dd>',
     re.DOTALL,

@@ -29,7 +29,8 @@ PAGE = """<main>
 <section id="result" class="blocks assessment">
 <p class="headline"><strong>Nothing wrong found.</strong></p>
 <p><strong>Next:</strong> Fly anew.</p>
-<div data-light="motors"><dt><a href="#m">Motors</a></dt><dd class="watch">watch</dd><dd class="soft">Uneven.</dd></div>
+<div data-light="motors"
+tabindex="0"><dt><a href="#m">Motors</a></dt><dd class="watch">watch</dd><dd class="soft">Uneven.</dd></div>
 <div data-light="power"><dt>Power</dt><dd class="good">good</dd><dd class="soft">12 V.</dd></div>
 </section>
 </div>

@@ -748,6 +748,8 @@ def test_lights_of_a_log_refer_to_the_headline_instead_of_saying_it_again():
     # None of them refers to another light, which would refer to the headline in turn.
     page = page.replace("\N{NO-BREAK SPACE}", " ")
     assert page.count(str(lost)) == 1 and page.count("See the headline.</dd>") == 3
+    # On a phone such a light has one line.
+    assert page.count(' class="reference">') == 3
 
 
 def test_of_chapters_to_be_watched_the_one_of_the_headline_is_open():
