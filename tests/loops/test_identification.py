@@ -22,7 +22,8 @@ from mavdem.experiments.paper.flights import write_log
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import NotLearnableReason
-from mavdem.facts.loops import LoopFact, ResponseFact
+from mavdem.facts.loops import LoopAction, LoopFact, ResponseFact
+from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
 from mavdem.loops import identification as in_flight
 from mavdem.loops.axis_loops import MARGIN_TARGETS
@@ -250,6 +251,13 @@ def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
     )
     assert reason in str(fact) and "doublets" not in fact.remedy
     assert "doublets" in fact.replace(is_steered=False).remedy
+    # Where a message is slow, its rate is what the flight lacks, and not the time.
+    slow = fact.replace(names=("ATTITUDE", "the rate setpoint"), rates=(98.0, 19.5))
+    assert slow.remedy.startswith("Fly again, with rates and motors logged at 100 Hz")
+    assert "the rate setpoint at 20 Hz" in slow.remedy
+    peak = Fact(MarginsLight.RATE_STANDS_OUT, axis="roll", frequency=22.0, ratio=5.9, reason=fact)
+    hover = Fact(LoopAction.HOVER_WITH_LOWER_GAINS, axis="roll", changes=(), reason=peak)
+    assert "Fly" not in str(hover)
 
 
 @mark.parametrize(

@@ -209,6 +209,9 @@ def _with_firmware(reason: Fact, telemetry: Telemetry) -> Fact:
 def _with_rates(reason: Fact, signals: Signals) -> Fact:
     """Adds the messages with the attitude and the motor outputs to a reason: their ``names`` and ``rates``, Hz.
 
+    A margin that is uncertain although commands explain the motion may also lack a fast setpoint, by which the commands
+    are known between two messages. Then the setpoint of the rate is added.
+
     Args:
         reason: a fact (coded finding with figures); unchanged if neither message was recorded.
         signals: logged time series of the vehicle for the axis.
@@ -216,10 +219,13 @@ def _with_rates(reason: Fact, signals: Signals) -> Fact:
     streams = [each for each in (signals.attitude, signals.model_inputs) if each is not None]
     if not streams:
         return reason
-    return reason.replace(
-        names=tuple(signals.telemetry.name_in_source(stream.message) for stream in streams),
-        rates=tuple(rate_between_outages(stream) for stream in streams),
-    )
+    names = [signals.telemetry.name_in_source(stream.message) for stream in streams]
+    rates = [rate_between_outages(stream) for stream in streams]
+    is_steered = reason.code is LoopFact.MARGIN_UNCERTAIN and reason.figures["is_steered"]
+    if is_steered and signals.rate_and_setpoint is not None:
+        names.append("the rate setpoint")
+        rates.append(rate_between_outages(signals.rate_and_setpoint.setpoint))
+    return reason.replace(names=tuple(names), rates=tuple(rates))
 
 
 def loop_of_axis(
