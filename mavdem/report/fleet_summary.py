@@ -19,7 +19,6 @@ from mavdem.report.templates import (
     as_clause,
     bans_first,
     capitalize_first,
-    first_clause,
     first_sentence,
     render_section,
 )
@@ -50,6 +49,9 @@ MAX_VEHICLE_LINES = 20
 
 MAX_FINDING_LENGTH = 100
 """Letters of what such a line says of the latest flight: with the next step, two lines of a terminal. A choice."""
+
+MAX_STEP_LENGTH = 120
+"""Letters of what such a line says to do: the page has the rest. A choice."""
 
 MAX_FILE_LENGTH = 40
 """Letters of a file's name in a table."""
@@ -137,7 +139,7 @@ def _urgent_vehicle_lines(
     lines = []
     for vehicle in urgent[:MAX_VEHICLE_LINES]:
         finding = as_clause(shortened(vehicle.flights.texts.latest_flight, MAX_FINDING_LENGTH))
-        next_step = first_clause(first_sentence(vehicle.flights.texts.next_step))
+        next_step = shortened(first_sentence(vehicle.flights.texts.next_step), MAX_STEP_LENGTH)
         text = f"{finding} · {next_step}" if vehicle.flights.texts.next_step else f"{finding}."
         lines.append(Sentence(text, lead=f"{vehicle.label}:"))
     return lines

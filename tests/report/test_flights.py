@@ -75,9 +75,13 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     cycle = {"headline": "Oscillates.", "headline_level": "bad", "next_step": "Lower the gains."}
     rows = [flight_row("alpha", 0, **cycle), weak]
     # Of several vehicles each has a line with what was found and what to do, in one order.
-    headline, alpha, beta, *rest = fleet_blocks(rows)
+    grounded = replace(rows[0], next_step="Do not fly: lower the gains first. Then hover.")
+    headline, alpha, beta, *rest = fleet_blocks([grounded, weak])
     assert headline.lead == "2 of 2 vehicles need a look."
-    assert (alpha.lead, alpha.text) == ("alpha:", "oscillates · Lower the gains.")
+    assert (alpha.lead, alpha.text) == (
+        "alpha:",
+        "oscillates · Do not fly: lower the gains first.",
+    )
     assert (beta.lead, beta.text) == ("beta:", f"motor 2: fault · {inspect}")
     assert "Next:" not in plain_text(rest)
     assert vehicle_texts([[rows[0]]]).next_step == "Lower the gains."
