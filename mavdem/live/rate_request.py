@@ -175,7 +175,7 @@ class _MessageInterval:
     """Rate below which the message counts as too slow, so that its interval is set, Hz."""
 
     is_reported: bool
-    """Whether the user is told what becomes of the request; not of messages that mavdem can do without."""
+    """Whether the outcome of the request is reported; not of messages that mavdem can do without."""
 
     former_interval: int | None = None
     """The vehicle's own interval, µs; None before it is known."""
