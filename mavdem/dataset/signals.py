@@ -348,6 +348,22 @@ class VehicleSignals:
 
         It is read from WIND_COV (PX4) or WIND (ArduPilot). None if it was not recorded, or is always 0.
         """
+        wind = self._wind_messages
+        # ArduCopter sends zeros unless its filter fuses drag: zeros are no estimate.
+        return wind if wind is not None and wind.values.any() else None
+
+    @property
+    def zero_wind_message(self) -> str:
+        """Name of the message with the autopilot's wind estimate, if all its values are 0; otherwise empty."""
+        wind = self._wind_messages
+        if wind is None or not len(wind.values) or wind.values.any():
+            return ""
+        return "WIND_COV" if "WIND_COV" in self.telemetry.messages else "WIND"
+
+    @property
+    @cached_per_vehicle()
+    def _wind_messages(self) -> TimeSeries | None:
+        """The messages of the autopilot's wind estimate as (N, 2) m/s, north and east; None if there are none."""
         messages = self.telemetry.messages
         if "WIND_COV" in messages:
             columns = messages["WIND_COV"]
@@ -362,9 +378,7 @@ class VehicleSignals:
             east = -speed * np.sin(direction_of_origin)
         else:
             return None
-        wind = clean_series(columns, np.column_stack([north, east]))
-        # ArduCopter sends zeros unless its filter fuses drag: zeros are no estimate.
-        return wind if wind.values.any() else None
+        return clean_series(columns, np.column_stack([north, east]))
 
     @property
     @cached_per_vehicle()

@@ -107,6 +107,9 @@ class WindEvidence(NamedTuple):
     drag_model_setting: str = ""
     """Setting with which the autopilot would estimate the wind itself; empty if it has none."""
 
+    zero_estimate: str = ""
+    """Message with the autopilot's own estimate, such as WIND, if that is always 0; otherwise empty."""
+
 
 UNKNOWN_WIND = WindEvidence(None, None, None)
 """The evidence before the wind is estimated."""
@@ -174,7 +177,13 @@ def wind_evidence(signals: Signals) -> WindEvidence:
         reason = Fact(Unjudged.MULTIROTORS_ONLY, kind=vehicle_type)
         return WindEvidence(None, signals.autopilot_wind, reason, setting)
     try:
-        return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None, setting)
+        return WindEvidence(
+            wind_of_signals(signals),
+            signals.autopilot_wind,
+            None,
+            setting,
+            signals.zero_wind_message,
+        )
     except NotLearnable as error:
         return WindEvidence(None, None, error.fact, setting)
 

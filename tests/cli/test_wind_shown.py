@@ -90,6 +90,9 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
         "Drag, from",
     ):
         assert title in page
+    # What the estimate rests on is folded below the charts.
+    assert page.index("How certain:") < page.index("Wind over time")
+    assert page.index("Wind over time") < page.index("Checked against:")
     assert json.loads((tmp_path / "wind" / "wind.json").read_text())["speed"] == estimate.speed
     document = json.loads((tmp_path / "wind" / "wind.json").read_text())
     drag_parameters = read_parameters(tmp_path / "wind" / "drag.params")

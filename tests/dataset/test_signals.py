@@ -387,6 +387,9 @@ def test_the_wind_is_where_the_air_moves_to():
     blown = columns(np.zeros(1), direction=np.full(1, 60.0), speed=np.full(1, 2.0))
     wind = Signals(changed(HOVER.telemetry(), "WIND", **blown)).autopilot_wind
     assert wind.values[0] == approx([-1.0, -np.sqrt(3.0)])
+    # ArduCopter sends zeros without an estimate.
+    zeros = Signals(changed(HOVER.telemetry(), "WIND", **blown | {"speed": np.zeros(1)}))
+    assert zeros.autopilot_wind is None and zeros.zero_wind_message == "WIND"
 
 
 def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_found():

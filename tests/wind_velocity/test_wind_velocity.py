@@ -287,7 +287,18 @@ def test_hover_takes_the_drag_of_another_flight():
     advised = mavdem.estimate_wind(*flight(seed=5)[:3]).drag.for_next_flight()
     with_prior = mavdem.estimate_wind(*hover, drag=advised)
     assert "if the vehicle has the drag of the earlier flight" in certainty(with_prior)
+    # With a prior already, the advice says how well that is known, and not to use one.
+    uncertain = replace(with_prior, advice=alone.advice)
+    (better,) = [
+        block.text
+        for block in wind_blocks(WindEvidence(uncertain, None, None))
+        if block.lead == "To know it better:"
+    ]
+    assert better.startswith("the drag of this prior is known to ±") and "--prior" not in better
     low, high = with_prior.speed_interval
+    rough = replace(with_prior, mean_speed=5.0, mean_speed_interval=(2.2, 7.8))
+    headline = wind_blocks(WindEvidence(rough, None, None))[0].text
+    assert headline.startswith("mean speed about 5.0 m/s (2.2 to 7.8, known only roughly)")
     assert alone.advice.code is WindAdvice.FLY_BOX
     assert (high - low) / 2 == approx(alone.advice.figures["expected_speed_error"], rel=0.4)
     # After a crash the advice is for the time after the repair.
@@ -319,6 +330,8 @@ def test_calm_air_is_below_a_speed():
     setting = drag_model_setting("PX4", {})
     blocks = wind_blocks(WindEvidence(wind, None, None, setting))
     assert any("(EKF2_DRAG_CTRL 1 switches it on)" in block.text for block in blocks)
+    blocks = wind_blocks(WindEvidence(wind, None, None, setting, "WIND"))
+    assert any("nothing, since WIND is always 0 (" in block.text for block in blocks)
     course = tuple(
         {
             "start": 60.0 * i,

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from types import MappingProxyType
+from typing import NamedTuple
 
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
@@ -42,6 +43,9 @@ where it comes from."""
 
 SUBTITLE_WITHOUT_WIND = "No wind can be estimated from this log."
 """What stands below the title without an estimate."""
+
+SUMMARY_LEADS = ("How certain:", "To know it better:")
+"""What stands before the sentences on intervals and next flight (``sections/wind.toml``), which are never folded."""
 
 NO_FILES: Mapping[str, str] = MappingProxyType({})
 """No files with parameters to set."""
@@ -90,14 +94,25 @@ def wind_page(
         is_side_by_side=True,
         downloads=[*parameter_downloads(drag_files, f"{PurePath(name).stem}.drag", "Drag:")],
     )
-    summary = _summary(wind_evidence, assessment, remarks_on_prior)
-    return render_document(name, SUBTITLE, summary, [chapter], head=head)
+    sentences = _wind_sentences(wind_evidence, assessment, remarks_on_prior)
+    limits = Chapter("What the estimate rests on", sentences.limits, folded=True)
+    return render_document(name, SUBTITLE, sentences.summary, [chapter, limits], head=head)
 
 
-def _summary(
+class _WindSentences(NamedTuple):
+    """The sentences on the wind, by their place on the page."""
+
+    summary: Blocks
+    """The estimated wind, warnings, how certain it is and what to fly next; they stand above the charts."""
+
+    limits: Blocks
+    """What was left out, checked, and not identified; they stand folded below the charts."""
+
+
+def _wind_sentences(
     wind_evidence: WindEvidence, assessment: Assessment, remarks_on_prior: Sequence[Block]
-) -> Blocks:
-    """Returns the sentences at the top of the page: the estimated wind, warnings, and then what limits the estimate.
+) -> _WindSentences:
+    """Returns the sentences on the estimated wind.
 
     Args:
         wind_evidence: the estimated wind, and the wind that the autopilot estimated.
@@ -108,11 +123,20 @@ def _summary(
     # The first block is the sentence with the estimate, and the others say what limits it.
     estimate_sentence, *limitations = wind_blocks(wind_evidence, remarks=remarks)
     assert isinstance(estimate_sentence, Sentence)
-    return [
+    summary: Blocks = [
         headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
         *flight_warning(assessment.judgement),
-        *limitations,
     ]
+    limits: Blocks = []
+    for block in limitations:
+        # A sentence with a level is a caution, which is never folded.
+        is_caution = isinstance(block, Sentence) and block.level is not None
+        is_for_summary = isinstance(block, Sentence) and block.lead in SUMMARY_LEADS
+        if is_caution or is_for_summary:
+            summary.append(block)
+        else:
+            limits.append(block)
+    return _WindSentences(summary, limits)
 
 
 def _rose_groups(wind: WindVelocity) -> list[Group]:
