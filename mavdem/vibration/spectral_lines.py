@@ -20,6 +20,12 @@ from mavdem.vibration.spectra import Spectrum
 
 MIN_LINE_FREQUENCY = 15.0
 """Lowest frequency of a line, Hz: below it, vehicles are steered."""
+MAX_LINE_FREQUENCY_RATIO = 0.95
+"""Highest frequency of a line, relative to half of the sampling rate.
+
+At that edge the spectrum is folded: vibration just above it is seen just below it, so that a line there may belong to
+either side. Its surroundings end there too, so that a density that only rises to the edge stands out from them.
+"""
 MIN_LINE_RATIO = 6.0
 """Least ratio of the power of a line to that around it: a line that is smeared by alignment makes at most 5."""
 MIN_PEAK_PROMINENCE = np.log(MIN_LINE_RATIO) / 2
@@ -121,7 +127,8 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
             if frequency[peak] >= MIN_LINE_FREQUENCY:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
     # The same line may be found with several exponents. The ratio of a line is its height above the spectrum around it.
-    lines = _distinct_lines(candidates)
+    highest_frequency = MAX_LINE_FREQUENCY_RATIO * spectrum.nyquist_frequency
+    lines = _distinct_lines([line for line in candidates if line.frequency <= highest_frequency])
     ratio_of_strongest_named_line = 0.0
     for line in lines:
         if line.cause is not LineCause.UNNAMED:

@@ -127,6 +127,12 @@ def test_a_sharp_line_is_found_however_it_moves_with_the_throttle(exponent):
     assert line.exponent == approx(exponent)
 
 
+def test_no_line_is_reported_at_the_edge_of_a_spectrum_where_it_may_be_folded():
+    (line,) = lined((180.0, 1000.0, 0.0), wide=3.0, highest=200.0).lines
+    assert line.frequency == approx(180.0, abs=0.1)
+    assert not lined((198.0, 1000.0, 0.0), wide=3.0, highest=200.0).lines
+
+
 def test_a_steady_throttle_names_no_line_and_a_missing_spectrum_is_reported():
     (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
     assert still.cause is LineCause.UNNAMED
