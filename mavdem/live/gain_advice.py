@@ -271,12 +271,16 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
 def _with_common_reason_to_keep_gains(
     axes_by_reason: Mapping[Fact, Sequence[str]],
 ) -> dict[Fact, Sequence[str]]:
-    """Returns axes by the reason why their gains stay, with one reason for all axes whose gains are good as they are.
+    """Merges the axes whose gains are good as they are, so that one sentence reports all of them.
 
-    These reasons differ in the share of vehicle models that have the margins. The least share holds for every axis.
+    Their reasons differ only in the share of vehicle models that reach the margins, such as 95 % for roll and 90 % for
+    pitch. The merged axes get the reason with the least share, which every one of them reaches.
 
     Args:
-        axes_by_reason: the axes by the reason why their gains stay as they are.
+        axes_by_reason: the axes by the reason why their gains stay.
+
+    Returns:
+        The same, with one reason to keep gains at most. Other reasons, such as a log that is too slow, stay apart.
     """
     reasons_to_keep = [reason for reason in axes_by_reason if reason.code is GainFact.KEEP_GAINS]
     if not reasons_to_keep:

@@ -250,10 +250,10 @@ class Milestones:
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None
     ) -> None:
-        """Reports the results of the latest flight at the end of the session, unless they were reported at its landing.
+        """Reports what the latest flight has shown when the session ends, unless its landing was reported before.
 
         Args:
-            learning: what was learned of the flight, with its latest estimate of the physical parameters.
+            learning: what was learned in the flight, with the latest estimate of the physical parameters.
             status: status of the session, with the judgement of the final model and the wind.
             now: present time on the boot clock, s.
             model: the model that was learned when the session ended; None without one.

@@ -309,7 +309,14 @@ class LiveSession:
         )
 
     def _judge_and_report(self, now: float) -> None:
-        """Judges the latest model, and reports advice on gains, status and milestones; called every ``STATUS_PERIOD``.
+        """Judges the flight anew, and reports to the user what has changed; called every ``STATUS_PERIOD``.
+
+        The order of the steps matters:
+
+        1. The model and, after a landing, the recording of the flight are judged: the status has these judgements.
+        2. Reports of the autopilot that were left out, because too many came, are shown before newer reports.
+        3. The status is made once, so that all reports that follow agree with each other.
+        4. The status is shown, and after it the reports that explain it: why no model is learned, then results.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -318,17 +325,34 @@ class LiveSession:
         self.report_gain_advice()
         self._presentation.report_omissions()
         status = self.status
-        if status.is_flying and status.state is not None:
-            self.history.add_voltages(status.state.voltages)
-        if not status.is_flying:
-            # In flight each row says whether the vehicle flies freely. After a landing no rows come.
-            self.flight.learning.is_free_flight = False
+        self._store_state_of_flight(status)
         self._report_status_unless_late(status)
         self._report_no_model_reason(status)
         if not self.backlog:
-            # While messages wait, ``_analyse`` adds the time until their arrival to the time account.
+            # Otherwise :meth:`_analyse` accounts for this time, up to the arrival of the messages that wait.
             self._report.update_time_account(now)
-        # Verdict and margins come with the recording, which the adviser judges here, or a library after the session.
+        self._report_results(status)
+
+    def _store_state_of_flight(self, status: SessionStatus) -> None:
+        """Stores the present voltages of the batteries in flight, or on the ground that the vehicle does not fly.
+
+        Args:
+            status: the present status.
+        """
+        if not status.is_flying:
+            # In flight each row (sample of the motion) says whether the vehicle flies freely. On the ground none come.
+            self.flight.learning.is_free_flight = False
+        elif status.state is not None:
+            self.history.add_voltages(status.state.voltages)
+
+    def _report_results(self, status: SessionStatus) -> None:
+        """Reports results as they become known: physical parameters, and after a landing what the flight has shown.
+
+        Args:
+            status: the present status, with the judgement of the flight.
+        """
+        # The recording shows the margins better than the model learned in flight. If it will be judged, by the adviser
+        # here or by the library after the session, the margins of that model are not reported.
         self._milestone_reporter.margins_follow = (
             self.gain_adviser is not None or self._is_judged_in_library
         )

@@ -386,7 +386,7 @@ class SessionStatus(ImmutableResult):
         states_loss = judgement.headline.code in Ending
         if self.loss is not None and not states_loss:
             lights = lights_with_event(judgement.lights, self.loss)
-            judgement = _judgement_with_headline(self.loss, lights)
+            judgement = _judgement_from_headline(self.loss, lights)
         if self._is_in_flight:
             return self._judgement_in_flight(judgement)
         return self._judgement_after_flight(judgement)
@@ -410,7 +410,7 @@ class SessionStatus(ImmutableResult):
         if link_loss is not None:
             # What was found before, such as a weak motor, is the figure "cause" of this fact.
             lights_to_show = self._lights_with_recording(judgement.lights)
-            return _judgement_with_headline(link_loss, lights_to_show)
+            return _judgement_from_headline(link_loss, lights_to_show)
         if self._is_left_in_air:
             return self._judgement_of_vehicle_left_in_air(judgement)
         uncertainty = self._uncertainty_after_landing
@@ -528,7 +528,7 @@ class SessionStatus(ImmutableResult):
             # The session waits for the next flight, so that its next step stays, such as to take off.
             return replace(judgement, headline=headline)
         # Otherwise the next step follows from the headline, as at the end of the session.
-        return _judgement_with_headline(headline, judgement.lights)
+        return _judgement_from_headline(headline, judgement.lights)
 
     @property
     def verdict(self) -> FlightVerdict:
@@ -734,7 +734,7 @@ class SessionStatus(ImmutableResult):
         range.
         """
         judgement = self._judgement_by_model_and_checks
-        most_urgent_fact = self._most_urgent_headline(judgement.headline)
+        most_urgent_fact = self._alarm_or_headline(judgement.headline)
         if self._is_urgent(most_urgent_fact):
             return most_urgent_fact
         power_light = judgement.lights[Light.POWER]
@@ -822,20 +822,25 @@ class SessionStatus(ImmutableResult):
         # Headlines with codes of this enumeration are not about a fault, so that a worse light may contradict them.
         is_without_fault = isinstance(judgement.headline.code, HeadlineCode)
         if is_without_fault and judgement.lights != by_model.lights:
-            return _judgement_with_summary(judgement)
+            return _judgement_with_summary_of_lights(judgement)
         return judgement
 
     def _judgement_before_model(self, judgement: Judgement) -> Judgement:
-        """Returns the judgement before there is a model: its headline sums up the checks that need no model.
+        """Returns the judgement before a model is learned: its headline sums up the checks that need no model.
+
+        The next step depends on whether messages come:
+
+        - While they do, a model can still be learned. If nothing warns, the next step stays that towards a model.
+        - Without messages no model can be learned. The next step is what the headline advises.
 
         Args:
-            judgement: the judgement of each part of the vehicle, and a next step that says what has to happen before a
-                model can be learned. This step stays while messages come; without them nothing can be learned.
+            judgement: the lights (judgements of motors, power and other parts of the vehicle), and a next step that
+                says what has to happen before a model can be learned, such as to take off.
         """
         if self._is_vehicle_received:
-            return _judgement_with_summary(judgement)
+            return _judgement_with_summary_of_lights(judgement)
         headline = headline_by_lights(judgement.lights)
-        return _judgement_with_headline(headline, judgement.lights)
+        return _judgement_from_headline(headline, judgement.lights)
 
     @property
     def _is_judged_without_model(self) -> bool:
@@ -851,22 +856,26 @@ class SessionStatus(ImmutableResult):
         return self.model_judgement is None and is_part_judged and not is_silent_in_flight
 
     def _lights_during_oscillation(self, lights: NamedFacts) -> dict[str, Fact]:
-        """Returns the lights, in which good ones of motors and tracking become unknown while the vehicle oscillates.
+        """Withdraws good judgements of motors and tracking while the vehicle oscillates in flight: they become unknown.
 
-        The motors go from limit to limit then, and the attitude swings about its setpoint, whatever was judged before.
+        In an oscillation the motors go from limit to limit, and the attitude swings about its setpoint. A good
+        judgement is of the time before. A judgement that warns stays.
 
         Args:
             lights: the judgement of each part of the vehicle, by the name of the part.
+
+        Returns:
+            The lights, those of motors and tracking corrected.
         """
         present_lights = dict(lights)
-        oscillations = [
+        oscillation_alarms = [
             alarm for alarm in self.active_alarms if alarm.code is MarginsLight.OSCILLATES
         ]
-        if not self.is_flying or not oscillations:
+        if not self.is_flying or not oscillation_alarms:
             return present_lights
         for name in (Light.MOTORS, Light.TRACKING):
             if not present_lights[name].is_watch_or_bad:
-                present_lights[name] = Fact(Unjudged.NOT_JUDGED, reason=oscillations[0])
+                present_lights[name] = Fact(Unjudged.NOT_JUDGED, reason=oscillation_alarms[0])
         return present_lights
 
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
@@ -964,10 +973,17 @@ class SessionStatus(ImmutableResult):
         return combined_lights
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
-        """Replaces headline and next step of a judgement by those for the pilot of a vehicle in flight: alarms first.
+        """Returns the judgement of a flight that goes on, with headline and next step for the pilot in the air.
 
-        If no messages arrive, or this computer is so late that nobody can rely on its alarms, it is not known how the
-        vehicle flies now: then no light, which judges one part of the vehicle, is good.
+        The headline, the sentence that matters most, is the first of these that applies:
+
+        1. No messages come, so that nothing below is known to be true any more (:meth:`_judgement_of_silent_vehicle`).
+        2. A fault for which the pilot should land now. It counts even if this computer notices it late.
+        3. This computer analyses messages so late that the absence of an alarm means nothing.
+        4. The headline so far, with what is not known of the flight.
+
+        Without messages or with late ones it is not known how the vehicle flies now. So none of the lights (judgements
+        of motors, power and other parts of the vehicle) is good then.
 
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
@@ -977,24 +993,25 @@ class SessionStatus(ImmutableResult):
         lights = judgement.lights
         if self.is_late:
             lights = lights_during_silence(lights, self.analysis_delay, MissingMessages.MESSAGES)
-        headline = self._most_urgent_headline(judgement.headline)
+        headline = self._alarm_or_headline(judgement.headline)
         if self._is_urgent(headline):
             next_step = Fact(NextStep.LAND_NOW, reason=headline, is_landing=self._is_landing)
             return replace(judgement, headline=headline, next_step=next_step, lights=lights)
         if self.is_late:
-            headline = self._late_headline
-        headline = self._qualified_headline(headline, lights)
+            headline = self._warning_of_delay
+        else:
+            headline = self._headline_with_unknowns(headline, lights)
         judgement_in_flight = replace(judgement, headline=headline, lights=lights)
         next_step = self._next_step_in_flight(judgement_in_flight)
         return replace(judgement_in_flight, next_step=next_step)
 
-    def _qualified_headline(self, headline: Fact, lights: NamedFacts) -> Fact:
-        """Adds to a headline without fault what is not known of the flight so far.
+    def _headline_with_unknowns(self, headline: Fact, lights: NamedFacts) -> Fact:
+        """Adds to a headline such as "Nothing wrong" what is not known of the flight, so that it does not say too much.
 
         That is for how long no messages came, and which parts of the vehicle were not judged.
 
         Args:
-            headline: the headline, the fact that matters most. One that states a fault is returned as it is.
+            headline: the fact that matters most. One that states a fault is returned as it is.
             lights: the judgement of each part of the vehicle, by the name of the part.
         """
         if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
@@ -1096,7 +1113,7 @@ class SessionStatus(ImmutableResult):
             reason: the fact that says which messages do not come.
         """
         lights = self._lights_of_silent_vehicle(judgement.lights, reason)
-        most_urgent_fact = self._most_urgent_headline(judgement.headline)
+        most_urgent_fact = self._alarm_or_headline(judgement.headline)
         is_urgent = self._is_urgent(most_urgent_fact)
         link_loss = self.link_loss
         if link_loss is not None:
@@ -1181,15 +1198,16 @@ class SessionStatus(ImmutableResult):
         )
         return _is_event(fact) and fact.end_time is not None and not is_alarm
 
-    def _most_urgent_headline(self, headline: Fact) -> Fact:
-        """Returns the headline to show in flight, where an active alarm may be more urgent than the given headline.
+    def _alarm_or_headline(self, headline: Fact) -> Fact:
+        """Returns the active alarm that is more urgent in flight than a headline or, without one, the headline.
 
-        The first of these that applies:
+        It is the first of these that applies. An event that endangers the flight now, such as a loss of control, comes
+        before a fault that lasts, such as vibration, which may be its cause:
 
-        1. An alarm on a bad event, such as a loss of control, unless the given headline is an event too.
-        2. The given headline if it is bad, unless it is an event that is over.
+        1. An alarm on a bad event, unless the headline is an event too.
+        2. The headline if it is bad, unless it is an event that is over: a danger that lasts comes before a past one.
         3. The worst alarm; but one that is only to be watched does not take the place of a bad event that is over.
-        4. The given headline.
+        4. The headline.
 
         Args:
             headline: headline of the judgement: its first sentence on the screen, as a fact.
@@ -1311,8 +1329,8 @@ class SessionStatus(ImmutableResult):
         )
 
     @property
-    def _late_headline(self) -> Fact:
-        """The headline in flight if this computer is late: by how many seconds; bad from ``LONG_LOSS_SECONDS`` on."""
+    def _warning_of_delay(self) -> Fact:
+        """The fact by how many seconds this computer analyses messages late; bad from ``LONG_LOSS_SECONDS`` on."""
         is_very_late = self.analysis_delay >= LONG_LOSS_SECONDS
         level = Level.BAD if is_very_late else Level.WATCH
         return Fact(SessionFact.ESTIMATES_LATE, level, delay=self.analysis_delay)
@@ -1585,18 +1603,18 @@ def _judgement_with_bad_lights(judgement: Judgement) -> Judgement:
     oscillations = [light for light in bad_lights if light.code is MarginsLight.OSCILLATES]
     is_event_stated = bool(bad_events) or _is_event(judgement.headline)
     if oscillations and not is_event_stated:
-        return _judgement_with_headline(oscillations[0], judgement.lights)
+        return _judgement_from_headline(oscillations[0], judgement.lights)
     if judgement.headline.is_bad:
         return judgement
     most_important_light = (bad_events or bad_lights)[0]
-    return _judgement_with_headline(most_important_light, judgement.lights)
+    return _judgement_from_headline(most_important_light, judgement.lights)
 
 
-def _judgement_with_summary(judgement: Judgement) -> Judgement:
+def _judgement_with_summary_of_lights(judgement: Judgement) -> Judgement:
     """Replaces the headline of a judgement by one that sums up its lights: the worst of them, or that all are good.
 
-    A headline that warns brings its own next step. With any other headline the next step stays, such as how to get a
-    model.
+    A headline that warns brings its own next step, unlike any other: then the next step of the judgement stays, such as
+    to fly until a model is learned.
 
     Args:
         judgement: headline, next step (what the pilot should do), and lights: the judgement of each part of the vehicle
@@ -1604,11 +1622,11 @@ def _judgement_with_summary(judgement: Judgement) -> Judgement:
     """
     headline = headline_by_lights(judgement.lights)
     if headline.is_watch_or_bad:
-        return _judgement_with_headline(headline, judgement.lights)
+        return _judgement_from_headline(headline, judgement.lights)
     return replace(judgement, headline=headline)
 
 
-def _judgement_with_headline(headline: Fact, lights: NamedFacts) -> Judgement:
+def _judgement_from_headline(headline: Fact, lights: NamedFacts) -> Judgement:
     """Returns a judgement with a headline and the next step that follows from it.
 
     Args:

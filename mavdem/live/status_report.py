@@ -169,15 +169,16 @@ class StatusReport:
         return silence
 
     def _ignores_motion(self, status: SessionStatus) -> bool:
-        """Returns whether attitudes come on the link, but are not used, since no vehicle is followed.
+        """Returns whether some vehicle on the link sends its attitude, which is not used, since no vehicle is followed.
+
+        Then the motion is not missing on the link, as it would seem.
 
         Args:
-            status: status of the stream, with the vehicle that is followed.
+            status: status of the stream, with the vehicle whose messages are used; None without one.
         """
-        is_none_followed = status.vehicle is None
-        # Attitudes of any vehicle on the link, followed or not.
+        is_vehicle_followed = status.vehicle is not None
         has_attitudes = self.silence.has_attitudes(self.backlog.analysed_until)
-        return is_none_followed and has_attitudes
+        return has_attitudes and not is_vehicle_followed
 
     def _silence_fact(self) -> Fact | None:
         """Returns the fact that the link is lost, or which messages of the vehicle have not come for some seconds.

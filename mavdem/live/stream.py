@@ -656,12 +656,14 @@ class LiveStream:
         return self._latest_position if is_of_boot or is_of_flight else None
 
     def _process_velocity(self, message: Message, time: float) -> None:
-        """Uses the velocity in a message for the estimate of the wind, and the position in it for the vehicle's pose.
+        """Uses a velocity to estimate the wind, and the position in the same message, if any, for the vehicle's pose.
+
+        The search for drift takes LOCAL_POSITION_NED only, whose velocity is in m/s.
 
         Args:
-            message: a decoded message of velocity. Its first three values are the velocity down, north and east, in
-                the unit of the message. A position follows in two of them: in LOCAL_POSITION_NED north, east and down,
-                m; in GLOBAL_POSITION_INT height above home, latitude and longitude.
+            message: a decoded message. Its first three values are the velocity down, north and east, in the unit of the
+                message. A position follows in two of them: in LOCAL_POSITION_NED north, east and down, m; in
+                GLOBAL_POSITION_INT height above home, latitude and longitude.
             time: time on the boot clock, s.
         """
         velocity = message.values[:3]
@@ -769,9 +771,9 @@ class LiveStream:
         return self._rows.completed_rows(name, stream)
 
     def _test_motors(self, time: float) -> None:
-        """Tests the latest motor outputs for a motor that works harder than before, and reports what is found.
+        """Looks for a motor that works harder than before, at the latest motor outputs, and reports it as an event.
 
-        Only in settled flight do the outputs of the motors show their balance.
+        The outputs are compared in settled flight only: in manoeuvres they differ in any case.
 
         Args:
             time: time of the latest sample of motor outputs, s of the boot clock.
@@ -785,6 +787,7 @@ class LiveStream:
         motors = inputs.motors
         # Motor commands as fractions of their range.
         commands = motors.scale.fraction(np.array(outputs)).tolist()
+        # The lean of the vehicle, rad, which explains part of the difference between motors.
         roll_and_pitch = UNKNOWN_LEAN
         if self._pose.pose is not None:
             roll, pitch, _ = self._pose.pose.angles

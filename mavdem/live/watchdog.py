@@ -450,9 +450,10 @@ class Watchdog:
         return report
 
     def update_phase(self, now: float, *, is_flying: bool, takeoff_time: float = -inf) -> None:
-        """Notes a take-off or landing, if the vehicle has changed between air and ground since the last call.
+        """Notices whether the vehicle has taken off or landed since the last call, and begins or ends its flight.
 
-        Faults that end with it at the latest are ended, and their status lights get the time of the end.
+        A take-off or landing ends a drift in the wind and a disagreement of the heights. This comes first, while the
+        status lights are still those of the phase that ends.
 
         Args:
             now: present time on the boot clock, s.
@@ -544,10 +545,9 @@ class Watchdog:
         return seconds_on_ground < RECOVERY_SECONDS
 
     def _end_drift(self, now: float) -> None:
-        """Ends the search for wind that carries the vehicle away, at a take-off or landing, and begins a new one.
+        """Ends a drift, in which the wind carries the vehicle away, at a take-off or landing; then looks for a new one.
 
-        A drift that was found and still lasts ends now. The status light of the wind, if it states that drift, gets its
-        end.
+        If the status light (judgement) of the wind states that drift, it gets the time when the drift ended.
 
         Args:
             now: present time on the boot clock, s.
@@ -588,10 +588,12 @@ class Watchdog:
         return tuple(warning for warning in self._warnings if warning.start_time > start_time)
 
     def _judge_battery(self, review: Review, condition: Condition) -> None:
-        """Judges the battery by all messages and warnings since the autopilot started: it does not recover in flight.
+        """Judges the battery by all messages and warnings since the autopilot started, and stores the judgement.
+
+        Unlike other parts of the vehicle, a battery does not recover. So earlier flights count too.
 
         Args:
-            review: the review, whose ``facts`` get the judgement.
+            review: one look at the vehicle, whose ``facts`` get the judgement.
             condition: figures of the vehicle; its ``duration`` is that of the flight so far, s.
         """
         signals_since_boot = self._status_signals(review.vehicle, review.now, start_time=-inf)
@@ -1211,11 +1213,12 @@ def _fault_for_user(quantity: WatchedQuantity, fault: Fact) -> Fact:
 
 
 def _battery_report_in_flight(report: Fact) -> Fact:
-    """Shortens a warning of the battery for a pilot in flight, and advises what to do now instead of next time.
+    """Returns a warning of the battery as a pilot in flight needs it: short, with advice for this flight.
+
+    The same warning after the landing says what to do before the next flight.
 
     Args:
-        report: the warning. Its figure ``batteries`` has facts on further batteries, which are left out here; the page
-            shows them.
+        report: the warning. Facts on further batteries, its figure ``batteries``, are left out; the page has them.
     """
     if "batteries" in report.figures:
         report = report.replace(batteries=())
