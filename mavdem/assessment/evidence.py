@@ -172,18 +172,24 @@ class Evidence:
 
     @cached_property
     def reasons_not_to_fly(self) -> Facts:
-        """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor is at its limit.
+        """Why the vehicle must not fly again before it is repaired or tuned, as facts; empty if it may.
 
-        A motor counts as at its limit by its fraction of the time in the hover or, if no hover was measured, by any
-        moment at the limit. The reasons are empty if there are none, or the vehicle never flew. Facts about a vehicle
-        that must not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.without_flight_advice`).
+        The reasons are, the most urgent first:
+
+        1. The vehicle was lost.
+        2. It oscillates, or else a motor is at its limit for much of the hover.
+        3. A motor was at its limit at any moment, if no hover was measured.
+
+        A vehicle that never flew has no reasons. If there are any, facts about the vehicle are shown without advice to
+        fly (:attr:`mavdem.facts.Fact.without_flight_advice`).
         """
         if self.not_flown is not None:
             return ()
-        # A limit cycle, or a motor at its limit in the hover. Lost thrust of a motor is among the events instead.
-        reasons = list(flight_overrides(self.condition, alarms=()))
+        reasons: list[Fact] = []
         if self.ending is not None:
-            reasons.insert(0, self.ending)
+            reasons.append(self.ending)
+        # Alarms of motors that lost thrust are left out here, since they are among the events.
+        reasons += flight_overrides(self.condition, alarms=())
         if self.condition.hover is None:
             reasons += self.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP])
         return tuple(reasons)

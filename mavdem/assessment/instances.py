@@ -674,10 +674,12 @@ def _output_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _motor_in_brackets(evidence: Evidence, name: str) -> str:
-    """Returns text to follow the name of an output: its motor, such as " (motor 1)".
+    """Returns which motor an output or ESC drives, as text to follow its name: " (motor 1)", as in "ESC 3 (motor 1)".
+
+    The text is empty for a vehicle that is not a multirotor, such as a plane.
 
     Args:
-        evidence: the vehicle. One that is not a multirotor, such as a plane, has no such text.
+        evidence: all that the log shows of the vehicle.
         name: name of the motor with its place, such as "motor 1 (front right)".
     """
     if evidence.other_vehicle is not None:

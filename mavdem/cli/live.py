@@ -296,7 +296,7 @@ def live_command(
             print_to_stderr(f"The next vehicle cannot be followed: {as_clause(error)}.")
             further_codes.append(EXIT_ERROR)
     if as_json:
-        print_json(_document_of_flights(flights))
+        print_json(_json_document(flights))
     codes = [*(flight.code for flight in flights), *further_codes]
     click.get_current_context().exit(_exit_code(codes))
 
@@ -564,7 +564,7 @@ def _new_session(
     if record is not None:
         recording = RawRecording(record)
         if former_flight is not None:
-            first_pieces = _move_first_frames(former_flight, recording, record)
+            first_pieces = _take_over_first_frames(former_flight, recording, record)
     prior_drag = None if options.prior is None else _drag_of_prior(options.prior)
 
     def report_status(status: SessionStatus) -> None:
@@ -612,15 +612,17 @@ def _print_introduction(options: LiveOptions, paths: OutputPaths, dashboard: Das
     print_sign_in_link(dashboard.sign_in_link)
 
 
-def _move_first_frames(
+def _take_over_first_frames(
     former_flight: FollowedFlight, recording: RawRecording, path: Path
 ) -> list[ReceivedPiece]:
-    """Moves the first frames of a vehicle, which came during the session before, from that recording to its own.
+    """Moves the first frames of a vehicle from the recording of the vehicle before it to its own recording.
+
+    They came while the session before still waited for its silent vehicle, and recorded all that the link received.
 
     Args:
-        former_flight: Flight of the vehicle before, at the end of whose recording these frames are.
-        recording: The new, empty recording of the vehicle.
-        path: Its file, which is deleted if the frames cannot be moved.
+        former_flight: Flight of the vehicle before, whose recording ends with these frames.
+        recording: The vehicle's own recording, which is empty.
+        path: File of that recording, which is deleted if the frames cannot be moved.
 
     Returns:
         The frames with their times of arrival.
@@ -638,12 +640,14 @@ def _move_first_frames(
         ) from None
 
 
-def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
-    """Returns the JSON document that --json prints: that of the last flight, with those before it under "earlier".
+def _json_document(flights: Sequence[FollowedFlight]) -> LiveDocument:
+    """Returns the one JSON document that --json prints for all flights of a run.
+
+    It is the document of the last flight, with a list of those of the flights before under the key "earlier".
 
     Args:
-        flights: The flights of one vehicle after the other, the last one last; at least one. Each has its document,
-            since --json was given.
+        flights: The flights in their order, each of another vehicle than the one before; at least one. Each has its
+            document, since --json was given.
     """
     documents = []
     for flight in flights:

@@ -53,7 +53,11 @@ class GainCell(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Why a new value is not to be set before the next flight; empty if it is, or if there is none."""
+        """Text behind a new value that must not be loaded before the next flight; empty behind any other value.
+
+        A value on trial, which another flight has to confirm first, has "tried". One that is loaded in a later stage of
+        the tuning, after further flights, has the number of that stage, such as "stage 2".
+        """
         if self.new is None:
             return ""
         if self.new.is_tried:

@@ -386,7 +386,7 @@ def tune_blocks(
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
     if is_full:
-        blocks += _unchecked_effects(tuning)
+        blocks += _warning_of_unchecked_effects(tuning)
     return blocks
 
 
@@ -649,7 +649,7 @@ def sentences_on_goal(advice_by_axis: Mapping[str, Advice], target: MarginTarget
     return render_section(
         "tune_goal",
         target=target,
-        deviation=_checked_thrust_deviation(),
+        deviation=_largest_checked_thrust_change(),
         axes_by_shares=axes_by_shares,
     )
 
@@ -697,8 +697,8 @@ def field_sentences(tuning: Tuning) -> list[Sentence]:
     )
 
 
-def _checked_thrust_deviation() -> float:
-    """Returns the largest deviation of the thrust with which gains are to have their margins, as a share."""
+def _largest_checked_thrust_change() -> float:
+    """Returns how much more or less thrust than in flight gains are checked with, as a fraction: 0.2 for 20 %."""
     return max(EFFECTIVENESS_FACTORS) - 1
 
 
@@ -723,23 +723,24 @@ def tune_details(tuning: Tuning) -> Blocks:
         blocks.append(headline_sentence(axis.capitalize()))
         blocks += _gain_sentences(advice)
         blocks += _basis_sentences(advice.before, is_doubtful=is_doubtful)
-    return [*blocks, *_unchecked_effects(tuning)]
+    return [*blocks, *_warning_of_unchecked_effects(tuning)]
 
 
-def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
-    """Returns the sentence that warns the pilot of what can make advised gains unstable and was not checked.
+def _warning_of_unchecked_effects(tuning: Tuning) -> list[Sentence]:
+    """Returns a sentence that warns the pilot of effects that may make the advised gains unstable and were not checked.
 
-    Such an effect is the bending of the frame, which the model of the vehicle does not have.
+    One is the bending of the frame, which is not in the model of the vehicle. Another is a change of the thrust, by a
+    fuller battery or less load, that is larger than the checked one.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
-        A list with the sentence; empty if no gains are advised.
+        A list with the one sentence; empty if no gains are advised on any axis.
     """
     for advice in tuning.axes.values():
         if isinstance(advice, Advice) and advice.gains:
-            return render_section("loop_not_checked", deviation=_checked_thrust_deviation())
+            return render_section("loop_not_checked", deviation=_largest_checked_thrust_change())
     return []
 
 
@@ -1515,10 +1516,10 @@ def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:
 
 
 def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
-    """Returns the details of a tuning on one axis: sentences on the gains, tables of all margins, the gyro's filters.
+    """Returns the details of a tuning on one axis: sentences on its gains, tables of its margins, what both rest on.
 
-    The tables compare the loops as flown and with the advised gains. A last sentence compares the predicted response of
-    the rate with the measured one.
+    The tables compare the loops as flown with those with the advised gains. The last sentences are about the filters of
+    the gyro, and about how well the identified loop predicts the measured response of the rate.
 
     Args:
         advice: advice on the axis, with its loops.
@@ -1526,7 +1527,7 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
     """
     # The loops as flown and with the advised gains, by the header of their column in the tables.
     loops = compared_loops(advice)
-    # The headers of the columns that the tables mark as doubtful.
+    # Both loops come from the same identified model, so that either all of them are doubtful or none.
     doubtful_loops: Container[str] = ()
     if is_doubtful:
         doubtful_loops = loops

@@ -282,17 +282,24 @@ def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> lis
     if has_headline_above and assessment.flight_of_headline is not None:
         # Several flights were assessed together. This fact says in which of them the event in the headline was.
         facts.append(assessment.flight_of_headline)
-    facts += _flight_facts(assessment.flight_verdicts, has_headline_above=has_headline_above)
-    facts += _vehicle_facts(assessment.vehicle_verdicts)
+    facts += _reported_flight_and_verdicts(
+        assessment.flight_verdicts, has_headline_above=has_headline_above
+    )
+    facts += _reported_vehicle_and_verdicts(assessment.vehicle_verdicts)
     return [Sentence(fact.sentence) for fact in facts]
 
 
-def _flight_facts(verdicts: Sequence[FlightVerdict], *, has_headline_above: bool) -> list[Fact]:
-    """Returns which flight of a recording is reported, and how the others were judged, as facts.
+def _reported_flight_and_verdicts(
+    verdicts: Sequence[FlightVerdict], *, has_headline_above: bool
+) -> list[Fact]:
+    """Returns facts that say which flight of a recording this report is about, and how its flights were judged.
+
+    The report is about the worst flight.
 
     Args:
-        verdicts: the judgement of each flight, the worst first, which is reported; empty for a single flight.
-        has_headline_above: whether the judgement of the worst flight stands above already, as the headline.
+        verdicts: the judgement of each flight, the worst first; empty for a recording of a single flight.
+        has_headline_above: whether the report shows the judgement of the worst flight above, as its headline. Then it
+            is left out here.
     """
     if not verdicts:
         return []
@@ -304,7 +311,7 @@ def _flight_facts(verdicts: Sequence[FlightVerdict], *, has_headline_above: bool
     return facts
 
 
-def _vehicle_facts(verdicts: Sequence[VehicleVerdict]) -> list[Fact]:
+def _reported_vehicle_and_verdicts(verdicts: Sequence[VehicleVerdict]) -> list[Fact]:
     """Returns which vehicle of a recording is reported, and how the others were judged, as facts.
 
     Args:

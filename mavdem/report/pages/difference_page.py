@@ -382,7 +382,7 @@ def _reasons_for_missing_steps(reviews_by_side: Reviews, side: str) -> list[str]
         reviews_by_side: review documents of both logs, by side, "A" and "B".
         side: the side whose missing responses are explained.
     """
-    axes_by_reason = dict[_ReasonOfAxes, list[str]]()
+    axes_by_reason = dict[_MissingStepReason, list[str]]()
     for axis, loop_name in product(AXES, LOOP_NAMES):
         responses = {
             each_side: value_at(review, f"axes.{axis}.{loop_name}") or {}
@@ -392,13 +392,13 @@ def _reasons_for_missing_steps(reviews_by_side: Reviews, side: str) -> list[str]
         if responses[side].get("measured") or not is_measured_anywhere:
             continue
         for fact in responses[side].get("facts") or ():
-            reason = _ReasonOfAxes.from_fact(fact, axis, loop_name)
+            reason = _MissingStepReason.from_fact(fact, axis, loop_name)
             axes_by_reason.setdefault(reason, []).append(axis)
     return [reason.text(axes) for reason, axes in axes_by_reason.items()]
 
 
-class _ReasonOfAxes(NamedTuple):
-    """Why a step response is missing, without the axis, so that the reason is equal on all axes that it is about."""
+class _MissingStepReason(NamedTuple):
+    """Why a step response was not measured, without the axis: the same reason on two axes is equal, and stated once."""
 
     sentence: str
     """The reason; ``SUBJECT_PLACEHOLDER`` stands where it names its subject, a loop of an axis such as "roll rate"."""
@@ -408,7 +408,10 @@ class _ReasonOfAxes(NamedTuple):
 
     @classmethod
     def from_fact(cls, fact: JsonValues, axis: str, loop_name: str) -> Self:
-        """Returns the reason that a finding states, without the axis if it is about one loop of this axis.
+        """Makes the reason of a sentence, in which a placeholder replaces the loop if it is about one loop of one axis.
+
+        For "The roll rate is logged too slowly." the placeholder stands for "roll rate", so that the reason is equal to
+        that of the pitch rate.
 
         Args:
             fact: a finding of a review document: its sentence and, if it is about one loop, the subject of the

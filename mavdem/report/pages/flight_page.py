@@ -554,7 +554,10 @@ def _numbered_events(
     next_step: str = "",
     evidence_of_headline: str = "",
 ) -> list[PageEvent]:
-    """Returns the events of a log as the list on its page shows them; those with a time are numbered from 1 on.
+    """Returns the list of events on the page of a log; those with a time are numbered from 1 on, as in its charts.
+
+    The list does not repeat what the page states elsewhere. So each event says whether the headline or a light (the
+    judgement of one part of the vehicle) states it too, and has the texts that the page shows above it.
 
     Args:
         events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
@@ -566,14 +569,13 @@ def _numbered_events(
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
 
     Returns:
-        The events in the order of ``events``. Each has its number, what states it elsewhere on the page, and the texts
-        that the page shows before it.
+        The events in the order of ``events``, with all saturations of a motor as one event.
     """
     facts = tuple(with_saturations_counted(events))
     page_events = _events_with_numbers(facts, timeline)
     if headline is not None:
-        page_events = _events_marked_as_stated(page_events, headline, lights or {})
-    return _events_with_texts_before(page_events, evidence_of_headline, next_step)
+        page_events = _events_with_mentions(page_events, headline, lights or {})
+    return _events_with_shown_texts(page_events, evidence_of_headline, next_step)
 
 
 def _events_with_numbers(facts: Facts, timeline: Timeline | None) -> list[PageEvent]:
@@ -603,10 +605,10 @@ def _events_with_numbers(facts: Facts, timeline: Timeline | None) -> list[PageEv
     return page_events
 
 
-def _events_marked_as_stated(
+def _events_with_mentions(
     page_events: Sequence[PageEvent], headline: Fact, lights: NamedFacts
 ) -> list[PageEvent]:
-    """Marks the events that the headline of a page or one of its status lights states, so that the list is brief there.
+    """Marks events that the headline of a page or one of its status lights states too, so that the list can be brief.
 
     Args:
         page_events: the events in the order of the list.
@@ -626,10 +628,10 @@ def _events_marked_as_stated(
     return marked_events
 
 
-def _events_with_texts_before(
+def _events_with_shown_texts(
     page_events: Sequence[PageEvent], evidence_of_headline: str, next_step: str
 ) -> list[PageEvent]:
-    """Returns the events of a page, each with the texts that the page shows before it (``texts_shown_before``).
+    """Adds to each event the texts that the page shows above it, which the event does not repeat.
 
     Several events may have the same remedy (what to do) or the same evidence (what sensors measured). The page shows
     each of these texts only once: in the next step, as evidence of the headline, or else with the first event.

@@ -402,9 +402,10 @@ def _twin_charts_by_axis(tuning: Tuning, assessment: Assessment) -> dict[str, li
 
 
 def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
-    """Returns the folded chapter of gain, phase and sensitivity of the open loops over frequency.
+    """Returns the chapter that shows each control loop over frequency: gain and phase of the open loop, sensitivity.
 
-    Each chart has the loop with the present gains and, where gains change, the loop with the advised ones.
+    Each chart has the loop with the present gains and, where gains change, the loop with the advised ones. The chapter
+    is folded, since few readers need it.
 
     Args:
         tuning: for each axis its advice, with the loops; or the fact why its loops are not known.
