@@ -474,10 +474,12 @@ class Api:
                 matches = await run_in_threadpool(
                     self._library.find, is_followed, condition_values, MAX_FILES
                 )
-                current_progress = await run_in_threadpool(self._progress_of_all, matches.entries)
+                # Asked before the verdicts are read: a comparison that ends in between is in them, and none that ends
+                # after them is missed.
                 uncompared_ids = await run_in_threadpool(
                     self._library.uncompared_ids, matches.entries
                 )
+                current_progress = await run_in_threadpool(self._progress_of_all, matches.entries)
                 unfinished_ids = [
                     entry.id
                     for entry in matches.entries

@@ -718,8 +718,9 @@ class LinkMonitor:
         Args:
             entry: the recording in the library.
         """
-        anomalous_row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
+        # Asked before the verdict is read, which a comparison that ends in between may change.
         is_compared = entry.id not in self._library.uncompared_ids([entry])
+        anomalous_row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
         compared_entry = entry_compared_with_fleet(entry, anomalous_row)
         return _verdict_on_recording(compared_entry, is_compared=is_compared)
 

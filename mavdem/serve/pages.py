@@ -323,6 +323,8 @@ class Pages:
         if is_stored and self._request_page_if_outdated(entry, html):
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})
+        # Asked before the verdict is read, so that no comparison which ends in between is missed.
+        is_compared = bool(vehicle) or not self._library.uncompared_ids([entry])
         anomaly = None
         # The fleet judges the vehicle under which the log is listed, and not another one that the query names.
         if not vehicle:
@@ -343,7 +345,7 @@ class Pages:
                 html,
                 given_name=values["given"].flights.get(entry.content_hash, ""),
                 anomaly=anomaly,
-                is_compared=bool(vehicle) or not self._library.uncompared_ids([entry]),
+                is_compared=is_compared,
                 files=entry.file_names if is_stored else [],
                 missing=RecordingRequests(self._library).missing_names(entry),
                 can_open=self._has_viewer and has_recording and values["may_read"],

@@ -37,6 +37,7 @@ from mavdem.report.pages.library_page import interface_words
 from mavdem.results import PAGE_FILE
 from mavdem.serve import api, listening, uploads
 from mavdem.serve.guard import POLICY_HEADER
+from mavdem.serve.library import Library
 from mavdem.serve.rights import Rights, rights_for_host
 from mavdem.serve.stored_files import refuse_full_disk
 from mavdem.serve.stored_parameters import write_parameters
@@ -345,6 +346,29 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
     review = served.get(f"/api/flights/{weak}").json["review"]
     assert review["headline"]["sentence"] == "Motor 3 lost thrust."
     assert review["next_step"]["sentence"].startswith("Unless they were replaced, check motors")
+
+
+@mark.slow
+def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served, monkeypatch):
+    """The page then waits for it."""
+    flight = served.add("weak.ulg", "A weak motor.")
+    read_verdicts = Library.rows_with_motor_anomaly
+
+    def read_before_the_end(library, entries):
+        rows = read_verdicts(library, entries)
+        with library.transaction() as db:
+            db.execute("update flights set judged = 0 where judged is null")
+        return rows
+
+    def begin_again():
+        with served.library.transaction() as db:
+            db.execute("update flights set judged = null, file = 'weak.ulg'")
+
+    monkeypatch.setattr(Library, "rows_with_motor_anomaly", read_before_the_end)
+    begin_again()
+    entry = served.library.entry(flight)
+    assert served.library.uncompared_ids([entry]) == {flight}
+    assert 'id="comparing"' in served.get(f"/f/{flight}").text
 
 
 @mark.slow
