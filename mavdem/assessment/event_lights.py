@@ -104,8 +104,9 @@ def light_or_warning(name: Light, light: Fact, evidence: Evidence) -> Fact:
         return light
     warnings = []
     for event in evidence.warnings_before_loss(LIGHT_OF_WARNING):
-        is_about_light = light_of_event(event) is name or LIGHT_OF_WARNING[event.code] is name
-        if is_about_light:
+        # Only events of the first table have a light in the headline.
+        light_of_warning = light_of_event(event) or LIGHT_OF_WARNING[event.code]
+        if light_of_warning is name:
             warnings.append(event)
     warnings.sort(key=_duration, reverse=True)
     return worst_fact([light, *warnings])

@@ -242,6 +242,11 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     assert light_or_warning(Light.TRACKING, light_fact, limited) == light_fact
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     assert light_or_warning(Light.MOTORS, even, limited) == even
+    # A watchdog restarts a program that hangs, whatever its supply.
+    reset = Fact(ReportedEvent.RESTARTED_IN_FLIGHT, Level.BAD, time=50.0, boot=0, watchdog=True)
+    restarted = replace(without_hover, events=(reset,))
+    assert light_or_warning(Light.TRACKING, light_fact, restarted) == reset
+    assert light_or_warning(Light.POWER, light_fact, restarted) == light_fact
     lost = replace(without_hover, events=(stop,), ending=Fact(SessionFact.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert light_or_warning(Light.MOTORS, light_fact, lost) == light_fact
