@@ -125,11 +125,23 @@ def _px4_cell_count_parameter(parameters: Parameters, number: int) -> str:
         parameters: values of the autopilot's parameters by their names.
         number: number of the battery, from 1.
     """
-    name = CELL_COUNT_PARAMETER.format(number)
-    has_only_old_name = name not in parameters and OLD_CELL_COUNT_PARAMETER in parameters
-    if number == FIRST_BATTERY and has_only_old_name:
-        return OLD_CELL_COUNT_PARAMETER
-    return name
+    names = _names_of_cell_count(number)
+    for name in names:
+        if name in parameters:
+            return name
+    return names[0]
+
+
+def _names_of_cell_count(number: int) -> list[str]:
+    """Returns the names of PX4's parameter of the number of cells of a battery in all versions, the present one first.
+
+    Args:
+        number: number of the battery, from 1. Older versions know the first battery only.
+    """
+    names = [CELL_COUNT_PARAMETER.format(number)]
+    if number == FIRST_BATTERY:
+        names.append(OLD_CELL_COUNT_PARAMETER)
+    return names
 
 
 def _ardupilot_low_voltage_parameters(parameters: Parameters, number: int) -> str:
@@ -167,10 +179,7 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     Returns:
         The number; None if it cannot be determined.
     """
-    names = [CELL_COUNT_PARAMETER.format(battery.number)]
-    if battery.number == FIRST_BATTERY:
-        names.append(OLD_CELL_COUNT_PARAMETER)
-    for name in names:
+    for name in _names_of_cell_count(battery.number):
         count = int(parameters.get(name, 0))
         if count:
             return count

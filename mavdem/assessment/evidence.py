@@ -367,19 +367,15 @@ class Evidence:
         Yields:
             Facts whose level is bad or to be watched, in the order of time.
         """
-        warnings_in_flight = list(self.warnings_in_flight(codes))
         for event in self.events:
-            if event in warnings_in_flight:
+            if event.code not in codes or not event.is_watch_or_bad:
+                continue
+            boot = event.figures["boot"]
+            counted_intervals = self.flights(boot)
+            if counted_intervals and isinstance(event.code, MotionEvent):
+                counted_intervals = self._intervals_before_loss(boot)
+            if in_intervals(event.start_time, counted_intervals):
                 yield event
-            elif (
-                isinstance(event.code, MotionEvent)
-                and event.code in codes
-                and event.is_watch_or_bad
-            ):
-                boot = event.figures["boot"]
-                is_before_loss = in_intervals(event.start_time, self._intervals_before_loss(boot))
-                if is_before_loss and self.flights(boot):
-                    yield event
 
     def _intervals_before_loss(self, boot: int) -> Intervals:
         """Returns the time of a boot before the vehicle lost its attitude, fell or crashed, if it did.

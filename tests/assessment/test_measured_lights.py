@@ -723,7 +723,7 @@ def test_a_low_supply_is_the_suspected_reason_for_a_log_that_ends_in_the_air(lea
     # A low supply is an event as well, unless the autopilot's messages had it below the critical voltage already.
     low_supplies = [fact for fact in with_low_supply(judged) if fact is not event]
     assert [fact.code for fact in low_supplies] == [ReportedEvent.BOARD_VOLTAGE_LOW] * is_suspect
-    assert with_low_supply(replace(judged, events=low_supplies)) == tuple(low_supplies)
+    assert with_low_supply(replace(judged, events=tuple(low_supplies))) == tuple(low_supplies)
     for low_supply in low_supplies:
         assert f"below {BOARD_VOLTAGE_LIMITS.watch:.2f} V" in low_supply.sentence
     assert ("board supply down to" in event.sentence) is is_suspect

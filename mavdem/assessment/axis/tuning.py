@@ -113,14 +113,25 @@ def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> di
         Each gain with its value now and the value to set; empty if none is to be lowered.
     """
     advice = [fact for fact in _fact_and_contained_facts(next_step) if fact.code in LOWERING]
-    for decision in decisions:
-        if decision.action is not None and decision.action.code is LoopAction.LOWER_BY_A_THIRD:
-            advice.append(decision.action)
+    advice += _reductions_by_a_third(decisions)
     gains = {}
     for fact in advice:
         for name, present_value, new_value in fact.figures["changes"]:
             gains[name] = Gain(present_value, new_value)
     return gains
+
+
+def _reductions_by_a_third(decisions: Iterable[LoopDecision]) -> list[Fact]:
+    """Returns the advice, of decisions on loops, to lower the gains of an axis by a third.
+
+    Args:
+        decisions: decisions on the loops of some axes.
+
+    Returns:
+        The advice (coded findings), each with the name of the ``axis`` and the ``changes`` of its gains.
+    """
+    actions = [decision.action for decision in decisions if decision.action is not None]
+    return [action for action in actions if action.code is LoopAction.LOWER_BY_A_THIRD]
 
 
 def _fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
@@ -738,7 +749,8 @@ def _step_to_load_gains(
     axes_to_load: Names = ()
     if len(loops_to_load) < len(changed_loops):
         axes_to_load = tuple(advice.before.axis for advice in loops_to_load)
-        axes_to_load += _axes_with_lowered_gains(judgement)
+        reductions = _reductions_by_a_third(judgement.loop_decisions.values())
+        axes_to_load += tuple(reduction.figures["axis"] for reduction in reductions)
     return Fact(
         NextStep.LOAD_GAINS,
         judgement.headline.level,
@@ -758,15 +770,6 @@ def _step_to_load_gains(
         others=tuple(other_axes),
         arguments=tuple(arguments),
     )
-
-
-def _axes_with_lowered_gains(judgement: Judgement) -> Names:
-    """Returns the axes whose gains the decisions on their loops lower, since they lack margin by a measurement."""
-    axes = []
-    for axis, decision in judgement.loop_decisions.items():
-        if decision.action is not None and decision.action.code is LoopAction.LOWER_BY_A_THIRD:
-            axes.append(axis)
-    return tuple(axes)
 
 
 def _has_biased_effectiveness(loop: Loop) -> bool:

@@ -236,9 +236,8 @@ def with_low_supply(evidence: Evidence) -> tuple[Fact, ...]:
         All events of the evidence and the new one, if any, in the order of boot and time. It has the lowest average
         over 2 s as ``voltage``, and the ``voltage_limit`` that it was below, V.
     """
-    for event in evidence.events:
-        if event.code is ReportedEvent.BOARD_VOLTAGE_LOW:
-            return tuple(in_time_order(evidence.events))
+    if any(event.code is ReportedEvent.BOARD_VOLTAGE_LOW for event in evidence.events):
+        return evidence.events
     events = list(evidence.events)
     for supply in _supply_facts(evidence):
         if supply.code is PowerLight.SUPPLY_LOW:
