@@ -345,9 +345,9 @@ class MarginReview:
         reason = margins.figures.get("reason")
         if reason is None or reason.code is not LoopFact.LOOP_TOO_SHORT:
             return margins
-        if reason.figures["settled"] is None:
-            return margins
         settled = reason.figures["settled"]
+        if settled is None:
+            return margins
         review_time = reason.figures["clock"]
         if settled_start is not None and review_time is not None:
             settled += max(0.0, now - max(review_time, settled_start))

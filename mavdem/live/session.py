@@ -57,7 +57,7 @@ from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
 RECORDING_AWAITED = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
 """The verdict on the recording of a flight, as long as that is still being read."""
 
-MAX_REST_SECONDS = 2.0
+MAX_REST_ANALYSIS_SECONDS = 2.0
 """Longest time for which the end of a session waits for the analysis of its last messages, s: a choice; browsers wait
 for 5 s for the last page of a server."""
 
@@ -247,11 +247,11 @@ class LiveSession:
             self._judge_and_report(now)
 
     def analyse_rest(self) -> None:
-        """Analyses the messages that still wait at the end of the session, for ``MAX_REST_SECONDS`` at most.
+        """Analyses the messages that still wait at the end of the session, for ``MAX_REST_ANALYSIS_SECONDS`` at most.
 
         On a computer that is far behind, they may show a landing. Without them the vehicle would seem lost in flight.
         """
-        end_time = clock.monotonic() + MAX_REST_SECONDS
+        end_time = clock.monotonic() + MAX_REST_ANALYSIS_SECONDS
         while self.backlog and clock.monotonic() < end_time:
             self._analyse()
         self._report_events()

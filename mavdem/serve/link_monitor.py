@@ -158,18 +158,17 @@ class _StoredFlight(NamedTuple):
 
     @classmethod
     def of_entry(
-        cls, entry: LibraryEntry, vehicle: Component, session: LiveSession | None = None
+        cls, entry: LibraryEntry, vehicle: _LinkedVehicle, session: LiveSession | None = None
     ) -> Self:
-        """Returns the flight of a recording that was just added to the library, without a verdict.
+        """Returns the flight of a recording in the library, without a verdict.
 
         Args:
             entry: the recording in the library.
             vehicle: the vehicle of the flight.
             session: its session, if that is over; None while it goes on.
         """
-        linked_vehicle = _LinkedVehicle.of_component(vehicle)
         page = PageLink(entry.name, _page_address(entry))
-        return cls(linked_vehicle, entry.id, page, session=session)
+        return cls(vehicle, entry.id, page, session=session)
 
     @property
     def forbids_flight(self) -> bool:
@@ -610,7 +609,7 @@ class LinkMonitor:
         self._report_saved_flight(_page_address(entry))
         vehicle = session.stream.followed_vehicle
         if vehicle is not None and not self._is_stopping.is_set():
-            flight = _StoredFlight.of_entry(entry, vehicle, session)
+            flight = _StoredFlight.of_entry(entry, _LinkedVehicle.of_component(vehicle), session)
             self._show_stored_flight(
                 flight._replace(
                     is_end_unknown=_is_end_unknown(session.status),
@@ -654,7 +653,7 @@ class LinkMonitor:
         path = self._library.new_incoming_path()
         recording.copy_to(path)
         entry = self._add_to_library(path, recording)
-        self._stored_part = _StoredFlight.of_entry(entry, vehicle)
+        self._stored_part = _StoredFlight.of_entry(entry, _LinkedVehicle.of_component(vehicle))
         self._log_added()
         self._report_saved_flight(_page_address(entry), is_part=True)
 
@@ -705,7 +704,7 @@ class LinkMonitor:
                 self._library.names,
                 flight.saved_flight,
                 verdict,
-                self._fault_of_earlier_flight(flight.vehicle, flight.session, judged_flight),
+                self._fault_of_earlier_flight(flight.session, judged_flight),
             )
         return judged_flight
 
@@ -907,7 +906,7 @@ class LinkMonitor:
             self._library.names,
             None,
             verdict,
-            self._fault_before_session(shown_session, shown_flight),
+            self._fault_of_earlier_flight(shown_session, shown_flight),
         )
         self._page = SessionPage.made_now(html, session, session.status, start_time)
         self._has_last_page.set()
@@ -965,7 +964,7 @@ class LinkMonitor:
         return replace(
             session.status,
             recording_verdict=NOT_JUDGED_IN_SESSION,
-            fault_in_library=self._fault_before_session(session),
+            fault_in_library=self._fault_of_earlier_flight(session),
         )
 
     def _flights_from_before_start(
@@ -1049,15 +1048,11 @@ class LinkMonitor:
             vehicle: the vehicle that has flown it, perhaps.
             name_in_logs: name by which logs of this vehicle are recognised; empty if another one may have flown it.
         """
-        page = PageLink(entry.name, _page_address(entry))
-        verdict = self._present_verdict(entry)
-        return _StoredFlight(vehicle, entry.id, page, verdict, name_in_logs=name_in_logs)
+        flight = _StoredFlight.of_entry(entry, vehicle)
+        return flight._replace(verdict=self._present_verdict(entry), name_in_logs=name_in_logs)
 
     def _fault_of_earlier_flight(
-        self,
-        vehicle: _LinkedVehicle,
-        session: LiveSession,
-        shown_flight: _StoredFlight | None = None,
+        self, session: LiveSession, shown_flight: _StoredFlight | None = None
     ) -> Fact | None:
         """Returns the latest fault that the library found in earlier flights of a vehicle, and that still counts.
 
@@ -1066,16 +1061,19 @@ class LinkMonitor:
         the flights before the start of the server, only the latest are considered.
 
         Args:
-            vehicle: the vehicle.
-            session: the session that is shown, of this vehicle.
-            shown_flight: the stored flight of that session; None while the session runs. If it was judged good, it ends
+            session: the session that is shown, running or over; its vehicle is meant.
+            shown_flight: the stored flight of that session; None before it is stored. If it was judged good, it ends
                 the faults before it.
 
         Returns:
             The fault, with the address of the flight's page, and whether another vehicle may have flown that flight
-            (:func:`_fault_for_session`); None without a fault.
+            (:func:`_fault_for_session`); None without a fault, and before a vehicle is followed.
         """
-        earlier_flights = self._earlier_flights(vehicle, session, shown_flight)
+        vehicle = session.stream.followed_vehicle
+        if vehicle is None:
+            return None
+        linked_vehicle = _LinkedVehicle.of_component(vehicle)
+        earlier_flights = self._earlier_flights(linked_vehicle, session, shown_flight)
         sound_flights = []
         if shown_flight is not None and shown_flight.is_judged_good:
             sound_flights.append(shown_flight)
@@ -1089,21 +1087,6 @@ class LinkMonitor:
         # was stored since the start of the server, it is the latest one in the library.
         is_latest_flight = self._stored_flight is None or flight_before == self._stored_flight
         return _fault_of_flight_before(flight_before, session) if is_latest_flight else None
-
-    def _fault_before_session(
-        self, session: LiveSession, shown_flight: _StoredFlight | None = None
-    ) -> Fact | None:
-        """Returns the fault that an earlier flight of a session's vehicle had; None without one.
-
-        Args:
-            session: the session that is shown, running or over.
-            shown_flight: the stored flight of that session; None before it is stored.
-        """
-        vehicle = session.stream.followed_vehicle
-        if vehicle is None:
-            return None
-        linked_vehicle = _LinkedVehicle.of_component(vehicle)
-        return self._fault_of_earlier_flight(linked_vehicle, session, shown_flight)
 
     def _earlier_flights(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_flight: _StoredFlight | None
