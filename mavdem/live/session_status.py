@@ -387,7 +387,7 @@ class SessionStatus(ImmutableResult):
         if self.loss is not None and not states_loss:
             lights = lights_with_event(judgement.lights, self.loss)
             judgement = _judgement_from_headline(self.loss, lights)
-        if self._is_in_flight:
+        if self.is_in_flight:
             return self._judgement_in_flight(judgement)
         return self._judgement_after_flight(judgement)
 
@@ -485,7 +485,7 @@ class SessionStatus(ImmutableResult):
         return None
 
     @property
-    def _is_in_flight(self) -> bool:
+    def is_in_flight(self) -> bool:
         """Whether the vehicle flies now; false at the end of the session, though it may have ended in the air."""
         return self.is_flying and not self.is_over
 
@@ -499,7 +499,7 @@ class SessionStatus(ImmutableResult):
             judgement: the judgement so far. Its headline says that nothing was checked, or what the session does, such
                 as to wait for steady flight.
         """
-        if self._is_in_flight:
+        if self.is_in_flight:
             if not self._watched_names:
                 return judgement
             no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
@@ -580,7 +580,7 @@ class SessionStatus(ImmutableResult):
         fault = self.unrepaired_fault
         if fault is None or judgement.next_step.code in STEPS_TO_THE_GROUND:
             return judgement
-        if self._is_in_flight:
+        if self.is_in_flight:
             return self._judgement_with_condition(judgement, fault)
         if self._is_worse_on_ground(fault, judgement.headline):
             next_step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
@@ -627,7 +627,7 @@ class SessionStatus(ImmutableResult):
         """
         judgement = self.overall_judgement
         worst_verdict = self.worst_earlier_verdict
-        if worst_verdict is None or self._is_in_flight:
+        if worst_verdict is None or self.is_in_flight:
             return judgement
         is_latest_flight_worse = self.verdicts_worst_first[0] != worst_verdict
         if is_latest_flight_worse:
@@ -671,7 +671,7 @@ class SessionStatus(ImmutableResult):
         fault = self.fault_in_library
         if fault is None or fault.code is not SessionFact.RECORDING_JUDGED or fault.forbids_flight:
             return False
-        return self.flight_number > 0 and not self._is_in_flight
+        return self.flight_number > 0 and not self.is_in_flight
 
     def _warning_of_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
         """Returns the fact (a coded finding) that a fault of an earlier flight may not have been repaired.
@@ -684,7 +684,7 @@ class SessionStatus(ImmutableResult):
             SessionFact.UNREPAIRED_FAULT,
             reason=earlier_fault,
             next_step=next_step,
-            is_in_flight=self._is_in_flight,
+            is_in_flight=self.is_in_flight,
         )
 
     @property
@@ -1449,7 +1449,7 @@ class SessionStatus(ImmutableResult):
     def present_wind(self) -> WindEstimate | None:
         """The wind now, m/s; None on the ground, in a silence, if this computer is late, and after the session."""
         is_received = self._is_vehicle_received and not self.is_silent and not self.is_late
-        is_known = self._is_in_flight and is_received
+        is_known = self.is_in_flight and is_received
         return self.wind if is_known else None
 
     @property

@@ -278,7 +278,7 @@ def _overview_header(tuning: Tuning, axis: str) -> str:
         return DOUBTFUL_HEADER
     if _gain_outcome(tuning, axis) is GainOutcome.FLY_FIRST:
         return "now → tried"
-    if any(isinstance(advice, Advice) and advice.parameters for advice in tuning.axes.values()):
+    if tuning.has_computed_gains:
         return "now → new"
     return "now"
 
@@ -1394,7 +1394,7 @@ def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) ->
     for loop_name in LOOP_NAMES:
         rows += _margin_rows(loops, loop_name)
         rows += _step_rows(loops, loop_name, axes_with_feedforward)
-    if any(advice.parameters for advice in tuning.advice):
+    if tuning.has_computed_gains:
         # The standard deviation of the angle in the wind of the flight, degrees.
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append(["error by wind torque, sd (°)", *wind_errors])

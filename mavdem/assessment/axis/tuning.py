@@ -233,6 +233,11 @@ class Tuning(NamedTuple):
     """Gains to lower, of axes for which none can be computed; they are among ``parameters``."""
 
     @property
+    def has_computed_gains(self) -> bool:
+        """Whether gains that are computed from the loop of an axis change; gains that are only lowered do not count."""
+        return any(advice.parameters for advice in self.advice)
+
+    @property
     def sets(self) -> list[ParameterSet]:
         """The parameters to load, as one set for each flight (:func:`parameter_sets`)."""
         return parameter_sets(self.advice, self.notch_parameters, self.gains_to_lower)

@@ -213,7 +213,9 @@ def _draw_line(axes: Axes, line: Line) -> None:
         if line.lower_edge is not None and line.upper_edge is not None:
             whiskers = (line.y - line.lower_edge, line.upper_edge - line.y)
         dots = "o-" if line.style is LineStyle.JOINED_DOTS else "o"
-        axes.errorbar(line.x, line.y, whiskers, fmt=dots, markersize=3.5, linewidth=1.1, **style)
+        axes.errorbar(
+            line.x, line.y, whiskers, fmt=dots, markersize=3.5, linewidth=LINE_WIDTH, **style
+        )
     else:
         dashes = (4, 2) if line.style is LineStyle.DASHES else ()
         width = LINE_WIDTHS.get(line.style, LINE_WIDTH)

@@ -237,15 +237,15 @@ def log_page(
     is_full = contents is not None
     advice = assessment.advised_gains if is_full else {}
     changes = None
+    gains_to_lower = lowered_gains(assessment.next_step)
     if assessment.evidence is not None:
         vehicle = assessment.evidence.signals.telemetry
-        gains_to_lower = lowered_gains(assessment.next_step)
         # A next step that lowers gains comes before new ones.
         advice_to_load = {} if gains_to_lower else advice
         changes = gain_changes(name, vehicle, advice_to_load, gains_to_lower)
     # Sentences refer to parts of the page, where those of the terminal name commands.
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
-        if changes is not None and not lowered_gains(assessment.next_step):
+        if changes is not None and not gains_to_lower:
             changes = changes._replace(loading=loading_sentences(advice))
         evidence = headline_evidence(assessment.headline, assessment.lights)
         timeline = assessment_timeline(assessment, has_all_flights=True)
@@ -1266,10 +1266,9 @@ def _live_head(
 
     judgement = status.session_judgement
     goes_on = not status.is_over
-    is_in_flight = status.is_flying and goes_on
     # On the ground a fault of an earlier flight stands below the next step (:func:`_sentences_on_earlier_fault`).
     unrepaired_fault = ""
-    if is_in_flight and not states_unrepaired_fault(judgement.next_step):
+    if status.is_in_flight and not states_unrepaired_fault(judgement.next_step):
         unrepaired_fault = unrepaired_fault_text(status)
     return Head(
         judgement.headline.level,
@@ -1281,7 +1280,7 @@ def _live_head(
         path=flown_path(timeline, _live_map_wind(status)),
         has_log=False,
         is_newest_first=goes_on,
-        is_in_flight=is_in_flight,
+        is_in_flight=status.is_in_flight,
         flight_number=history.flight.number,
         is_lost_in_air=status.is_flying and status.loss is None,
         reasons=headline_reason(_judgement_with_reason(status)),
@@ -1306,12 +1305,13 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     from mavdem.report.live import statement_of_headline
 
     judgement = status.session_judgement
-    heading = judgement_sentences(judgement).headline
+    sentences = judgement_sentences(judgement)
+    heading = sentences.headline
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
     summary = [heading]
     if str(judgement.next_step) != str(judgement.headline):
-        next_step = _next_step_with_link(judgement, saved_flight)
+        next_step = _next_step_with_link(sentences.next_step, judgement, saved_flight)
         summary += _sentences_on_next_step(next_step)
     summary += _sentences_on_earlier_fault(status)
     if judgement.headline.code is SessionFact.UNREPAIRED_FAULT and status.flight_number > 0:
@@ -1323,17 +1323,19 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     return summary
 
 
-def _next_step_with_link(judgement: Judgement, saved_flight: PageLink | None) -> Sentence:
+def _next_step_with_link(
+    next_step: Sentence, judgement: Judgement, saved_flight: PageLink | None
+) -> Sentence:
     """Returns the next step of a live page, with a link to the page that has what the step is about, if there is one.
 
     Args:
-        judgement: the judgement of the vehicle in the session, with its headline and the next step.
+        next_step: the sentence on the next step of the judgement.
+        judgement: the judgement of the vehicle in the session, with its headline and the next step as a fact.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import states_unrepaired_fault
 
-    next_step = judgement_sentences(judgement).next_step
     if states_unrepaired_fault(judgement.next_step):
         unrepaired_fault = judgement.next_step.figures["reason"]
         return next_step._replace(address=_address_of_earlier_flight(unrepaired_fault))
@@ -1359,8 +1361,7 @@ def _sentences_on_earlier_fault(status: SessionStatus) -> list[Sentence]:
     from mavdem.report.live import states_unrepaired_fault
 
     fault = status.unrepaired_fault
-    is_in_flight = status.is_flying and not status.is_over
-    if fault is None or is_in_flight:
+    if fault is None or status.is_in_flight:
         return []
     if states_unrepaired_fault(status.session_judgement.next_step):
         return []

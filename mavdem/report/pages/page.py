@@ -496,14 +496,12 @@ class Head(NamedTuple):
         The newest alarm with a number follows them if it is older, so that the plots mark it: they have marks only for
         the events of a list that is in sight.
         """
-        newest_events = [*self.brief_events[:MAX_NEWEST_EVENTS]]
-        for page_event in self.brief_events:
-            is_numbered_alarm = page_event.event.is_alarm and page_event.number is not None
-            if is_numbered_alarm:
-                if page_event not in newest_events:
-                    newest_events.append(page_event)
-                # Events are the newest first, so that all other alarms are older.
-                break
+        events = self.brief_events
+        newest_events = events[:MAX_NEWEST_EVENTS]
+        alarms = [shown for shown in events if shown.event.is_alarm and shown.number is not None]
+        # The events, and so the alarms, are the newest first.
+        if alarms and alarms[0] not in newest_events:
+            return [*newest_events, alarms[0]]
         return newest_events
 
     @property

@@ -389,7 +389,7 @@ def _twin_charts_by_axis(tuning: Tuning, assessment: Assessment) -> dict[str, li
     # Gains are advised only of a vehicle that was judged, and so has evidence.
     assert assessment.evidence is not None
     charts_by_axis = dict[str, list[Panel]]()
-    if not any(advice.parameters for advice in tuning.advice):
+    if not tuning.has_computed_gains:
         return charts_by_axis
     # Either the simulated flights, or a fact (coded finding) that says why there is no twin.
     trial = try_gains(assessment.evidence, tuning.parameters)
