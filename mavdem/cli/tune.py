@@ -6,7 +6,8 @@ import click
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.figures import ALL_AXES
-from mavdem.assessment.axis.tuning import Tuning, present_parameter_files, tune_loops
+from mavdem.assessment.axis.parameter_sets import present_parameter_files
+from mavdem.assessment.axis.tuning import Tuning, tune_loops
 from mavdem.assessment.evidence import Evidence
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import (

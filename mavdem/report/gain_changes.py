@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.tuning import (
-    NO_GAINS,
+from mavdem.assessment.axis.lowered_gains import NO_GAINS
+from mavdem.assessment.axis.parameter_sets import (
     ParameterSet,
     parameter_sets,
     present_parameter_files,

@@ -13,7 +13,8 @@ from mavdem.assessment.axis.loop_decision import (
     LoopDiagnosis,
 )
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import Tuning, faults_besides_loops
+from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.axis.tuning_step import faults_besides_loops
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import worst_fact

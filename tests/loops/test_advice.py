@@ -11,7 +11,7 @@ from pytest import approx, mark
 
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import (
+from mavdem.assessment.axis.tuning_step import (
     _advice_on_changed_loops,
     _allows_new_gains,
     _next_step_with_new_gains,

@@ -7,7 +7,8 @@ from hover import Hover
 from partial_records import partial_record
 from pytest import MonkeyPatch, approx
 
-from mavdem.assessment.axis.tuning import lowered_gains, stage_to_load
+from mavdem.assessment.axis.lowered_gains import lowered_gains
+from mavdem.assessment.axis.parameter_sets import stage_to_load
 from mavdem.cli.tune import tune_command
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep

@@ -15,8 +15,8 @@ from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import model_findings
 from mavdem.assessment.axis.loop_decision import advises_to_tune
+from mavdem.assessment.axis.lowered_gains import lowered_gains
 from mavdem.assessment.axis.responses import advised_steps
-from mavdem.assessment.axis.tuning import lowered_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name, utc_date

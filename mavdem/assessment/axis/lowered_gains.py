@@ -1,0 +1,60 @@
+"""Gains that the next step after a flight, and the decisions on the loops of its axes, advise to lower."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
+
+from mavdem.assessment.axis.loop_decision import LoopDecision
+from mavdem.facts import Fact
+from mavdem.facts.loops import GainFact, LoopAction
+from mavdem.loops.advice import Gain
+
+NO_GAINS: Mapping[str, Gain] = MappingProxyType({})
+"""No gains to lower."""
+
+LOWERING = (GainFact.LOWER_GAINS, LoopAction.LOWER_BY_A_THIRD)
+"""Facts whose ``changes`` are gains to lower: name, value now and value to set."""
+
+
+def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> dict[str, Gain]:
+    """Returns the gains that the next step and the decisions on some axes advise to lower, by the autopilot's names.
+
+    Args:
+        next_step: what to do next, a coded finding. The advice to lower gains is this fact or one that it contains,
+            such as its reason.
+        decisions: decisions on the loops of the axes whose gains are set with those of the next step. Of these, the
+            gains of a loop with a measured lack of margin are lowered; against a limit cycle the next step lowers all.
+
+    Returns:
+        Each gain with its value now and the value to set; empty if none is to be lowered.
+    """
+    advice = [fact for fact in _fact_and_contained_facts(next_step) if fact.code in LOWERING]
+    advice += reductions_by_a_third(decisions)
+    gains = {}
+    for fact in advice:
+        for name, present_value, new_value in fact.figures["changes"]:
+            gains[name] = Gain(present_value, new_value)
+    return gains
+
+
+def reductions_by_a_third(decisions: Iterable[LoopDecision]) -> list[Fact]:
+    """Returns the advice, of decisions on loops, to lower the gains of an axis by a third.
+
+    Args:
+        decisions: decisions on the loops of some axes.
+
+    Returns:
+        The advice (coded findings), each with the name of the ``axis`` and the ``changes`` of its gains.
+    """
+    actions = [decision.action for decision in decisions if decision.action is not None]
+    return [action for action in actions if action.code is LoopAction.LOWER_BY_A_THIRD]
+
+
+def _fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
+    """Yields a fact (coded finding), the facts among its figures, and in turn those among their figures."""
+    yield fact
+    for figure in fact.figures.values():
+        # A figure is a value or a tuple of values.
+        values = figure if isinstance(figure, tuple) else (figure,)
+        for value in values:
+            if isinstance(value, Fact):
+                yield from _fact_and_contained_facts(value)

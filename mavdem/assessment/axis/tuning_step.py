@@ -1,0 +1,423 @@
+"""The next step of a pilot after tuning: to load new gains, to mend a fault before, or to fly for a better log.
+
+It is a fact (a coded finding) that replaces the next step of the *judgement* of the flight. A judgement also has a
+*headline*, its most serious fact, and *status lights*, each the fact about one part of the vehicle, such as its motors.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, advises_to_tune
+from mavdem.assessment.axis.lowered_gains import lowered_gains, reductions_by_a_third
+from mavdem.assessment.axis.parameter_sets import stage_to_load, waits_for_stage
+from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.lights import OTHER_LIGHTS
+from mavdem.containers import Names
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light
+from mavdem.facts.loops import LoopAction, LoopFact
+from mavdem.facts.margins import MarginsLight, TrackingLight
+from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.gain_design import SURE_SHARE
+
+LIGHTS_BEFORE_GAINS = (Light.MOTORS, Light.VIBRATION, Light.POWER)
+"""Lights whose faults are mended before new gains are loaded: motors, vibration and battery change the loops."""
+
+
+def judgement_with_tuning_step(
+    judgement: Judgement,
+    advice_by_axis: AdviceByAxis,
+    arguments: Sequence[str],
+    *,
+    has_new_gains: bool,
+    is_written: bool,
+    must_be_repaired: bool,
+) -> Judgement:
+    """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
+
+    There are five cases:
+
+    - There are new gains, but of axes with enough margin, while others lack it: the next step is to tune those first.
+    - There are new gains, and no other fault comes before them: the next step is to load the gains, with any that are
+      to be lowered on another axis.
+    - There are none, although the next step was to tune the vehicle: it becomes to tune other axes or, if their gains
+      need no change, what the advice on the loops says instead, such as to fly doublets.
+    - No gains can be advised at all, and no fault is the reason: the next step is what leads to advice, such as to log
+      the setpoint of the rate.
+    - Otherwise the next step stays, for example to replace a propeller.
+
+    Args:
+        judgement: judgement of the vehicle before tuning.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        has_new_gains: whether the advice changes any gain.
+        is_written: whether the gains will be written to a file.
+        must_be_repaired: whether something about the vehicle must be mended before it is tuned.
+
+    Returns:
+        The judgement, with its headline and lights unchanged.
+    """
+    other_axes_to_tune = []
+    for axis, decision in judgement.loop_decisions.items():
+        is_to_be_tuned = decision.action is not None and decision.action.code in ADVICE_TO_TUNE
+        if axis not in advice_by_axis and is_to_be_tuned:
+            other_axes_to_tune.append(axis)
+    advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
+    is_refused = not any(advice.gains for advice in advice_on_loops)
+    if has_new_gains and _raises_gains_while_others_lack_margin(
+        judgement, advice_on_loops, other_axes_to_tune
+    ):
+        # The axes that lack margin come first, with a run that does not raise the gains of others.
+        next_step = Fact(
+            NextStep.TUNE_OTHER_AXES,
+            judgement.headline.level,
+            names=tuple(advice_by_axis),
+            others=tuple(other_axes_to_tune),
+            arguments=tuple(argument for argument in arguments if argument != "--more"),
+            are_first=True,
+        )
+    elif has_new_gains and _allows_new_gains(judgement.headline):
+        next_step = _next_step_with_new_gains(
+            judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
+        )
+    elif not has_new_gains and advises_to_tune(judgement.next_step):
+        next_step = _next_step_without_new_gains(advice_by_axis, other_axes_to_tune, arguments)
+    elif is_refused and not must_be_repaired and _allows_new_gains(judgement.headline):
+        next_step = _next_step_towards_gains(judgement, advice_by_axis)
+    else:
+        return judgement
+    return replace(judgement, next_step=next_step)
+
+
+def _raises_gains_while_others_lack_margin(
+    judgement: Judgement, advice_on_loops: Sequence[Advice], other_axes: Sequence[str]
+) -> bool:
+    """Returns whether new gains only make axes faster, while an axis that was not requested lacks stability margin.
+
+    That other axis is then to be tuned first.
+
+    Args:
+        judgement: judgement of the flight, with the decision on the loops of each axis and the reason for it.
+        advice_on_loops: advice on the loops of the requested axes.
+        other_axes: axes that were not requested, but whose gains should change.
+    """
+    other_axis_lacks_margin = any(
+        judgement.loop_decisions[axis].reason.code is MarginsLight.LOOP_MARGINS
+        for axis in other_axes
+    )
+    changed_loops = [advice for advice in advice_on_loops if advice.parameters]
+    changed_loops_have_margin = not any(advice.rating.is_bad for advice in changed_loops)
+    return other_axis_lacks_margin and changed_loops_have_margin
+
+
+def _allows_new_gains(headline: Fact) -> bool:
+    """Returns whether new gains may be the next step after a flight: whether no other fault must be mended before.
+
+    - A headline about the control loops allows new gains if the action that it advises is to change gains, to lower
+      them, or to fly once more before they are loaded.
+    - A headline about anything else allows them unless it is bad.
+
+    Args:
+        headline: the most serious fact of the flight; if it is about loops, its figure ``action`` is the advised
+            action.
+    """
+    action = headline.figures.get("action")
+    if action is not None:
+        return action.code in (
+            *ADVICE_TO_TUNE,
+            LoopAction.FLY_BEFORE_GAINS,
+            LoopAction.LOWER_BY_A_THIRD,
+        )
+    return not headline.is_bad
+
+
+def _next_step_with_new_gains(
+    judgement: Judgement,
+    advice_on_loops: Sequence[Advice],
+    other_axes: Sequence[str],
+    arguments: Sequence[str],
+    *,
+    is_written: bool,
+) -> Fact:
+    """Returns the next step if gains change: to load them or, if they are too uncertain, to fly first.
+
+    Args:
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
+        advice_on_loops: advice on the loops of the requested axes.
+        other_axes: axes that were not requested, but whose gains should change too.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        is_written: whether the gains are written to a file.
+
+    Returns:
+        The fact (coded finding) ``LOAD_GAINS`` if the flight is a basis for the new gains of an axis
+        (``Advice.is_sound``). Otherwise the next step of the judgement if it lowers gains, and ``FLY_BEFORE_GAINS`` if
+        not.
+    """
+    changed_loops = _advice_on_changed_loops(advice_on_loops)
+    if any(advice.is_sound for advice in changed_loops):
+        return _step_to_load_gains(
+            judgement, changed_loops, other_axes, arguments, is_written=is_written
+        )
+    if lowered_gains(judgement.next_step):
+        return judgement.next_step
+    return _step_to_fly_before_gains(judgement, changed_loops)
+
+
+def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
+    """Selects the advice on those loops that behave differently once the new parameters are set.
+
+    Args:
+        advice_on_loops: advice on all loops.
+
+    Returns:
+        The advice that changes parameters. If no advice does, only a notch filter is new, whose delay affects every
+        loop: then all advice on loops with known gains.
+    """
+    changed_loops = [advice for advice in advice_on_loops if advice.parameters]
+    return changed_loops or [advice for advice in advice_on_loops if advice.gains]
+
+
+def _step_to_fly_before_gains(judgement: Judgement, changed_loops: Sequence[Advice]) -> Fact:
+    """Returns the advice to fly once more, since this flight is too uncertain a basis for new gains on any axis.
+
+    Args:
+        judgement: the flight's most serious finding (headline), and what was found about its motors, power and so on.
+        changed_loops: for each axis whose gains should change, the advice with the new gains.
+
+    Returns:
+        The fact (coded finding) ``FLY_BEFORE_GAINS``. Its ``reason`` says which flight is needed, and names all these
+        axes; ``also`` is what is to be mended before.
+    """
+    # One flight serves all axes. The advice with the strongest case for new gains describes it.
+    advice_with_strongest_case = max(changed_loops, key=_certainty_of_change)
+    axes = tuple(advice.before.axis for advice in changed_loops)
+    needed_flight = advice_with_strongest_case.flight_before_gains.replace(names=axes)
+    return Fact(
+        NextStep.FLY_BEFORE_GAINS,
+        judgement.headline.level,
+        reason=needed_flight,
+        also=_faults_before_gains(judgement),
+    )
+
+
+def _certainty_of_change(advice: Advice) -> float:
+    """Returns the fraction, 0 to 1, of the posterior models of a vehicle that speak for new gains on one axis.
+
+    A model speaks for them if it has its stability margins with the new gains, or if it lacks them with the present
+    ones. The larger of both fractions counts.
+    """
+    return max(advice.sure, advice.fraction_without_margins_before)
+
+
+def _step_to_load_gains(
+    judgement: Judgement,
+    changed_loops: Sequence[Advice],
+    other_axes: Sequence[str],
+    arguments: Sequence[str],
+    *,
+    is_written: bool,
+) -> Fact:
+    """Returns the next step to load those new gains for which the flight is a basis, and which need no earlier stage.
+
+    Args:
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
+        changed_loops: advice on the loops that change. The flight is a basis for the new gains of one at least.
+        other_axes: axes that were not requested, but whose gains should change too.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        is_written: whether the gains are written to a file.
+
+    Returns:
+        The fact (coded finding) ``LOAD_GAINS`` with these figures, among others:
+
+        - ``share``: the fraction of the models that fit the flight with which the gains to load have the required
+          margins with 20 % more or less thrust, too, the lowest of all loops, and ``share_as_flown`` with the thrust of
+          this flight;
+        - ``flights``: the number of flights, each with a bounded change of the gains, until the design of this stage;
+        - ``also``: what is to be mended before the gains are loaded;
+        - ``needed``: the fraction from which on the gains count as certain;
+        - ``is_biased``: whether wind biased the control effectiveness of a loop;
+        - ``fit``: the fit of a measured response that barely confirms a loop, 0 to 1, the lowest; None without one;
+        - ``missing``: the status lights that should be known before;
+        - ``names``: the axes whose gains are loaded, if not those of all axes with new gains are;
+        - ``waiting``: the axes whose gains are of a later stage.
+    """
+    first_stage = stage_to_load(changed_loops)
+    # Gains of a later stage, and those that another flight is to confirm, are not loaded now.
+    loops_to_load = []
+    waiting_axes = []
+    for advice in changed_loops:
+        if waits_for_stage(advice, first_stage):
+            waiting_axes.append(advice.before.axis)
+        elif advice.is_sound:
+            loops_to_load.append(advice)
+    weak_confirmations = [advice.weak_confirmation for advice in loops_to_load]
+    axes_to_load: Names = ()
+    if len(loops_to_load) < len(changed_loops):
+        axes_to_load = tuple(advice.before.axis for advice in loops_to_load)
+        reductions = reductions_by_a_third(judgement.loop_decisions.values())
+        axes_to_load += tuple(reduction.figures["axis"] for reduction in reductions)
+    return Fact(
+        NextStep.LOAD_GAINS,
+        judgement.headline.level,
+        is_written=is_written,
+        share=min(advice.sure for advice in loops_to_load),
+        share_as_flown=min(advice.after.share_meeting(advice.target) for advice in loops_to_load),
+        flights=max(advice.flights for advice in loops_to_load),
+        also=_faults_before_gains(judgement),
+        needed=SURE_SHARE,
+        is_biased=any(_has_biased_effectiveness(advice.before) for advice in loops_to_load),
+        fit=min(
+            (fact.figures["share"] for fact in weak_confirmations if fact is not None), default=None
+        ),
+        missing=_unknown_lights_for_higher_gains(judgement, loops_to_load),
+        names=axes_to_load,
+        waiting=tuple(waiting_axes),
+        others=tuple(other_axes),
+        arguments=tuple(arguments),
+    )
+
+
+def _has_biased_effectiveness(loop: Loop) -> bool:
+    """Returns whether wind biased the control effectiveness of an identified loop, as one of its cautions says."""
+    return any(caution.code is LoopFact.EFFECT_BIASED for caution in loop.cautions)
+
+
+def _unknown_lights_for_higher_gains(
+    judgement: Judgement, changed_loops: Sequence[Advice]
+) -> tuple[str, ...]:
+    """Returns which of the status lights of motors and vibration are unknown, if any gain is to be raised.
+
+    Higher gains strain the motors and amplify vibration, so that both should be known before.
+
+    Args:
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
+        changed_loops: advice on the axes whose gains change.
+
+    Returns:
+        The names of these lights; empty if no gain is raised.
+    """
+    raises_gain = False
+    for advice in changed_loops:
+        for gain in advice.gains.values():
+            if gain.set > gain.now:
+                raises_gain = True
+    if not raises_gain:
+        return ()
+    unknown_lights = []
+    for name in (Light.MOTORS, Light.VIBRATION):
+        light = judgement.lights.get(name)
+        if light is not None and light.level is Level.UNKNOWN:
+            unknown_lights.append(str(name))
+    return tuple(unknown_lights)
+
+
+def _faults_before_gains(judgement: Judgement) -> Facts:
+    """Returns the faults of a vehicle that a pilot mends before loading new gains, such as a weak motor.
+
+    New gains fit the vehicle as it flew, and mending the motors, the vibration or the battery changes its control
+    loops. So these are the status lights (judgements of one part with a level) of ``LIGHTS_BEFORE_GAINS`` and the
+    headline of the flight, as far as they are watch or bad, are not about the loops, and can be mended.
+
+    Args:
+        judgement: headline and status lights of the flight.
+
+    Returns:
+        The faults, coded findings; empty if nothing is to be mended.
+    """
+    facts_that_matter = [judgement.headline]
+    for name in LIGHTS_BEFORE_GAINS:
+        if name in judgement.lights:
+            facts_that_matter.append(judgement.lights[name])
+    faults_to_mend = []
+    for fault in faults_besides_loops(judgement):
+        # What only another flight can clear up is nothing to mend.
+        is_mendable = bool(fault.without_flight_advice.remedy)
+        if fault in facts_that_matter and is_mendable:
+            faults_to_mend.append(fault)
+    return tuple(faults_to_mend)
+
+
+def faults_besides_loops(judgement: Judgement) -> list[Fact]:
+    """Returns what a flight shows to be watch or bad about anything but its control loops, each finding once.
+
+    Args:
+        judgement: headline of the flight, and its status lights: a fact (coded finding with a level) for each of eight
+            subjects such as the motors.
+
+    Returns:
+        The headline, if it is such a finding, and the facts of the lights in their order.
+    """
+    candidates = [judgement.headline]
+    for name, light in judgement.lights.items():
+        # As in a headline, lights of the log and of the weather count only if they are bad.
+        if light.is_bad or name not in OTHER_LIGHTS:
+            candidates.append(light)
+    faults: list[Fact] = []
+    for fact in candidates:
+        is_about_loops = isinstance(fact.code, MarginsLight | TrackingLight)
+        if fact.is_watch_or_bad and not is_about_loops and fact not in faults:
+            faults.append(fact)
+    return faults
+
+
+def _next_step_without_new_gains(
+    advice_by_axis: AdviceByAxis, other_axes: Sequence[str], arguments: Sequence[str]
+) -> Fact:
+    """Returns the next step for the pilot if the advice changes no gains of the requested axes.
+
+    1. If gains of other axes should change, the next step is to tune these.
+    2. Otherwise it is the remedy of the first axis that has one, such as a flight with doublets.
+    3. Without a remedy it is the conclusion on the first axis, such as to keep its gains.
+
+    Args:
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known. None
+            has new gains.
+        other_axes: axes that were not requested, but whose gains should change.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+    """
+    if other_axes:
+        return Fact(
+            NextStep.TUNE_OTHER_AXES,
+            names=tuple(advice_by_axis),
+            others=tuple(other_axes),
+            arguments=tuple(arguments),
+        )
+    conclusions = [_conclusion(advice) for advice in advice_by_axis.values()]
+    for conclusion in conclusions:
+        if conclusion.remedy:
+            return Fact(NextStep.DO_AS_ADVISED, reason=conclusion)
+    return Fact(NextStep.DO_AS_ADVISED, reason=conclusions[0])
+
+
+def _next_step_towards_gains(judgement: Judgement, advice_by_axis: AdviceByAxis) -> Fact:
+    """Returns the next step if no gains can be advised: what leads to gains of the first axis for which that is known.
+
+    The decision on the loops of an axis names the flight to make. An axis without one has the remedy of the reason why
+    its loop is not known, such as what to log.
+
+    Args:
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known. None
+            advises gains.
+    """
+    for axis, advice in advice_by_axis.items():
+        decision = judgement.loop_decisions.get(axis)
+        if decision is not None and decision.action is not None:
+            # Doublets are quick stick movements to one side and then to the other, from which a loop can be identified.
+            if decision.action.code is LoopAction.FLY_DOUBLETS:
+                return Fact(NextStep.DO_AS_ADVISED, reason=decision.action)
+        conclusion = _conclusion(advice)
+        if conclusion.remedy:
+            return Fact(NextStep.DO_AS_ADVISED, reason=conclusion)
+    return judgement.next_step
+
+
+def _conclusion(advice: Advice | Fact) -> Fact:
+    """Returns the fact that sums up the advice on an axis: what to do with its gains or, without a loop, why not.
+
+    Args:
+        advice: the advice, or the fact (coded finding) that says why the loop is not known.
+    """
+    return advice if isinstance(advice, Fact) else advice.conclusion
