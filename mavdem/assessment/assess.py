@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
 from mavdem.assessment.axis.analysis import analyse_without_model
 from mavdem.assessment.axis.figures import ALL_AXES, AxisEstimates
@@ -32,6 +31,7 @@ from mavdem.assessment.motor_failure import (
 )
 from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.record import Assessment
+from mavdem.assessment.repeated_reports import in_time_order
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.saturated_motor import (
     saturation_losses,
@@ -438,24 +438,27 @@ def _events_without_motors(signals: Signals, reports: Facts) -> list[Fact]:
     return lower_unconfirmed_crash_reports(signals, [*reports, *motion_events(signals, reports)])
 
 
+# Damaged messages hold infinite numbers and NaN.
 @np.errstate(all="ignore")
 def loss_of_flight(signals: Signals) -> Fact | None:
-    """Returns the event with which a flight was lost, without its cause: only an assessment shows what failed first.
+    """Returns the event by which a flight was lost, such as an impact, without naming its cause.
+
+    This takes seconds less than an assessment, which also computes the thrust that motors lost, and so may find another
+    cause of the same loss.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        The same event as in the assessment, but without the figures that name what failed first: ``cause``, ``word``
-        (what the autopilot reported of a motor) and the subject. None if no flight was lost.
+        The event as a fact (a coded finding); None if no flight was lost. The figures that name the cause are empty:
+        the ``subject``, such as "motor 2", the ``cause``, and the autopilot's ``word`` for it. A loss that only the
+        autopilot reports is returned as it is.
     """
     reports = reported_events(signals)
-    ending = find_ending(signals, _events_without_motors(signals, reports))
-    if ending is None or ending.code is Ending.LOSS_REPORTED:
-        # A loss that only the autopilot reports has no cause in the motion.
-        return ending
-    # The lost thrust of a motor, which is not computed here, may still correct these figures in an assessment.
-    return ending.replace(subject="", cause=None, word=None)
+    loss = find_ending(signals, _events_without_motors(signals, reports))
+    if loss is None or loss.code is Ending.LOSS_REPORTED:
+        return loss
+    return loss.replace(subject="", cause=None, word=None)
 
 
 def _first_event_distorting_outputs(events: Sequence[Fact], ending: Fact | None) -> Fact | None:

@@ -39,17 +39,21 @@ MIN_SWINGS = 4
 def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event for each time in which roll or pitch swung to and fro in an autonomous mode.
 
+    A swing that the path commanded, such as a zigzag, is good.
+
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
 
     Yields:
-        A fact for each axis and time, with the name of the axis as its subject, the largest ``angle``, rad, the number
-        of leans as ``count``, and the time, s, from a lean to the next one to the same side as ``period``. A swing that
-        the path commanded is good, and has the largest lean, rad, that the path needs as ``commanded_angle``. If the
-        other axis leaned as far meanwhile, its name is the figure ``other_axis``, and its largest angle, rad,
-        ``other_angle``.
+        A fact for each swing of an axis, which is its subject, "roll" or "pitch". Its figures are:
+
+        - ``angle``: the largest angle, rad;
+        - ``count``: the number of leans to either side;
+        - ``period``: the time from a lean to the next one to the same side, s;
+        - ``commanded_angle``: the largest lean that the path needs, rad; only for a commanded swing;
+        - ``other_axis`` and ``other_angle``: the other axis and its largest angle, rad, if it leaned as far meanwhile.
     """
     tracking = attitude_tracking(signals, boot)
     if tracking is None:

@@ -5,15 +5,15 @@ and EV. ``message_patterns.toml`` has the meaning of each.
 """
 
 import re
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from math import inf
 from typing import Any, NamedTuple
 
+from mavdem.assessment.repeated_reports import REPEAT_SECONDS
+from mavdem.assessment.status_texts import SEVERITIES, StatusText, status_texts
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.files import load_adjacent_toml
-from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import NO_SEVERITY
 
 
@@ -56,57 +56,11 @@ _MEANINGS = load_adjacent_toml(__file__, "message_patterns.toml")
 PATTERNS = _text_patterns(_MEANINGS["texts"])
 """Patterns of texts in order: the first that is found in a text decides what the text means."""
 
-SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
-"""Names of the MAV_SEVERITY values 0 to 4, which warn of something, the worst first."""
-
 ERROR_SEVERITY = SEVERITIES[3]
 """The severity of the messages ERR, which do not contain a severity."""
 
 PRIMARY_FILTER_SUBSYSTEM = 24
 """Subsystem EKF_PRIMARY of ERR, whose error code is the number of the new lane and not an error: 0 is a lane too."""
-
-REPEAT_SECONDS = 30.0
-"""Seconds within which the same report is a repetition of the earlier one: autopilots repeat a warning that persists
-every 5 to 30 s."""
-
-ACTIVATION_PAUSE = 5.0
-"""Seconds without a state after which its next report is another event: a choice, a few reports of a state at 1 Hz.
-
-Autopilots report a failsafe, or a state whose end they report too, when it begins and do not repeat that.
-"""
-
-CODES_WITH_TEXT = (ReportedEvent.AUTOPILOT_SAID, ReportedEvent.ARMING_REFUSED)
-"""Codes whose facts quote the autopilot: two of them with different texts are different events."""
-
-
-class StatusText(NamedTuple):
-    """One text of the autopilot."""
-
-    time: float
-    """Time on the boot clock, s."""
-    boot: int
-    """Number of the boot."""
-    severity: int
-    """MAV_SEVERITY, 0 for an emergency to 7 for debugging; 255 if it is not known."""
-    text: str
-    """The text without surrounding blanks."""
-
-
-class _TextChunk(NamedTuple):
-    """One message STATUSTEXT: a whole text, or a chunk of one that is longer than a message."""
-
-    time: float
-    """Time on the boot clock, s."""
-    boot: int
-    """Number of the boot."""
-    severity: int
-    """MAV_SEVERITY."""
-    text_id: int
-    """Number that all chunks of one text have; 0 for a text in one message."""
-    number: int
-    """Number of the chunk in its text, from 0."""
-    content: str | bytes
-    """The characters."""
 
 
 class _ProblemEnd(NamedTuple):
@@ -142,58 +96,6 @@ class _ErrorMessage(NamedTuple):
     """Number of the subsystem, from 1."""
     error_code: int
     """Number of the error; 0 when the subsystem is without error again."""
-
-
-def status_texts(telemetry: Telemetry) -> list[StatusText]:
-    """Returns all texts that the autopilot sent as MAVLink messages STATUSTEXT, in the order of the stream.
-
-    One message holds 50 characters. A longer text is sent in chunks, one message each, which are joined here: the
-    chunks of a text have the same ``id``, which is not 0, and are numbered by ``chunk_seq`` from 0. A text that fits
-    into one message has the id 0.
-
-    Args:
-        telemetry: messages of the vehicle.
-
-    Returns:
-        The texts, each with the time (s since boot), boot and severity of its first chunk; empty if none was logged.
-    """
-    columns = telemetry.messages.get("STATUSTEXT", {})
-    if "text" not in columns:
-        return []
-    texts: list[StatusText] = []
-    # The index in ``texts`` of the latest text with each id.
-    latest_index = dict[int, int]()
-    for chunk in _text_chunks(columns):
-        characters = chunk.content
-        if isinstance(characters, bytes):
-            characters = characters.decode(errors="replace")
-        # Autopilots use an id again for another text, whose first chunk has the number 0.
-        continues_text = chunk.text_id != 0 and chunk.number != 0 and chunk.text_id in latest_index
-        if continues_text:
-            index = latest_index[chunk.text_id]
-            texts[index] = texts[index]._replace(text=texts[index].text + characters)
-        else:
-            latest_index[chunk.text_id] = len(texts)
-            texts.append(StatusText(chunk.time, chunk.boot, chunk.severity, characters))
-    return [text._replace(text=text.text.strip()) for text in texts]
-
-
-def _text_chunks(columns: Columns) -> Iterator[_TextChunk]:
-    """Yields the messages STATUSTEXT of a log.
-
-    Args:
-        columns: the messages as columns, by name of the field. Older logs lack some fields, such as ``id``; such a
-            field is 0 in all messages.
-    """
-    message_count = len(columns["time"])
-    fields = []
-    for field_name in ("time", "boot", "severity", "id", "chunk_seq", "text"):
-        if field_name in columns:
-            fields.append(columns[field_name].tolist())
-        else:
-            fields.append([0] * message_count)
-    for values in zip(*fields, strict=True):
-        yield _TextChunk(*values)
 
 
 def autopilot_messages(telemetry: Telemetry) -> list[StatusText]:
@@ -533,111 +435,3 @@ def _rows_of_message(telemetry: Telemetry, message: str, *fields: str) -> Iterat
         return
     values_of_fields = [columns[name].tolist() for name in ("time", "boot", *fields)]
     yield from zip(*values_of_fields, strict=True)
-
-
-def in_time_order(facts: Iterable[Fact]) -> list[Fact]:
-    """Returns the facts (coded findings) sorted by boot and, within a boot, by time."""
-    return sorted(facts, key=lambda fact: (fact.figures["boot"], fact.time))
-
-
-def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
-    """Merges the repetitions of a report into its first fact.
-
-    Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts (coded
-    findings) are one report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary
-    subjects, and follow each other within ``REPEAT_SECONDS``. If one of them is a failsafe or has an end of its own,
-    such as a loss of GPS with its return, they must follow within ``ACTIVATION_PAUSE``: else the merged state would
-    last through the pause. The merged fact has the number of reports as ``count``, and ends with the last of them.
-
-    Args:
-        facts: facts that report messages of the autopilot, in any order.
-
-    Returns:
-        The remaining facts in time order, each with its ``count``, 1 for a report without repetitions.
-    """
-    merged_facts: list[Fact] = []
-    # The indices in ``merged_facts`` of facts with the same boot, code and quoted text.
-    indices_by_kind = defaultdict[tuple[Any, ...], list[int]](list)
-    # The indices in ``merged_facts`` of failsafes and of facts of which a report had an end of its own.
-    state_indices = set[int]()
-    for fact in in_time_order(facts):
-        quoted_text = fact.figures["text"] if fact.code in CODES_WITH_TEXT else ""
-        indices = indices_by_kind[fact.figures["boot"], fact.code, quoted_text]
-        is_state = fact.code is ReportedEvent.FAILSAFE or fact.end_time is not None
-        repeated_index = None
-        # The latest report of the kind comes first: it is the one that is repeated, if any.
-        for index in reversed(indices):
-            concerns_state = is_state or index in state_indices
-            longest_pause = ACTIVATION_PAUSE if concerns_state else REPEAT_SECONDS
-            if _is_repetition(merged_facts[index], fact, longest_pause):
-                repeated_index = index
-                break
-        if repeated_index is None:
-            repeated_index = len(merged_facts)
-            indices.append(repeated_index)
-            merged_facts.append(fact.replace(count=1))
-        else:
-            merged_facts[repeated_index] = _merged_pair(merged_facts[repeated_index], fact)
-        if is_state:
-            state_indices.add(repeated_index)
-    return merged_facts
-
-
-def _last_time(fact: Fact) -> float:
-    """Returns the latest time of a fact, s: its end if it has one, otherwise its time; infinite for a permanent one."""
-    if "is_permanent" in fact.figures:
-        return inf
-    return max(time for time in (fact.time, fact.end_time) if time is not None)
-
-
-def _is_repetition(earlier_report: Fact, later_report: Fact, longest_pause: float) -> bool:
-    """Returns whether ``later_report`` repeats ``earlier_report``, a fact (a coded finding) of the same code.
-
-    It does if it follows within ``longest_pause`` and is about the same subject, such as "motor 2". A report that names
-    no subject may be about the subject of the other report.
-
-    Args:
-        earlier_report: the first report.
-        later_report: the one that may repeat it.
-        longest_pause: time, s, between the end of the first and the start of the other.
-    """
-    subjects_agree = (
-        earlier_report.subject == later_report.subject
-        or not earlier_report.subject
-        or not later_report.subject
-    )
-    return subjects_agree and later_report.start_time - _last_time(earlier_report) <= longest_pause
-
-
-def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
-    """Merges the repetition of a report into the first fact of it, so that it is shown once with its count.
-
-    Args:
-        first_report: the report, with the figures ``basis`` (names of messages) and ``count``.
-        repetition: a later fact of the same code, with ``basis``.
-
-    Returns:
-        A fact (coded finding) with the time of the first one, the later end, the worse level, the messages of both, a
-        subject if either has one, and a count that is one higher. All other figures are taken from the first fact.
-    """
-    # Levels are defined in the order good, watch, bad, unknown.
-    levels = list(Level)
-    level = max(first_report.level, repetition.level, key=levels.index)
-    end_time: float | None = max(_last_time(first_report), _last_time(repetition))
-    if end_time in (first_report.time, inf):
-        # Both are of one time, or the fault never ends: then the fact has no end.
-        end_time = None
-    message_names = (*first_report.figures["basis"], *repetition.figures["basis"])
-    figures = {**repetition.figures, **first_report.figures}
-    if "is_over" in figures:
-        # A problem that was over and is reported again goes on.
-        figures["is_over"] = repetition.figures.get("is_over", False)
-    # A dictionary keeps each name once, in order.
-    figures["basis"] = tuple(dict.fromkeys(message_names))
-    figures["count"] = first_report.figures["count"] + 1
-    return first_report.replace(
-        level,
-        end_time=end_time,
-        subject=first_report.subject or repetition.subject,
-        **figures,
-    )

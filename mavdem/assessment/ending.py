@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.first_failure import CAUSES_OF_ALL_MOTORS, first_failure
 from mavdem.assessment.flights import loss_onset
+from mavdem.assessment.repeated_reports import in_time_order
 from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals

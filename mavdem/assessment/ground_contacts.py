@@ -8,17 +8,20 @@ attitude, or the autopilot's own report. A dive that the motors end has none of 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple
-
-import numpy as np
 
 from mavdem.assessment.attitude_losses import was_above_ground_before
-from mavdem.assessment.contact_time import MIN_FALL_SECONDS, TOPPLE_HEIGHT_CLOSED, ContactSearch
-from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
+from mavdem.assessment.contact_time import MIN_FALL_SECONDS, ContactSearch
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.intended_landing import (
+    DESCENT_SECONDS,
+    HARD_IMPACT_SPEED,
+    LANDING_STEP,
+    MAX_LANDING_LEAN,
+    was_landing,
+)
 from mavdem.dataset.attitude_error import AttitudeError, largest_error
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import TimeInterval, in_intervals
-from mavdem.dataset.time_series import series_of_boot
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
@@ -35,34 +38,9 @@ from mavdem.witnesses.sensor_facts import (
 SEARCH_SECONDS = 10.0
 """Seconds before the rest, or around the end of a flight, in which the contact with the ground is looked for."""
 
-HARD_IMPACT_SPEED = 3.0
-"""Speed downward, m/s, from which on an upright vehicle hits the ground and does not land."""
-
-DESCENT_SECONDS = 3 * MAX_SETPOINT_DELAY
-"""Seconds before a contact over which the descent, and the closing of the throttle, are looked for; a choice."""
-
 CONTACT_SPEED_SECONDS = 0.25
 """Seconds before a contact in which the estimated speed is the one of the contact: at least two samples at 10 Hz. Full
 thrust brakes by at most 2.5 m/s in that time."""
-
-HARD_IMPACT_SPEED_CLOSED = 5.0
-"""``HARD_IMPACT_SPEED``, m/s, of a vehicle that topples after the pilot closed the throttle: it falls from 1.3 m."""
-
-TOPPLE_HEIGHT = 2.0
-"""Height, m, above take-off or resting place up to which a vehicle that topples was landing."""
-
-MAX_LANDING_LEAN = np.radians(25.0)
-"""Lean, rad, above which a vehicle near the ground is not landing."""
-
-CLIMB_STICK = 0.65
-"""Travel of the throttle stick from which on the pilot commands a climb; ArduPilot's middle is 0.5 ± 0.1."""
-
-LANDING_DESCENT = 0.3
-"""Height, m, that a vehicle which lands loses in the last 3 s before it touches the ground: autopilots land at 0.3 m/s
-or more, with 0.1 m/s of drift of the height."""
-
-LANDING_STEP = 1.5
-"""Height, m, of a resting place above the take-off from which on it is no ground but something that was hit."""
 
 TUMBLE_SECONDS = 1.5
 """Seconds by which the largest knock of a tumble may come after the first contact; on real logs 1.3."""
@@ -73,51 +51,9 @@ REPORTS_OF_CRASH = (ReportedEvent.CRASH_DETECTED,)
 ESTIMATE_SECONDS = 1.0
 """Seconds around a contact in which the loss of the estimated speed belongs to that contact; a choice."""
 
-STICK_DELAY = 0.3
-"""Seconds by which a stick may be logged later than the motion that it causes: receivers are logged at 3 to 10 Hz."""
-
 STICK_REACTION_SECONDS = 1.5
 """Seconds after a contact in which a pilot who lands closes the throttle. It shows that a landing was meant, and no
 more: what follows the contact does not change how the vehicle came to it."""
-
-
-CONTACTS = (MotionEvent.HIT, MotionEvent.TIPPED, MotionEvent.TOPPLED)
-"""Losses of a vehicle by the ground, or by something that it hit."""
-
-
-class FlightLosses(NamedTuple):
-    """How one flight was lost."""
-
-    attitude_loss: Fact | None
-    """The loss of attitude in the air that the flight did not recover from; None without one."""
-    contact: Fact | None
-    """The contact with the ground; None without one. It has the figure ``is_after_loss`` if it only followed a loss in
-    the air."""
-
-
-def flight_losses(attitude_loss: Fact | None, contact: Fact | None) -> FlightLosses:
-    """Decides which of a loss of attitude and a contact with the ground was how the flight was lost.
-
-    If the ground came first, they are one event, the contact. Otherwise both are events: the loss was in the air, and
-    the contact, which then has the figure ``is_after_loss``, only followed.
-
-    Args:
-        attitude_loss: the loss of attitude that the flight did not recover from; None if there was none.
-        contact: the contact with the ground (:func:`ground_contact`); None if there was none.
-    """
-    if attitude_loss is None or contact is None:
-        return FlightLosses(attitude_loss, contact)
-    # A contact whose onset is not known is taken as the first of the two.
-    is_ground_first = (loss_onset(contact) or 0.0) <= attitude_loss.start_time
-    if is_ground_first or attitude_loss.code in CONTACTS:
-        # Both events are the same contact, which is described more exactly by ``contact``.
-        return FlightLosses(None, contact)
-    # A loss is bad only if a second sensor confirms it.
-    is_loss_confirmed = attitude_loss.is_bad
-    if not is_loss_confirmed:
-        # The contact is then how the flight was lost.
-        return FlightLosses(attitude_loss, contact)
-    return FlightLosses(attitude_loss, contact.replace(is_after_loss=True))
 
 
 def ground_contact(
@@ -474,7 +410,7 @@ class _Contact:
         """
         if not was_above_ground_before(self.sensors, self.flight_interval, onset):
             return MotionEvent.TIPPED
-        if self._was_landing(onset, rest, fall_speed, throttle_closing):
+        if was_landing(self.sensors, onset, rest, fall_speed, throttle_closing):
             return MotionEvent.TOPPLED
         return MotionEvent.HIT
 
@@ -534,86 +470,3 @@ class _Contact:
         rests_on_ground = resting_height <= LANDING_STEP
         fell_no_further = height - resting_height <= LANDING_STEP
         return rests_on_ground and fell_no_further
-
-    def _was_landing(
-        self,
-        time: float,
-        rest: Rest | None,
-        fall_speed: float | None,
-        throttle_closing: Fact | None,
-    ) -> bool:
-        """Returns whether a vehicle that toppled was about to land: low, slow, level, and without a command to climb.
-
-        A closed throttle or a descent must also show that a landing was intended. A vehicle that came to rest higher
-        than it took off, such as on a roof, did not land.
-
-        Args:
-            time: time when it touched the ground, s since boot.
-            rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
-            fall_speed: largest speed downward just before, m/s; None if it is not known.
-            throttle_closing: fact that the pilot closed the throttle around the contact; None if nothing shows it.
-        """
-        max_fall_speed = HARD_IMPACT_SPEED
-        max_height = TOPPLE_HEIGHT
-        # If the pilot closed the throttle before the contact, the vehicle was dropped on purpose: it may be faster and
-        # higher. A throttle that was closed afterwards does not change how the vehicle came to the ground.
-        was_closed_before = (
-            throttle_closing is not None and throttle_closing.start_time <= time + STICK_DELAY
-        )
-        if was_closed_before:
-            max_fall_speed = HARD_IMPACT_SPEED_CLOSED
-            max_height = TOPPLE_HEIGHT_CLOSED
-        if fall_speed is not None and fall_speed > max_fall_speed:
-            return False
-        time_before = time - MAX_SETPOINT_DELAY
-        height = self.sensors.height_at(time_before)
-        if height is None:
-            return False
-        resting_height = None if rest is None else self.sensors.height_at(rest.time)
-        if resting_height is not None:
-            rests_above_ground = resting_height > LANDING_STEP
-            if rests_above_ground:
-                return False
-            # The lower of two heights is used: above the take-off, and above the place where it came to rest.
-            height = min(height, height - resting_height)
-        if height > max_height:
-            return False
-        if self._is_leaning(time_before) or self._commands_climb((time_before, time)):
-            return False
-        is_landing_intended = throttle_closing is not None or self._is_descending(time)
-        return is_landing_intended
-
-    def _is_descending(self, time: float) -> bool:
-        """Returns whether the vehicle lost more than ``LANDING_DESCENT`` of height in the ``DESCENT_SECONDS`` before.
-
-        Args:
-            time: end of the descent, s since boot.
-        """
-        height_before = self.sensors.height_at(time - DESCENT_SECONDS)
-        height = self.sensors.height_at(time)
-        if height_before is None or height is None:
-            return False
-        return height_before - height > LANDING_DESCENT
-
-    def _is_leaning(self, time: float) -> bool:
-        """Returns whether the vehicle leaned too far to land: roll or pitch beyond ``MAX_LANDING_LEAN``.
-
-        The setpoint plays no part: a vehicle that leans on purpose does not land either.
-
-        Args:
-            time: the time, s since boot.
-        """
-        for tilt in self.sensors.signals.tilts:
-            angle = series_of_boot(tilt.angle_series, self.sensors.boot)
-            if angle is not None:
-                if abs(np.interp(time, angle.time, angle.values)) > MAX_LANDING_LEAN:
-                    return True
-        return False
-
-    def _commands_climb(self, interval: TimeInterval) -> bool:
-        """Returns whether the pilot's throttle commanded a climb at any time of an interval."""
-        stick = self.sensors.stick
-        if stick is None:
-            return False
-        is_in_interval = in_intervals(stick.time, [interval])
-        return bool((stick.values[is_in_interval] > CLIMB_STICK).any())

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.ground_contacts import CLIMB_STICK
+from mavdem.assessment.intended_landing import CLIMB_STICK
 from mavdem.assessment.lights.vibration import vibration_limits
 from mavdem.dataset.attitude import down_in_body
 from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, mode_intervals

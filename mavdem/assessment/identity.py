@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.assessment.simulation import simulation_fact
+from mavdem.assessment.status_texts import status_texts
 from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
@@ -353,8 +353,8 @@ def _flight_date(signals: Signals, receive_time: float) -> _DateWithBasis:
 def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | None:
     """Returns when a flight began, by the messages SYSTEM_TIME, which have UNIX time and time since boot.
 
-    Without a flight, or if no message of its boot has a UNIX time that is set, it is the time of the log's first
-    message that has one.
+    Without a flight, or if the UNIX clock was never set in its boot, the time of the first message of the log with a
+    set clock is returned instead.
 
     Args:
         telemetry: messages of the vehicle.

@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import SEVERITIES, merge_repeats, reported_problems
+from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.condition import Condition, measure_condition
 from mavdem.assessment.identity import Identity, identify_vehicle
+from mavdem.assessment.repeated_reports import merge_repeats
+from mavdem.assessment.status_texts import SEVERITIES
 from mavdem.assessment.tier import log_tier
 from mavdem.containers import JsonValues
 from mavdem.dataset.learnability import learnability_of

@@ -125,8 +125,8 @@ def _judged_light(
 ) -> Fact:
     """Judges one status light, such as the light of the motors, by the function that is registered for it.
 
-    A light that is unknown by that shows the worst warning in flight about its subject. It is not judged again if it is
-    known already. A light of a vehicle in the air is not judged at all if the vehicle did not fly.
+    If the function finds that the light is unknown, the worst warning in flight about its subject is shown instead. A
+    light that judges flight is not judged for a vehicle that did not fly.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from math import inf
 
+from mavdem.assessment.flight_losses import CONTACTS
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.ground_contacts import CONTACTS
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, grounded_intervals
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals

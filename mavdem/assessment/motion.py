@@ -11,14 +11,14 @@ import numpy as np
 
 from mavdem.assessment.attitude_losses import attitude_losses
 from mavdem.assessment.attitude_swings import attitude_swings
-from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.barometer_drifts import barometer_drifts, drift_with_onset_time
 from mavdem.assessment.clipping import clipping_events
 from mavdem.assessment.descents import dive_events, fall_events
 from mavdem.assessment.doubted_heights import events_with_checked_heights
+from mavdem.assessment.flight_losses import CONTACTS, flight_losses
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.flips import flip_events, flip_intervals
-from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
+from mavdem.assessment.ground_contacts import ground_contact
 from mavdem.assessment.height_disagreements import height_disagreements
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.height_offsets import height_offsets
@@ -28,6 +28,7 @@ from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.position_losses import position_losses
+from mavdem.assessment.repeated_reports import in_time_order
 from mavdem.assessment.running_motors import motors_left_running
 from mavdem.assessment.swing_causes import with_causes_of_swings
 from mavdem.assessment.wind_drifts import wind_drifts

@@ -103,9 +103,9 @@ class _MotorCondition(NamedTuple):
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     """Yields an event for each time in flight in which a motor stayed at its upper limit, was off, or its output froze.
 
-    A limit is reported only once the vehicle has left the ground, since on a bench or stand that holds it, the
-    controller drives motors to any command. A motor is reported as off only after more than ``MAX_SETPOINT_DELAY``,
-    since a mixer may stop one for a moment.
+    A limit is reported only once the vehicle has left the ground: on a stand that holds it, the controller drives
+    motors to any command. A motor is reported as off only after more than ``MAX_SETPOINT_DELAY``, since a mixer may
+    stop one for a moment.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -113,11 +113,13 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
         flights: start and end of each flight of the boot, s.
 
     Yields:
-        A fact for each motor and interval, with the name of the motor as subject, the ``share`` of the interval's
-        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. If the outputs come so
-        slowly that short events may be missed, it also has their ``sampling_interval``, s. A limit while the pilot
-        commanded full throttle has ``is_full_throttle``, and is good if the vehicle climbs. The time of an event that
-        began before the record is -inf.
+        The frozen outputs first. Then a fact for each interval in which a motor, its subject, was at its limit or off.
+        The time of an event that began before the record is -inf. Its figures are:
+
+        - ``share``: the fraction of the interval's samples in which the motor was so;
+        - ``duration``: the duration of these samples, s;
+        - ``sampling_interval``: the time step of the outputs, s, if they are so slow that short events may be missed;
+        - ``is_full_throttle``: the pilot commanded full throttle. Such a limit is good if the vehicle climbs.
     """
     motors = signals.motors
     if motors is None or boot not in motors.boot:

@@ -8,14 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.autopilot_messages import (
-    in_time_order,
-    merge_repeats,
-    reported_problems,
-)
+from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.fault_signals import FaultSignal, fault_signals
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, flights_off_ground
 from mavdem.assessment.mode_causes import mode_change_cause, mode_requests
+from mavdem.assessment.repeated_reports import in_time_order, merge_repeats
 from mavdem.assessment.restarts import restarts
 from mavdem.dataset.flight_states import (
     SURFACE_VEHICLES,

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import StatusText, status_texts
 from mavdem.assessment.flights import flights_in_boot
+from mavdem.assessment.status_texts import StatusText, status_texts
 from mavdem.containers import Names
 from mavdem.dataset.flight_states import armed_intervals
 from mavdem.dataset.intervals import intersection

@@ -102,7 +102,9 @@ def _spans_between_restarts(signals: Signals) -> list[Segments]:
     """
     groups: list[list[Segment]] = []
     for span in recorded_spans(signals):
-        events = restarts(signals, span) if groups else ()
+        # The first boot of the recording is no restart.
+        is_first_boot = not groups
+        events = () if is_first_boot else restarts(signals, span)
         is_in_flight = any(event.code is ReportedEvent.RESTARTED_IN_FLIGHT for event in events)
         if is_in_flight:
             groups[-1].append(span)

@@ -4,7 +4,7 @@ from math import inf
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import status_texts
+from mavdem.assessment.status_texts import status_texts
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import flight_states
 from mavdem.dataset.signals import Signals

@@ -28,6 +28,7 @@ class WindAdvice(Code):
     """What to fly so that the wind is known better."""
 
     FLY_BOX = "fly_box"
+    BETTER_PRIOR = "better_prior"
     TURN_HEADING = "turn_heading"
 
 

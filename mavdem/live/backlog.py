@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.assessment.repeated_reports import REPEAT_SECONDS
 from mavdem.facts import Fact
 from mavdem.facts.session import DelayedWork, SessionFact
 from mavdem.live import clock

@@ -14,8 +14,9 @@ import numpy as np
 
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
+from mavdem.assessment.flight_losses import flight_losses
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.ground_contacts import flight_losses, ground_contact
+from mavdem.assessment.ground_contacts import ground_contact
 from mavdem.assessment.height_divergence import SINK_STICK
 from mavdem.assessment.invalid_attitudes import MIN_INVALID_SECONDS, invalid_attitudes
 from mavdem.assessment.motor_events import LASTING_SECONDS

@@ -570,6 +570,7 @@ class LiveHistory:
         predictions of the m outputs, the same of the baseline, which predicts that the outputs stay as they were, and
         the share of measurements within the predicted 90 % band (the coverage).
         """
+        # The latest comparisons are not in the sums of this flight yet, since they may still be withdrawn.
         error_sums = deepcopy(self._error_sums)
         for comparison in self._comparisons:
             _add_prediction_error(error_sums, comparison)
@@ -588,13 +589,17 @@ class LiveHistory:
 
     @property
     def table(self) -> Array:
-        """(N, 17 + k) The kept rows of the latest flight, until ``SECONDS_AFTER_LANDING`` after it.
+        """The kept rows of the latest flight, until ``SECONDS_AFTER_LANDING`` after it: N rows of 17 + k columns.
 
-        Columns: number of the segment; time, s of the timeline; the measured angle; the angle predicted
-        ``REPORTED_HORIZON`` s before and the half width of its band, rad; wind torque and the half width of its band,
-        rad/s²; wind speed and the half width of its band, m/s; roll, pitch and their setpoints, rad; yaw, rad;
-        position north and east, and height, from the autopilot's origin of that boot, m; each of the k ``motor_names``
-        as a fraction of its range. Columns that a row lacks are NaN.
+        Values that a row lacks are NaN. The columns are, in this order:
+
+        - 0, 1: number of the segment; time, s of the timeline;
+        - 2 to 4: the measured angle; the angle predicted ``REPORTED_HORIZON`` s before; half width of its band, rad;
+        - 5, 6: wind torque and half width of its band, rad/s²;
+        - 7, 8: wind speed and half width of its band, m/s;
+        - 9 to 13: roll, pitch, their setpoints, and yaw, rad;
+        - 14 to 16: position north and east, and height, from the autopilot's origin of that boot, m;
+        - 17 and on: output of each of the k ``motor_names``, as a fraction of its range.
         """
         width = COLUMNS_BEFORE_MOTORS + len(self.motor_names)
         rows = [row for row in self._rows if self.flight.contains(row[TIME_COLUMN])]

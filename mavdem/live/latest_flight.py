@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import SEVERITIES
 from mavdem.assessment.flights import flights_in_boot
 from mavdem.assessment.separate_flights import telemetry_of_spans
+from mavdem.assessment.status_texts import SEVERITIES
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.ingest.telemetry import Columns, Fields, Log, Telemetry, selected_rows

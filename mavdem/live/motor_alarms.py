@@ -182,10 +182,10 @@ class MotorAlarms:
         return tuple(facts)
 
     def _update_active_alarms(self, change: MotorChange) -> None:
-        """Updates the active alarms after a change of one motor: one for each motor that is weak now.
+        """Updates the active alarms after a change of one motor: an alarm for each motor that is weak now.
 
-        The detector knows the sudden losses of thrust. A motor that became weak slowly has been reported by its slow
-        loss, which includes a sudden part of it, and so replaces that. If no motor is weak any more, the change is a
+        A motor may have lost thrust suddenly, which the detector finds, or slowly, which another test finds. If one did
+        both, its slow loss counts, which includes the sudden one. If no motor is weak any more, the change was a
         recovery, and its event takes the place of the alarms.
 
         Args:

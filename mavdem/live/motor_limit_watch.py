@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from mavdem.arrays import Flags
+from mavdem.assessment.lights.motors import motors_at_limits_in_oscillation
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.motors import MotorsLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.active_alarms import ActiveAlarms
 from mavdem.live.control_watch import ControlWatch
@@ -100,11 +100,8 @@ class MotorLimitWatch:
 
     @property
     def swinging_motors(self) -> Fact | None:
-        """The fact that motors swing from stop to stop in the latest limit cycle of this boot; None if they did not."""
-        limit_cycle = self._limit_cycle
-        if limit_cycle is None or not limit_cycle.is_stop_to_stop:
-            return None
-        return Fact(MotorsLight.MOTORS_SWING, share=limit_cycle.at_limit)
+        """The fact that motors reach their limits in the latest limit cycle of this boot; None if they did not."""
+        return motors_at_limits_in_oscillation(self._limit_cycle)
 
     def _sinking_at_limit(
         self, review: Review, moment: FlightMoment, motors: MotorOutputs, is_at_upper: Flags

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from math import nan
 from typing import NamedTuple
 
-from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.assessment.repeated_reports import REPEAT_SECONDS
 from mavdem.containers import Numbers
 from mavdem.dem import Estimate, Learned
 from mavdem.errors import failure_fact

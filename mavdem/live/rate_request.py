@@ -542,13 +542,13 @@ class RateRequest:
                 interval.request_time = NEVER
 
     def _take_confirmation(self, result: int) -> None:
-        """Takes the vehicle's result of setting an interval (COMMAND_ACK), which does not name the message.
+        """Takes the vehicle's answer (COMMAND_ACK) to a command that sets the interval of a message.
 
-        While rates are requested, one setting at a time is under way, so the result is about the latest one. When
-        they are restored, results come in the order of the commands.
+        The answer does not name the message. While rates are requested, only one command is under way, so that the
+        answer is about the latest one. When rates are restored, answers come in the order of the commands.
 
         Args:
-            result: a MAV_RESULT.
+            result: a MAV_RESULT, such as accepted.
         """
         is_accepted = result == mavlink_constant("MAV_RESULT_ACCEPTED")
         if self._is_restoring:
@@ -556,7 +556,7 @@ class RateRequest:
                 restored_interval = self.unconfirmed.popleft()
                 restored_interval.is_restored = is_accepted
             return
-        # The next setting need not wait for this one's confirmation any more.
+        # The next command need not wait for an answer to this one any more.
         self._next_setting_time = NEVER
         latest_interval = max(self._intervals, key=lambda interval: interval.request_time)
         was_set = latest_interval.set_count > 0

@@ -5,8 +5,9 @@ What it reports at a lower severity is a line only. The battery has an alarm of 
 
 from collections.abc import Sequence
 
-from mavdem.assessment.autopilot_messages import REPEAT_SECONDS, SEVERITIES
+from mavdem.assessment.repeated_reports import REPEAT_SECONDS
 from mavdem.assessment.reported import FAILSAFE_TRIGGERS
+from mavdem.assessment.status_texts import SEVERITIES
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact

@@ -5,7 +5,7 @@ These are texts of the autopilot, and states that may flap: whether it is armed,
 
 from collections import defaultdict, deque
 
-from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.assessment.repeated_reports import REPEAT_SECONDS
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact

@@ -879,14 +879,16 @@ class SessionStatus(ImmutableResult):
         return present_lights
 
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
-        """Corrects, after a landing, the reasons why parts of the vehicle were not judged in the flight.
+        """Returns the status lights after a landing, with reasons that are true of the flight and not of the ground.
 
-        On the ground the reason is that nothing is watched, or nothing is learned any more. But the lights are about
-        the flight, which was too short to judge such a part, or did not show it.
+        A light that is unknown has a reason. The reason on the ground, that nothing is watched or learned any more, is
+        no reason for what was unknown in the flight: the flight was too short to judge it, or did not show it.
 
         Args:
-            lights: the judgement of each part of the vehicle, by the name of the part. One of the level "unknown" has a
-                figure "reason".
+            lights: the judgement of each part of the vehicle, by the name of the part.
+
+        Returns:
+            The lights by name; unchanged in flight, and before the first flight.
         """
         lights_of_flight = dict(lights)
         is_after_flight = not self.is_flying and self.flight_number > 0

@@ -487,16 +487,15 @@ class LiveStream:
     def _messages_of_followed_vehicle(self, frame: Frame) -> list[tuple[Message, float]]:
         """Counts a frame for its sender, and returns its message if the sender is the followed vehicle.
 
-        The vehicle to follow is chosen by the messages of all senders. Until it is known, messages are kept, since the
-        vehicle may take off meanwhile. The message that decides the choice is returned with the earlier ones of the
-        chosen vehicle.
+        The vehicle to follow is chosen by the messages of all senders. Messages that come before the choice are kept,
+        since the vehicle may take off meanwhile. Those of the chosen vehicle are returned with its next message.
 
         Args:
             frame: the next frame, intact or not.
 
         Returns:
-            The message and when it was received, UNIX s; before it, once, the earlier messages of the vehicle. Empty
-            for a damaged frame, a copy of an earlier one, a message that nothing needs, or another sender.
+            The message, and when it was received, UNIX s, after any kept ones. Empty for a damaged frame, a copy of an
+            earlier one, a message that nothing needs, or another sender.
         """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES
@@ -512,7 +511,7 @@ class LiveStream:
         if message is None:
             return []
         message = _without_doubtful_stamp(message)
-        if self._is_choice_awaited:
+        if self._is_vehicle_unknown:
             self._early_messages.append(_EarlyMessage(sender, self._stamp, message))
             return []
         if sender is not self._vehicles.followed:
@@ -520,7 +519,7 @@ class LiveStream:
         return [*self._pop_early_messages(sender), (message, self._stamp)]
 
     @property
-    def _is_choice_awaited(self) -> bool:
+    def _is_vehicle_unknown(self) -> bool:
         """Whether no vehicle has been received that can be followed."""
         reason = self._vehicles.not_followed_reason
         return reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET

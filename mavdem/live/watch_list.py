@@ -167,17 +167,17 @@ def quantities_without_message(
 
 
 def reason_battery_not_judged(power: Fact) -> Fact | None:
-    """Returns why the status light of the power judges no battery; None if it judges one.
+    """Returns why no battery is watched, such as that its voltage is not measured; None if one is.
 
     Args:
-        power: the fact of the light, with a level.
+        power: the fact of the status light of the power.
 
     Returns:
-        The reason, without measurements, so that it stays the same from review to review.
+        The reason. It has no measured values, so that it changes only if the reason itself does.
     """
     if power.code not in UNWATCHED_BATTERIES:
         return None
-    # A voltage comes, but never changes, as from a power supply.
+    # A battery sensor that is not connected reports a voltage that never changes.
     has_voltage = bool(power.figures.get("voltage"))
     is_constant = has_voltage and bool(power.figures.get("is_constant"))
     return Fact(WatchFact.BATTERY_NOT_JUDGED, cause=power.code, is_constant=is_constant)

@@ -705,14 +705,16 @@ class Watchdog:
         return reported_facts
 
     def _judge_flight(self, review: Review, moment: FlightMoment) -> list[Fact]:
-        """Judges in flight control, height, drift in wind, oscillation, and motors at their limits.
+        """Judges a flying vehicle: control, attitude estimate, drift in wind, height, oscillation, motors at limits.
+
+        After a loss of control the faults are removed that any vehicle out of control has (``NOT_JUDGED_AFTER_LOSS``).
 
         Args:
-            review: the review, whose ``facts`` are added to.
-            moment: present time, and the motion.
+            review: the review, to whose ``facts`` the faults are added by quantity.
+            moment: present time, and the motion; no motion if too little was received.
 
         Returns:
-            The begin or the end of a fall, to be reported.
+            The alarm that the vehicle falls when it begins or ends; otherwise empty.
         """
         reported_facts = self.loss_watch.judge_flight(review, moment)
         self._judge_attitude_estimate(review)
@@ -723,16 +725,21 @@ class Watchdog:
         if moment.motion is not None:
             self._motor_limits.judge(review, moment, moment.motion)
         if WatchedQuantity.OSCILLATION in review.facts:
-            # The motors go from limit to limit in a limit cycle, and cannot be compared with each other. So it is no
-            # longer known that they are sound.
-            self.status_lights.remove_good(Light.MOTORS)
-            swinging_motors = self._motor_limits.swinging_motors
-            if swinging_motors is not None and self.loss is None:
-                self.status_lights.add(Light.MOTORS, swinging_motors)
+            self._judge_oscillating_motors()
         if self.loss is not None:
             for quantity in NOT_JUDGED_AFTER_LOSS:
                 review.facts.pop(quantity, None)
         return reported_facts
+
+    def _judge_oscillating_motors(self) -> None:
+        """Judges the motors while the vehicle oscillates: it is not known then that they are sound.
+
+        They cannot be compared with each other, since the oscillation drives them to and fro, often to their limits.
+        """
+        self.status_lights.remove_good(Light.MOTORS)
+        swinging_motors = self._motor_limits.swinging_motors
+        if swinging_motors is not None and self.loss is None:
+            self.status_lights.add(Light.MOTORS, swinging_motors)
 
     def _judge_height(self, review: Review, moment: FlightMoment) -> None:
         """Judges in flight whether the height estimate diverges, or barometer and satellites disagree.
@@ -1151,21 +1158,22 @@ class Watchdog:
         return has_just_taken_off and not is_oscillating
 
     def set_motors_watched(self, reason: Fact | None, now: float) -> None:
-        """Notes whether a loss of thrust of a motor would be detected now, for watch list and status light.
+        """Takes note whether the test for weak motors runs now, which ``MotorAlarms`` makes with each sample.
 
-        ``MotorAlarms`` makes the test for such a loss. While the test runs, the status light of the motors states that
-        no loss was found, unless it states something else. After a loss of control, and while the vehicle oscillates,
-        it does not state that: the motors go from limit to limit then, and the test does not show that they are sound.
+        While it runs, the motors are listed as watched, and their status light is good: no loss of thrust was found. A
+        worse fact in the light stays. After a loss of control, and while the vehicle oscillates, the light does not
+        become good: the motors go from limit to limit then, which hides a loss of thrust.
 
         Args:
-            reason: why a loss of thrust would not be detected now; None if it would be.
+            reason: why the test does not run; None if it does.
             now: present time on the boot clock, s.
         """
         self.watch_list.set(WatchedQuantity.MOTORS, reason, now)
         if reason is not None:
-            if reason.code is WatchFact.REFERENCE_SHORT:
-                # After a long gap in the messages the test begins anew. A loss in the gap would not be found, so that
-                # the light no longer states that there was none.
+            lacks_reference = reason.code is WatchFact.REFERENCE_SHORT
+            if lacks_reference:
+                # After a long gap in the messages the test begins anew, with a new reference. A loss in the gap would
+                # not be found, so that the light no longer states that there was none.
                 self.status_lights.remove_good(Light.MOTORS)
             return
         is_oscillating = WatchedQuantity.OSCILLATION in self.alarms.facts

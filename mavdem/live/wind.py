@@ -177,25 +177,25 @@ class WindEstimate:
 
     @property
     def light(self) -> Fact:
-        """The status light of the wind, that is the judgement of a flight's wind, if this estimate is its mean wind.
+        """The status light of the wind, for a flight whose mean wind is this estimate, as a log of it is judged.
 
         It is a fact with the speed and its 90 % interval, m/s, and the direction that the wind comes from, degrees;
-        None if that is not known. As in the judgement of a log, the level is "unknown" if the speed is known only
-        roughly. The speed is estimated from the force of the wind and the vehicle's drag. If the drag is known too
-        badly for that, the fact says instead that the wind is not known, and why.
+        None if that is not known. There are three cases by the interval of the speed, which follows from the force of
+        the wind and from the vehicle's drag:
+
+        - It is narrow: the wind is known, and the level is "good".
+        - It is wide: the speed is known only roughly, and the level is "unknown".
+        - It is very wide: the wind is not known, with the reason, which is the drag.
         """
-        speed_fact = self.facts[0]
+        speed_fact, *direction_facts = self.facts
         low, high = speed_fact.figures["speed_interval"]
-        # The reason for a rough speed: an error of the drag, which is usually not measured, scales (biases) it.
+        # The drag is usually not measured, and an error of it scales (biases) the speed.
         reason_if_rough = Fact(
             WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True
         )
         if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
             return Fact(WindLight.WIND_NOT_KNOWN, reason=reason_if_rough)
-        direction = None
-        for fact in self.facts:
-            if fact.code is SessionFact.WIND_FROM:
-                direction = fact.figures["direction"]
+        direction = direction_facts[0].figures["direction"] if direction_facts else None
         is_speed_accurate = is_speed_known((low, high))
         return Fact(
             WindLight.WIND_BLEW,

@@ -37,7 +37,7 @@ from mavdem.wind_velocity.vehicle_drag import (
     LEAN_SD,
     Drag,
 )
-from mavdem.wind_velocity.velocity import WindVelocity, mean_air_speed
+from mavdem.wind_velocity.velocity import WindVelocity
 
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
@@ -291,8 +291,6 @@ def _wind_estimate_sentences(
         autopilot_wind=_autopilot_wind(evidence, wind),
         # Message with the autopilot's estimate if it is always 0; otherwise empty.
         zero_estimate=evidence.zero_estimate,
-        # Relative half width of the drag's 90 % interval at the air speed of the flight.
-        drag_error=coverage_factor() * wind.drag.relative_sd(mean_air_speed(wind.air_velocity)),
         # Setting with which the autopilot would estimate the wind itself; empty if it has none.
         drag_model_setting=evidence.drag_model_setting,
     )

@@ -536,16 +536,19 @@ def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
 def _unshown_remedies(
     tuning: Tuning, axis: str, report: str, shown_remedies: Collection[str]
 ) -> list[str]:
-    """Returns what to do about one axis in sentences, without those that the report shows before.
+    """Returns what to do about one axis, such as "Fly doublets.", unless the reader finds it elsewhere.
+
+    There may be two remedies: one towards gains, and one against another fault of the loops. Each is left out if the
+    text on the axis, or another part of the page, has it already, or if the other one contains it.
 
     Args:
         tuning: for each axis the advice on its gains, or the finding that says why there is none.
         axis: "roll", "pitch" or "yaw".
-        report: text on the axis, which the sentences will follow.
-        shown_remedies: sentences of this kind that the report shows in the next step and in the text on other axes.
+        report: text on the axis, which the remedies will follow.
+        shown_remedies: the remedies in the next step and in the text on other axes.
 
     Returns:
-        Up to two sentences: what to do about the gains, and what else to do about the loops. None is part of the other.
+        Up to two sentences.
     """
     advice = tuning.axes[axis]
     advice_on_gains = advice if isinstance(advice, Fact) else _conclusion(tuning, advice)

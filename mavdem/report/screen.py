@@ -136,18 +136,18 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
 
 
 def _motor_alarm_sentences(analysis: LogAnalysis) -> list[Sentence]:
-    """Returns a sentence for each change of the motors in flight that an alarm reports, except losses of thrust.
+    """Returns a sentence for each time in flight at which a motor recovered, or the motors' steady torque changed.
 
-    Such a change is that a motor recovered, or that the steady torque on the vehicle is another one.
+    A motor that lost thrust raises an alarm as well, but has no sentence here: the status light of the motors, which
+    stands above, reports it.
 
     Args:
-        analysis: the analysis of one axis of the vehicle, with the alarms in the order of time.
+        analysis: the analysis of one axis of the vehicle, with the alarms of motors in the order of time.
     """
     sentences = []
     for alarm in analysis.alarms:
-        # A motor that lost thrust is reported by the judgement of the motors.
-        has_lost_thrust = alarm.is_weak
-        if not has_lost_thrust:
+        is_loss_of_thrust = alarm.is_weak
+        if not is_loss_of_thrust:
             sentences.append(Sentence(str(alarm.fact), lead="Motors:"))
     return sentences
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mavdem.confidence import coverage_factor
 from mavdem.facts import Fact
+from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindAdvice
 from mavdem.wind_velocity.compass import HEADING_SD
 from mavdem.wind_velocity.vehicle_drag import LEAN, LOG_LINEAR, LOG_QUADRATIC, Drag
@@ -97,7 +98,8 @@ def advised_flight(errors: WindErrors, drag: Drag) -> Fact | None:
 
     Returns:
         The advice; None if no flight reduces the error of the speed or of the direction to ``MAX_ERROR_RATIO`` of what
-        it is. The box is advised where it reduces the error of the speed in this log more than turns do in another.
+        it is. The box is advised where it reduces the error of the speed in this log more than turns do in another. If
+        the drag is that of an earlier flight, it is advised as a better prior (``BETTER_PRIOR``).
     """
     linear, quadratic = np.exp(drag.mean[[LOG_LINEAR, LOG_QUADRATIC]])
     force_slope = linear + 2 * quadratic * errors.speed
@@ -113,6 +115,15 @@ def advised_flight(errors: WindErrors, drag: Drag) -> Fact | None:
     error_by_box = sensitivity.speed_error(box_drag_sd, lean_sd)
     error_by_turns = sensitivity.speed_error(errors.drag_sd, turned_lean_sd)
     if error_by_box <= min(error_by_turns, largest_advised_error):
+        has_prior_of_user = drag.source is DragSource.EARLIER_FLIGHT
+        if has_prior_of_user:
+            # What is missing is a better prior.
+            return Fact(
+                WindAdvice.BETTER_PRIOR,
+                speed_error=errors.speed_error,
+                expected_speed_error=error_by_box,
+                drag_error=coverage_factor() * errors.drag_sd,
+            )
         return Fact(
             WindAdvice.FLY_BOX,
             speed_error=errors.speed_error,

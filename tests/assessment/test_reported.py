@@ -6,8 +6,9 @@ import numpy as np
 from hover import Hover, changed, columns, with_texts
 from pytest import mark
 
-from mavdem.assessment.autopilot_messages import REPEAT_SECONDS, merge_repeats, reported_problems
+from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
+from mavdem.assessment.repeated_reports import REPEAT_SECONDS, merge_repeats
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import ReportedEvent

@@ -7,9 +7,9 @@ from hover import X_QUAD_PARAMETERS, Hover, columns
 from pytest import mark
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.assessment.axis import Options
 from mavdem.assessment.flights import flights_in_boot
+from mavdem.assessment.status_texts import status_texts
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
 from mavdem.facts.lights import Light

@@ -4,7 +4,7 @@ from math import inf
 
 from pytest import mark
 
-from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.assessment.repeated_reports import REPEAT_SECONDS
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from pytest import approx
 
+from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindAdvice
 from mavdem.wind_velocity.advised_flight import WindErrors, advised_flight
 from mavdem.wind_velocity.vehicle_drag import LEAN, LOG_LINEAR, LOG_QUADRATIC, Drag
@@ -31,6 +32,11 @@ def test_an_unknown_drag_is_shown_by_a_box_which_also_helps_the_hover_itself():
     expected = 1.645 * np.sqrt(0.1**2 + (0.18 / 0.3) ** 2 + (0.13 * 6.0) ** 2)
     assert advice.figures["expected_speed_error"] == approx(expected, rel=1e-3)
     assert f"to about ±{expected:.1f} m/s instead of ±3.5 m/s" in advice.sentence
+    # With a prior already, the advice says how well that is known, and not to use one.
+    of_prior = replace(drag(lean_sd=0.18), source=DragSource.EARLIER_FLIGHT)
+    better = advised_flight(HOVER, of_prior).sentence
+    assert better.startswith("The drag of this prior is known to ±82 % only.")
+    assert f"±{expected:.1f} m/s instead of ±3.5 m/s" in better and "--prior" not in better
 
 
 def test_an_unknown_lean_is_shown_by_turns_of_the_heading():

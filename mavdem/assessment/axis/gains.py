@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import StatusText, status_texts
+from mavdem.assessment.status_texts import StatusText, status_texts
 from mavdem.dataset.flight_states import mode_intervals
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.parameter_history import BEFORE_LOG, BootTime, parameter_history

@@ -318,14 +318,26 @@ def _identified_plant(
         return fit._replace(refusal=closed_loop_reason)
     # A fit that is not identifiable has the reason as its caution. Without any fit there is only the reason.
     gray_box_reason = fit.caution if isinstance(fit, Physical) else fit.reason
-    if closed_loop_reason.code is LoopFact.NO_RATE_SETPOINT and gray_box_reason is not None:
-        # The missing setpoint alone would mislead: on other axes of the same log, without it too, inputs and outputs
-        # may suffice.
-        if gray_box_reason.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE:
-            # It has up to four reasons of its own, none of which matters once the setpoint is logged.
-            raise NotLearnable(closed_loop_reason.replace(is_effect_unknown=True))
-        raise NotLearnable(LoopFact.NO_LOOP, reasons=(closed_loop_reason, gray_box_reason))
-    raise NotLearnable(closed_loop_reason)
+    raise NotLearnable(_reason_for_no_plant(closed_loop_reason, gray_box_reason))
+
+
+def _reason_for_no_plant(closed_loop_reason: Fact, gray_box_reason: Fact | None) -> Fact:
+    """Returns why neither method identifies the plant of an axis; the reason of the closed loop is usually enough.
+
+    If the setpoint of the rate was not logged, that alone would mislead: on other axes of the same log, which lack it
+    too, inputs and outputs may suffice. So the reason of the gray-box fit is added.
+
+    Args:
+        closed_loop_reason: why the identification in the closed loop failed.
+        gray_box_reason: why the gray-box fit of inputs and outputs failed; None if it has no reason.
+    """
+    is_setpoint_missing = closed_loop_reason.code is LoopFact.NO_RATE_SETPOINT
+    if not is_setpoint_missing or gray_box_reason is None:
+        return closed_loop_reason
+    if gray_box_reason.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE:
+        # It has up to four reasons of its own, none of which matters once the setpoint is logged.
+        return closed_loop_reason.replace(is_effect_unknown=True)
+    return Fact(LoopFact.NO_LOOP, reasons=(closed_loop_reason, gray_box_reason))
 
 
 def loop_of_parameters_or_reason(estimates: AxisEstimates, record: Record | None) -> Loop | Fact:

@@ -125,22 +125,20 @@ def _missing_ends_of_flights(evidence: Evidence) -> list[Fact]:
 
 
 def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
-    """Returns the rate at which angles were logged; angles that were computed between them do not count.
+    """Returns at which rate angles were logged, between outages, Hz.
 
-    If body rates were logged more often than angles, models use an angle at each stamp of the body rates. Between the
-    logged angles it is interpolated (PX4), or integrated from the body rates (ArduPilot's PID_TUNING).
+    The angles that a model uses may come faster: if body rates were logged more often than angles, further angles were
+    computed between the logged ones. They were interpolated (PX4), or integrated from the body rates of the message
+    PID_TUNING (ArduPilot). So the lowest of the rates found is that of the logged angles.
 
     Args:
         evidence: flights, messages and repairs of the vehicle.
-        attitude: attitude of an axis, as models use it.
-
-    Returns:
-        The rate between outages, Hz.
+        attitude: angles of an axis, as models use them.
     """
     telemetry = evidence.signals.telemetry
     rates = [_rate_in_flight(evidence, attitude)]
-    # An attitude that was not integrated comes from the attitude messages, which need not be decoded a second time.
-    if attitude.message == TUNING_MESSAGE:
+    are_angles_integrated = attitude.message == TUNING_MESSAGE
+    if are_angles_integrated:
         # Each attitude message has the angles of all axes, so any axis shows the rate of the messages.
         any_axis = TILT_AXES[0]
         logged_attitude = attitude_from_messages(telemetry, any_axis)
@@ -148,9 +146,7 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
             rates.append(_rate_in_flight(evidence, logged_attitude))
     for repair in telemetry.repairs:
         if repair.code is Repair.ATTITUDE_INTERPOLATED:
-            logged_rate = repair.figures["attitude_rate"]
-            rates.append(logged_rate)
-    # Angles are computed only in addition to the logged ones, so that the lowest rate is the rate of the logged ones.
+            rates.append(repair.figures["attitude_rate"])
     return min(rates)
 
 

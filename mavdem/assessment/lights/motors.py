@@ -19,7 +19,7 @@ from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.learnability import UnusableOutputs
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.ingest.motors import name_without_place
-from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
+from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.motors.hover import HoverFigures, hover_figures
@@ -66,9 +66,9 @@ def motors_light(evidence: Evidence) -> Fact:
         return evidence.other_vehicle
     hover = evidence.condition.hover
     facts = _events_of_motors(evidence)
-    oscillation = evidence.condition.oscillation
-    if oscillation is not None and oscillation.at_limit > MIN_AT_LIMIT_SHARE:
-        facts.append(Fact(MotorsLight.MOTORS_SWING, share=oscillation.at_limit))
+    swinging_motors = motors_at_limits_in_oscillation(evidence.condition.oscillation)
+    if swinging_motors is not None:
+        facts.append(swinging_motors)
     if hover is None:
         facts.append(_missing_hover(evidence))
     else:
@@ -77,6 +77,26 @@ def motors_light(evidence: Evidence) -> Fact:
     if motors_at_limit is not None:
         facts.append(_with_yaw_trim(evidence, motors_at_limit))
     return worst_fact(facts)
+
+
+def motors_at_limits_in_oscillation(oscillation: Oscillation | None) -> Fact | None:
+    """Returns the fact that an oscillation of the vehicle drives motors to their limits, in a log or in flight.
+
+    Such motors cannot be compared with each other, and leave the controller little thrust to steer with.
+
+    Args:
+        oscillation: the limit cycle, an oscillation that the vehicle's own controller sustains; None without one.
+
+    Returns:
+        The fact, with the fraction of the time with a motor at a limit as ``share``; None if that is below
+        ``MIN_AT_LIMIT_SHARE``.
+    """
+    if oscillation is None:
+        return None
+    limited_share = max(cycle.at_limit for cycle in (oscillation, *oscillation.other_axes))
+    if limited_share < MIN_AT_LIMIT_SHARE:
+        return None
+    return Fact(MotorsLight.MOTORS_SWING, share=limited_share)
 
 
 def _missing_hover(evidence: Evidence) -> Fact:

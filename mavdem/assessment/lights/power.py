@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.battery_levels import (
     ardupilot_charge_levels,
     batteries_worst_first,
@@ -19,6 +18,7 @@ from mavdem.assessment.battery_levels import (
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits, worst_fact
+from mavdem.assessment.repeated_reports import in_time_order
 from mavdem.dataset import time_series
 from mavdem.dataset.batteries import FIRST_BATTERY, Battery, battery_name
 from mavdem.dataset.time_series import TimeSeries, recorded_series

@@ -218,7 +218,7 @@ def _vibration_limit(title: str, flight_count: int) -> Line:
 
     limit = PX4_LEVELS.watch if title in TITLES_OF_VIBRATION_LEVELS else ARDUPILOT_LEVELS.watch
     flight_numbers = np.arange(flight_count, dtype=np.float64)
-    return Line(f"watch above {limit:g}", LIMITED, flight_numbers, np.full(flight_count, limit))
+    return Line(f"watch above {limit:.3g}", LIMITED, flight_numbers, np.full(flight_count, limit))
 
 
 def _known_flight_count(estimates: Estimates) -> int:

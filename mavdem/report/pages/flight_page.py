@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import model_findings
 from mavdem.assessment.axis.loop_decision import advises_to_tune
@@ -24,6 +23,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.last_position import last_position_of_loss
 from mavdem.assessment.lights.motors import motor_figures_of_all_flight
 from mavdem.assessment.motor_failure import failure_commands
+from mavdem.assessment.status_texts import status_texts
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mavdem.assessment.autopilot_messages import SEVERITIES, StatusText, autopilot_messages
+from mavdem.assessment.autopilot_messages import autopilot_messages
+from mavdem.assessment.status_texts import SEVERITIES, StatusText
 from mavdem.facts import Level
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Moment, Rated, Sentence, Table, truncated

@@ -115,10 +115,8 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
     """Returns the review of a flight with its motors judged also by comparison with other flights of the vehicle.
 
     Args:
-        review: review document of the flight, by its log alone. It is empty if a whole fleet is compared, which has no
-            review. It is not modified.
-        rows: rows of the fleet's table for the flight, with the health of its motors by that comparison; of several
-            flights the latest counts.
+        review: review document of the flight, by its log alone; empty for a fleet, which has no review as a whole.
+        rows: rows of the fleet's table, with the health of the motors by that comparison; the latest flight counts.
 
     Returns:
         A changed copy, with the health of the motors as ``motor_health``; the review itself if the motors were not
@@ -134,15 +132,15 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
     if review:
         judged_review = review_with_anomaly(review, motor_anomaly(row))
     else:
-        judged_review = _review_of_fleet(row)
+        judged_review = _review_by_comparison_alone(row)
     return {**judged_review, "motor_health": _motor_health_document(row)}
 
 
-def _review_of_fleet(row: FlightRow) -> Mapping[str, Any]:
-    """Returns the review of a whole fleet, which judges nothing but the motors in its latest flight.
+def _review_by_comparison_alone(row: FlightRow) -> Mapping[str, Any]:
+    """Returns the review document of a fleet, which judges nothing but the motors in its latest flight.
 
-    It has the status light of the motors, the judgement of them alone. If they have an anomaly, it is the headline,
-    unless the headline of the flight by its own log is bad: that is more urgent.
+    Its only status light is that of the motors. An anomaly of the motors is its headline too, with the next step,
+    unless the log of the flight alone has a bad headline: that is more urgent.
 
     Args:
         row: row of the latest flight in the fleet's table, with the health of its motors.
@@ -152,10 +150,11 @@ def _review_of_fleet(row: FlightRow) -> Mapping[str, Any]:
         "sentence": row.health_reason,
         "subject": suspected_motor(row),
     }
-    review: Mapping[str, Any] = {"lights": {Light.MOTORS: motors_light}}
+    lights = {Light.MOTORS: motors_light}
     if row.headline_level == Level.BAD:
-        return review
-    return {**review_with_anomaly({}, motor_anomaly(row)), **review}
+        return {"lights": lights}
+    headline_and_next_step = review_with_anomaly({}, motor_anomaly(row))
+    return {**headline_and_next_step, "lights": lights}
 
 
 def _motor_health_document(row: FlightRow) -> JsonValues:

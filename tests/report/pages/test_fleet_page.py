@@ -200,6 +200,10 @@ def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
     *axes, limit = drawn["Vibration, first IMU (m/s²)"].lines
     assert [line.name for line in axes] == ["x", "y", "z"]
     assert limit.name == "watch above 15" and set(limit.y) == {15.0}
+    # PX4's limit is half of gravity.
+    levels = panels([flight_row("quad", number, vibration=(2.0,)) for number in range(2)])
+    *_, limit = levels["Vibration level, first IMU (m/s²)"].lines
+    assert limit.name == "watch above 4.91"
 
 
 def test_each_motor_is_followed_over_flights_and_the_suspected_one_is_labelled():
