@@ -31,7 +31,6 @@ from mavdem.export.fields import extremes_of_intervals, samples_between
 from mavdem.facts.serve import LimitedResource, Permission, RefusalReason, Sharing, Stage
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE, REPORT_FILE
-from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.field_store import FieldRequest, FieldStore
 from mavdem.serve.index import COLUMNS, LibraryEntry
 from mavdem.serve.openapi import openapi
@@ -87,6 +86,16 @@ class _EntryWithLog(NamedTuple):
 
     log: Path
     """Path of its log, which exists."""
+
+
+class _ProgressOfFlights(NamedTuple):
+    """How far the server has read and judged some flights."""
+
+    progress_by_id: dict[str, Progress]
+    """The progress of each flight by its id, in the order in which the flights are listed."""
+
+    unfinished_ids: list[str]
+    """Ids of the flights without a final verdict: their logs are being read, or their motors are to be compared."""
 
 
 class Api:
@@ -474,23 +483,14 @@ class Api:
                 matches = await run_in_threadpool(
                     self._library.find, is_followed, condition_values, MAX_FILES
                 )
-                # Asked before the verdicts are read: a comparison that ends in between is in them, and none that ends
-                # after them is missed.
-                uncompared_ids = await run_in_threadpool(
-                    self._library.uncompared_ids, matches.entries
-                )
-                current_progress = await run_in_threadpool(self._progress_of_all, matches.entries)
-                unfinished_ids = [
-                    entry.id
-                    for entry in matches.entries
-                    if not entry.is_done or entry.id in uncompared_ids
-                ]
+                current = await run_in_threadpool(self._progress_of_all, matches.entries)
+                unfinished_ids = current.unfinished_ids
                 changes = [
                     progress.as_dict()
-                    for id, progress in current_progress.items()
+                    for id, progress in current.progress_by_id.items()
                     if progress != previous_progress.get(id)
                 ]
-                previous_progress = current_progress
+                previous_progress = current.progress_by_id
                 if changes:
                     yield f"data: {json.dumps(changes)}\n\n"
                 if not unfinished_ids:
@@ -503,7 +503,7 @@ class Api:
             self._progress_streams -= 1
         yield "event: end\ndata: \n\n"
 
-    def _progress_of_all(self, entries: Sequence[LibraryEntry]) -> dict[str, Progress]:
+    def _progress_of_all(self, entries: Sequence[LibraryEntry]) -> _ProgressOfFlights:
         """Returns how far the server has read and judged each of some flights, for the list of flights in a browser.
 
         Args:
@@ -511,20 +511,24 @@ class Api:
                 alone.
 
         Returns:
-            The progress by the id of the flight, in the order of the entries. The headline of a flight whose motors
-            differ from those of the vehicle's other flights states that.
+            The progress of each flight, and those without a final verdict. The headline of a flight whose motors differ
+            from those of the vehicle's other flights states that.
         """
         finished_entries = [entry for entry in entries if entry.is_done]
         places_in_queue = dict[str, QueuePlace]()
         if len(finished_entries) < len(entries):
             # A thousand logs may wait: one query finds the places of all.
             places_in_queue = queue_places(self._library)
-        anomalous_rows = self._library.rows_with_motor_anomaly(finished_entries)
+        compared = self._library.compared_entries(finished_entries)
+        compared_entry_by_id = {entry.id: entry for entry in compared.entries}
         progress_by_id = {}
+        unfinished_ids = []
         for entry in entries:
-            compared_entry = entry_compared_with_fleet(entry, anomalous_rows.get(entry.id))
-            progress_by_id[entry.id] = self._flight_progress(compared_entry, places_in_queue)
-        return progress_by_id
+            shown_entry = compared_entry_by_id.get(entry.id, entry)
+            progress_by_id[entry.id] = self._flight_progress(shown_entry, places_in_queue)
+            if not entry.is_done or entry.id in compared.uncompared_ids:
+                unfinished_ids.append(entry.id)
+        return _ProgressOfFlights(progress_by_id, unfinished_ids)
 
     def _flight_progress(
         self, entry: LibraryEntry, places_in_queue: Mapping[str, QueuePlace]

@@ -17,7 +17,7 @@ import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -50,7 +50,11 @@ from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
 from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.results import PAGE_FILE
-from mavdem.serve.compared_motors import ANOMALIES_INDEX_SQL, order_sql
+from mavdem.serve.compared_motors import (
+    ANOMALIES_INDEX_SQL,
+    entry_compared_with_fleet,
+    order_sql,
+)
 from mavdem.serve.index import (
     COLUMNS,
     COMPLETE_ROW_SQL,
@@ -98,6 +102,19 @@ class FoundEntries(NamedTuple):
 
     total: int
     """Number of all that satisfy the condition."""
+
+
+class ComparedEntries(NamedTuple):
+    """Flights of the library with the verdicts that are shown: by their logs, and by comparison of their motors."""
+
+    entries: list[LibraryEntry]
+    """The entries, whose headline, lights and next step an anomaly of the motors may have replaced."""
+
+    anomalous_rows: dict[str, FlightRow]
+    """By the id of each flight whose motors have a fault or drift, the row of the fleet's table with the worst one."""
+
+    uncompared_ids: set[str]
+    """Ids of the flights whose motors are still to be compared, and whose verdicts may become worse."""
 
 
 class Library:
@@ -516,7 +533,28 @@ class Library:
             worst_rows[entries_by_path[path].id] = worst_row(rows_of_log)
         return worst_rows
 
-    def uncompared_ids(self, entries: Iterable[LibraryEntry]) -> set[str]:
+    def compared_entries(self, entries: Sequence[LibraryEntry]) -> ComparedEntries:
+        """Returns flights with the verdicts that are shown: by their logs, and by the vehicles' other flights.
+
+        Args:
+            entries: index entries of the flights, whose verdicts are by their logs alone.
+
+        Returns:
+            The entries in the same order, the anomalies of the motors, and which flights are still to be compared.
+        """
+        if not entries:
+            return ComparedEntries([], {}, set())
+        # Asked before the verdicts are read: a comparison that ends in between is in them, and the flight counts as one
+        # that is still to be compared. In the other order its milder verdict would be taken for the final one.
+        uncompared_ids = self._uncompared_ids(entries)
+        anomalous_rows = self.rows_with_motor_anomaly(entries)
+        compared_entries = []
+        for entry in entries:
+            anomalous_row = anomalous_rows.get(entry.id)
+            compared_entries.append(entry_compared_with_fleet(entry, anomalous_row))
+        return ComparedEntries(compared_entries, anomalous_rows, uncompared_ids)
+
+    def _uncompared_ids(self, entries: Iterable[LibraryEntry]) -> set[str]:
         """Returns the ids of those flights whose motors have not been compared with the vehicle's other flights yet.
 
         A log is compared a moment after it was read, once no other log waits; until then a loss of thrust that only the
@@ -526,9 +564,10 @@ class Library:
             entries: index entries of the flights to examine.
         """
         ids_by_path = {str(self.log_path(entry)): entry.id for entry in entries}
-        # The column "judged" is empty until the vehicle is judged, and "file" where a log is not in the fleet's table.
+        # The column "judged" is empty until the vehicle is judged. Logs that the fleet does not track never are; "file"
+        # does not tell them apart, since it too is empty until then.
         query = """select distinct path from flights join logs using (log)
-            where file is not null and judged is null and path in (select value from json_each(?))"""
+            where tracked and judged is null and path in (select value from json_each(?))"""
         paths = json.dumps([utf8_text(path) for path in ids_by_path])
         return {ids_by_path[path] for (path,) in self.db.execute(query, [paths])}
 

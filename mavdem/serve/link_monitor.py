@@ -35,7 +35,6 @@ from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import live_title, vehicle_text
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
-from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.live_pages import (
@@ -717,11 +716,8 @@ class LinkMonitor:
         Args:
             entry: the recording in the library.
         """
-        # Asked before the verdict is read, which a comparison that ends in between may change.
-        is_compared = entry.id not in self._library.uncompared_ids([entry])
-        anomalous_row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
-        compared_entry = entry_compared_with_fleet(entry, anomalous_row)
-        return _verdict_on_recording(compared_entry, is_compared=is_compared)
+        compared = self._library.compared_entries([entry])
+        return _verdict_on_recording(compared.entries[0], is_compared=not compared.uncompared_ids)
 
     def _new_recording(self) -> _IncomingRecording:
         """Creates the recording of a session, among the incoming files of the library."""

@@ -55,7 +55,6 @@ from mavdem.report.pages.library_page import (
 from mavdem.report.pages.motor_anomaly import motor_anomaly
 from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
-from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
@@ -69,10 +68,18 @@ from mavdem.serve.search import (
 from mavdem.serve.stored_parameters import read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
-from mavdem.serve.visible_library import SearchResult, VisibleLibrary, refuse_missing_file
+from mavdem.serve.visible_library import (
+    ORDER_COOKIE,
+    SearchResult,
+    VisibleLibrary,
+    refuse_missing_file,
+)
 
 FLIGHTS_PER_PAGE = 100
 """Flights on one page of the list."""
+
+ORDER_COOKIE_SECONDS = 365 * 24 * 3600
+"""Seconds for which a browser remembers the order of the list that was chosen last: a year, a choice."""
 
 MAX_RECORDING_WAIT = 20.0
 """Seconds for which the download of a recording waits until it is made, at most: most flights take five, and proxies
@@ -219,7 +226,12 @@ class Pages:
             **self._values_of_search(result, may_read=visitor["may_read"]),
             **visitor,
         )
-        return HTMLResponse(html)
+        response = HTMLResponse(html)
+        if "sort" in request.query_params:
+            response.set_cookie(
+                ORDER_COOKIE, result.order, max_age=ORDER_COOKIE_SECONDS, samesite="lax"
+            )
+        return response
 
     def _values_of_search(self, result: SearchResult, *, may_read: bool) -> JsonValues:
         """Returns what the list of flights shows of the flights that a search finds.
@@ -256,16 +268,13 @@ class Pages:
             flight whose motors have a fault or drift, by the entry's id; and ``flights_to_compare``, the entry of the
             healthy flight, by the same id.
         """
-        anomalous_rows = self._library.rows_with_motor_anomaly(entries)
+        compared = self._library.compared_entries(entries)
         flights_to_compare = {}
         if may_read:
-            flights_to_compare = self._flights_to_compare(entries, anomalous_rows)
-        shown_entries = []
-        for entry in entries:
-            shown_entries.append(entry_compared_with_fleet(entry, anomalous_rows.get(entry.id)))
+            flights_to_compare = self._flights_to_compare(entries, compared.anomalous_rows)
         return {
-            "entries": shown_entries,
-            "anomalous_rows": anomalous_rows,
+            "entries": compared.entries,
+            "anomalous_rows": compared.anomalous_rows,
             "flights_to_compare": flights_to_compare,
         }
 
@@ -323,14 +332,14 @@ class Pages:
         if is_stored and self._request_page_if_outdated(entry, html):
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})
-        # Asked before the verdict is read, so that no comparison which ends in between is missed.
-        is_compared = bool(vehicle) or not self._library.uncompared_ids([entry])
+        is_compared = True
         anomaly = None
         # The fleet judges the vehicle under which the log is listed, and not another one that the query names.
         if not vehicle:
-            row = self._library.rows_with_motor_anomaly([entry]).get(entry.id)
-            anomaly = motor_anomaly(row)
-            values["flight"] = entry_compared_with_fleet(entry, row)
+            compared = self._library.compared_entries([entry])
+            is_compared = not compared.uncompared_ids
+            anomaly = motor_anomaly(compared.anomalous_rows.get(entry.id))
+            (values["flight"],) = compared.entries
             if values["may_read"]:
                 healthy_entry = None
                 if anomaly is not None:
@@ -346,6 +355,7 @@ class Pages:
                 given_name=values["given"].flights.get(entry.content_hash, ""),
                 anomaly=anomaly,
                 is_compared=is_compared,
+                follows_verdict=not vehicle,
                 files=entry.file_names if is_stored else [],
                 missing=RecordingRequests(self._library).missing_names(entry),
                 can_open=self._has_viewer and has_recording and values["may_read"],
@@ -360,14 +370,14 @@ class Pages:
 
         Args:
             entry: index entry of the flight.
-            healthy_entry: a healthy flight to compare it with; None to compare it with the previous one.
+            healthy_entry: a healthy flight to compare it with; None to compare it with the most similar one.
 
         Returns:
             Values by the names in the template: the ``previous`` flight of the vehicle, its flights that are
             ``comparable``, and those ``of_other_vehicles``.
         """
         previous_entry = self._visible_library.previous_flight(entry)
-        suggested_entry = healthy_entry or previous_entry
+        suggested_entry = healthy_entry or self._visible_library.most_similar_flight(entry)
         return {
             "previous": previous_entry,
             "comparable": self._visible_library.comparable_flights(entry, suggested_entry),

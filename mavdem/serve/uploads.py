@@ -167,10 +167,16 @@ def require_log_file(path: Path, name: str) -> None:
         try:
             check_beginning(path)
         except Unreadable:
-            # The name is that of a DataFlash log, but the file has no message of one either.
-            if FORMAT_OF_ENDING.get(Path(name.lower()).suffix) is Format.DATAFLASH:
-                raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
-            raise
+            # The file was checked for the first bytes of the format that its name has, too.
+            match FORMAT_OF_ENDING.get(Path(name.lower()).suffix):
+                case Format.DATAFLASH:
+                    raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
+                case Format.ULOG:
+                    raise Unreadable(
+                        SourceFact.FORMAT_UNKNOWN, path=name, name=Format.ULOG
+                    ) from None
+                case _:
+                    raise
 
 
 async def body_chunks(request: HttpRequest) -> AsyncGenerator[bytes]:

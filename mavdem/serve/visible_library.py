@@ -18,16 +18,19 @@ from mavdem.fleet.names import content_hash
 from mavdem.report.pages.library_page import interface_words
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
-from mavdem.serve.compared_motors import entry_compared_with_fleet
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import FoundEntries, Library
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
 from mavdem.serve.rights import Rights
 from mavdem.serve.search import search_condition
+from mavdem.serve.similar_flight import most_similar_flight
 
 MAX_SEARCH_LETTERS = 500
 """Letters of a search that are used; further ones are ignored."""
+
+ORDER_COOKIE = "order"
+"""Name of the cookie by which a browser remembers the order of the list that was chosen last."""
 
 MAX_FIRST_FLIGHTS = 20
 """First flights of a vehicle among which a sound one to compare an anomalous flight with is looked for: a choice."""
@@ -106,8 +109,8 @@ class VisibleLibrary:
         """Searches the flights that the sender of a request may list.
 
         Args:
-            request: the request. Its query has the search ``q``, the order ``sort`` (a value of ``ListingOrder``),
-                and the number of flights to skip as ``offset``.
+            request: the request. Its query has the search ``q``, the order ``sort`` (a value of ``ListingOrder``;
+                without it the order that the browser remembers), and the number of flights to skip as ``offset``.
             limit: largest number of flights that are returned.
 
         Returns:
@@ -118,7 +121,8 @@ class VisibleLibrary:
         """
         query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
         offset = query_number(request, "offset", 0)
-        requested_order = request.query_params.get("sort", "")
+        remembered_order = request.cookies.get(ORDER_COOKIE, "")
+        requested_order = request.query_params.get("sort", remembered_order)
         order = ListingOrder.UPLOAD
         if requested_order in {*ListingOrder}:
             order = ListingOrder(requested_order)
@@ -140,6 +144,20 @@ class VisibleLibrary:
         """
         earlier_flights = self._earlier_flights(entry, limit=1)
         return earlier_flights.entries[0] if earlier_flights.entries else None
+
+    def most_similar_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
+        """Returns the flight of the same vehicle with which one without an anomaly of the motors is best compared.
+
+        Args:
+            entry: index entry of the flight.
+
+        Returns:
+            Of the earlier flights the one in the most similar conditions, of several the latest; of a vehicle's first
+            flight a later one. None if the library has no other flight that is known to be of this vehicle.
+        """
+        earlier_flights = self._earlier_flights(entry, MAX_COMPARABLE_FLIGHTS).entries
+        candidates = earlier_flights or self.comparable_flights(entry, best_entry=None)
+        return most_similar_flight(entry, candidates)
 
     def _first_flights(self, entry: LibraryEntry) -> list[LibraryEntry]:
         """Returns the first flights of the vehicle, as far as they were before this one, in order of date.
@@ -181,8 +199,8 @@ class VisibleLibrary:
 
         Args:
             entry: index entry of the flight.
-            best_entry: the flight that it is best compared with: the one before it or, if its motors have an anomaly,
-                a healthy one. None if there is no such flight.
+            best_entry: the flight that it is best compared with: the most similar one or, if its motors have an
+                anomaly, a healthy one. None if there is no such flight.
 
         Returns:
             The best one, then the others by date, the latest first, of which there are at most
@@ -256,15 +274,15 @@ class VisibleLibrary:
             The documents, in the order of the entries.
         """
         names = self.library.names
-        anomalous_rows = self.library.rows_with_motor_anomaly(entries)
+        compared = self.library.compared_entries(entries)
         documents = []
-        for entry in entries:
+        for entry in compared.entries:
             flight_name = names.flights.get(entry.content_hash, "")
             vehicle_name = names.vehicles.get(entry.vehicle, "")
-            anomalous_row = anomalous_rows.get(entry.id)
+            anomalous_row = compared.anomalous_rows.get(entry.id)
             reason = None if anomalous_row is None else anomalous_row.health_reason
             document = Flight.from_results(
-                entry_compared_with_fleet(entry, anomalous_row),
+                entry,
                 given_name=flight_name,
                 vehicle_name=vehicle_name,
                 motor_anomaly=reason or "",

@@ -229,6 +229,11 @@ def test_a_flight_is_changed_found_and_deleted(served):
         0,
         1,
     ]
+    # The order that was chosen last is kept by the browser, in a cookie.
+    cookie = served.get("/?sort=wind").headers["Set-Cookie"]
+    chosen = '<option value="wind" selected>'
+    assert cookie.startswith("order=wind;") and chosen in served.get("/", Cookie=cookie).text
+    assert chosen not in served.get("/").text
     # With an interval, the whole of it is above or below, and a speed within it is equal, whatever the light.
     served.library.change(id, wind="unknown", wind_low=3.3, wind_high=5.7)
     searches = ("wind>3", "wind>4", "wind<5", "wind<6", "wind:5", "wind:6")
@@ -362,12 +367,14 @@ def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served,
 
     def begin_again():
         with served.library.transaction() as db:
-            db.execute("update flights set judged = null, file = 'weak.ulg'")
+            db.execute("update flights set judged = null, file = null")
 
     monkeypatch.setattr(Library, "rows_with_motor_anomaly", read_before_the_end)
+    # As it is once a log was read.
     begin_again()
     entry = served.library.entry(flight)
-    assert served.library.uncompared_ids([entry]) == {flight}
+    assert served.library.compared_entries([entry]).uncompared_ids == {flight}
+    begin_again()
     assert 'id="comparing"' in served.get(f"/f/{flight}").text
 
 

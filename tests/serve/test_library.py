@@ -27,7 +27,6 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, Stage, StartFailure
-from mavdem.facts.sources import SourceFact
 from mavdem.facts.urgency import Urgency, urgency_of_headline
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import FlightRow
@@ -57,6 +56,7 @@ from mavdem.serve.search import (
     search_problems,
     unknown_terms,
 )
+from mavdem.serve.similar_flight import most_similar_flight
 from mavdem.serve.stored_files import PROGRESS, stored_file_name
 from mavdem.serve.uploads import require_log_file
 from mavdem.serve.visible_library import VisibleLibrary
@@ -227,18 +227,19 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
 
 
 @mark.parametrize(
-    "name, code",
+    "name, sentence",
     [
-        ("notalog.bin", SourceFact.DATAFLASH_WITHOUT_MESSAGES),
-        ("notalog.tlog", SourceFact.FORMAT_UNKNOWN),
+        ("notalog.bin", "notalog.bin contains no DataFlash messages."),
+        ("notalog.ulg", "notalog.ulg is no PX4 ULog:"),
+        ("notalog.tlog", "notalog.tlog contains no MAVLink:"),
     ],
 )
-def test_what_is_no_log_is_refused_as_its_name_says(tmp_path, name, code):
+def test_what_is_no_log_is_refused_as_its_name_says(tmp_path, name, sentence):
     path = tmp_path / "incoming"
     path.write_bytes(bytes(range(1, 200)) * 20)
     with raises(Unreadable) as refusal:
         require_log_file(path, name)
-    assert refusal.value.fact.code is code
+    assert refusal.value.fact.replace(path=name).sentence.startswith(sentence)
 
 
 def stored_entry(library, said="One.", name="a.ulg", **columns):
@@ -906,3 +907,19 @@ def test_a_motor_that_failed_on_the_second_vehicle_of_a_log_is_shown():
 def test_the_link_of_a_fleet_s_page_to_its_index_is_what_the_server_takes_out():
     page = render_document("a.bin", "", [], back=PageLink("Fleet", "../index.html"))
     assert page.count(LINK_TO_FLEET_HTML) == 1
+
+
+def test_the_most_similar_flight_is_the_latest_in_like_wind_and_of_like_duration():
+    def flight(name, wind_low, wind_high, duration):
+        return LibraryEntry(name, name, wind_low=wind_low, wind_high=wind_high, duration=duration)
+
+    calm, windy, short = (
+        flight("calm", 0.0, 2.0, 60.0),
+        flight("windy", 7.0, 9.0, 70.0),
+        flight("short", 0.5, 2.5, 8.0),
+    )
+    alike = flight("alike", 1.0, 3.0, 90.0)
+    assert most_similar_flight(calm, [windy, short, alike]) is alike
+    # Where nothing is known of the flight, the first of the others is taken, which is the latest.
+    assert most_similar_flight(LibraryEntry("x", "x"), [windy, alike]) is windy
+    assert most_similar_flight(calm, []) is None

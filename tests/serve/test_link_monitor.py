@@ -385,7 +385,9 @@ def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_
     library.change(entry.id, headline="Nothing wrong found.", level="good", vehicle="quad")
     weak = {"health": "fault", "health_reason": "Motor 1 lost thrust.", "suspect_motor": 1}
     row = flight_row("quad", 0, file=str(library.log_path(entry)), **weak)
-    library.db.execute("insert into logs (path, log) values (?, ?)", [row.file, entry.digest])
+    library.db.execute(
+        "insert into logs (path, log, tracked) values (?, ?, 1)", [row.file, entry.digest]
+    )
     library.db.execute(
         "insert into flights (log, vehicle, file, brief) values (?, ?, ?, ?)",
         [entry.digest, "quad", row.file, brief_json(row)],

@@ -83,7 +83,7 @@ def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):
     library.db.set_trace_callback(queries.append)
     api = Api(VisibleLibrary(library, Rights()), lambda: None, None, FieldStore())
     entries, _ = library.find("1", [], 1000)
-    progress = api._progress_of_all(entries)
+    progress = api._progress_of_all(entries).progress_by_id
     assert [each.ahead for each in progress.values()] == list(reversed(range(1000)))
     assert len(queries) < 10
 

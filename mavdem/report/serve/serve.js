@@ -52,14 +52,27 @@
     const searchNumber = ++latestSearch, query = searchForm.elements.q?.value ?? "", address = new URL(location);
     if (query) address.searchParams.set("q", query); else address.searchParams.delete("q");
     if (query !== shownQuery) address.searchParams.delete("offset");
-    const response = await fetch(address, { headers });
-    if (!response.ok || searchNumber !== latestSearch) return;
+    // What is shown stays while the server does not answer.
+    const response = await fetch(address, { headers }).catch(() => null);
+    if (!response?.ok || searchNumber !== latestSearch) return;
     const page = new DOMParser().parseFromString(await response.text(), "text/html");
     const list = page.getElementById("flights");
     if (!list) return;
-    const keptIds = new Set(chosenIds());
-    flightRows().replaceChildren(...list.tBodies[0].rows);
-    for (const box of document.querySelectorAll('#flights input[name="id"]')) box.checked = keptIds.has(box.value);
+    if (list.tBodies[0].innerHTML !== shownRows) {
+      // The sentences of a vehicle's page follow from its flights.
+      if ($("naming")) return $("naming").contains(document.activeElement) || location.reload();
+      shownRows = list.tBodies[0].innerHTML;
+      const keptIds = new Set(chosenIds());
+      flightRows().replaceChildren(...list.tBodies[0].rows);
+      for (const box of document.querySelectorAll('#flights input[name="id"]')) box.checked = keptIds.has(box.value);
+      for (const flight of progressById.values()) showStage(flight);
+    }
+    // The list of an empty library is hidden until it has its first flight.
+    if ($("listing")?.hidden && flightRows().rows.length) {
+      $("listing").hidden = false;
+      dropArea?.classList.remove("first");
+      document.querySelector("h1").textContent = document.title;
+    }
     if ($("count")) $("count").textContent = page.getElementById("count").textContent;
     if ($("problems")) $("problems").replaceChildren(...page.getElementById("problems").children);
     if (query !== shownQuery) history.replaceState(null, "", address);
@@ -67,7 +80,8 @@
     updateButtons();
     watchProgress();
   };
-  let shownQuery = searchForm?.elements.q?.value ?? "", timer;
+  // Progress changes the rows of the page, but not this: the HTML that the server sent.
+  let shownQuery = searchForm?.elements.q?.value ?? "", shownRows = flightRows()?.innerHTML ?? "", timer;
   const searchAfter = wait => { clearTimeout(timer); timer = setTimeout(search, wait); };
   searchForm?.elements.q?.addEventListener("input", () => searchAfter(150));
   $("order")?.addEventListener("change", event => {
@@ -101,45 +115,41 @@
     const query = new URLSearchParams({ vehicle: event.target.dataset.vehicle });
     try { await callApi("DELETE", `/api/baseline?${query}`); location.reload(); } catch (error) { alert(error.message); }
   });
+  const MAX_DELETED_NAMES = 12;
   $("remove")?.addEventListener("click", async () => {
     const ids = chosenIds();
-    if (!confirm(`Delete ${ids.length} flight${ids.length === 1 ? "" : "s"} with log and page?`)) return;
+    const names = ids.map(id => flightRows().querySelector(`tr[data-id="${id}"] .name`).textContent), more = names.length - MAX_DELETED_NAMES;
+    const list = names.slice(0, MAX_DELETED_NAMES).join("\n") + (more > 0 ? `\nand ${more} more` : "");
+    if (!confirm(`Delete ${ids.length} flight${ids.length === 1 ? "" : "s"} with log and page?\n\n${list}`)) return;
     try { for (const id of ids) await callApi("DELETE", `/api/flights/${id}`); } catch (error) { alert(error.message); }
     location.reload();
   });
 
-  // Dropping logs: three are sent at a time, each in a request of its own.
+  // Dropping logs: each is sent in a request of its own, one after the other, so that the list has them in this order.
   const dropArea = $("drop"), uploadList = $("uploads"), uploadItems = new Map();
-  let maxShownUploads = 8;
-  // The list has failures first, then what is in work, and last what is done, which the table below has too. Its summary
-  // counts all of them.
-  const arrangeUploads = () => {
-    const items = [...uploadList.children], counts = { failed: 0, working: 0, done: 0 };
-    for (const item of items) counts[item.dataset.state] += 1;
-    let shown = 0;
-    for (const state of ["failed", "working", "done"]) {
-      for (const item of items) {
-        if (item.dataset.state !== state) continue;
-        item.classList.toggle("hidden", state !== "failed" && shown >= maxShownUploads);
-        shown += 1;
-        if (item !== uploadList.lastElementChild) uploadList.append(item);
-      }
-    }
-    const texts = [[counts.failed, "not read"], [counts.working, "waiting or in work"], [counts.done, "done"]];
-    const text = texts.filter(([count]) => count).map(([count, words]) => `${count} ${words}`).join(", ");
-    const hidden = uploadList.querySelectorAll(".hidden").length;
-    $("uploadcount").textContent = items.length > 1 ? `${items.length} files: ${text}${hidden ? "; " : ""}` : "";
-    if (!hidden) return;
-    const button = element("button", `show ${hidden} more`, $("uploadcount"), "plain");
-    button.type = "button";
-    button.addEventListener("click", () => { maxShownUploads = Infinity; arrangeUploads(); });
+  let areAllUploadsShown = false;
+  // Several files have one line, which counts them and names the one in work; those that could not be read are listed
+  // below it, and all where somebody asks. The table below has those that are done.
+  const summariseUploads = () => {
+    const items = [...uploadList.children], isFolded = items.length > 1 && !areAllUploadsShown;
+    const count = state => items.filter(item => item.dataset.state === state).length, failed = count("failed"), done = count("done");
+    for (const item of items) item.classList.toggle("hidden", isFolded && item.dataset.state !== "failed");
+    const current = items.find(item => item.dataset.stage === "current") ?? items.find(item => item.dataset.state === "working");
+    const now = current ? `, now ${current.firstChild.textContent}` : "", text = `${done} of ${items.length} analysed${failed ? `, ${failed} not read` : ""}${now}`;
+    $("uploadsummary").hidden = items.length < 2;
+    $("uploadprogress").hidden = !current;
+    Object.assign($("uploadprogress"), { max: items.length, value: done + failed });
+    if ($("uploadcount").textContent !== text) $("uploadcount").textContent = text;
+    $("showuploads").textContent = areAllUploadsShown ? "Show one line" : "Show all";
   };
-  const setUpload = (item, state, level, text) => {
+  $("showuploads")?.addEventListener("click", () => { areAllUploadsShown = !areAllUploadsShown; summariseUploads(); });
+  const setUpload = (item, state, level, text, isCurrent = false) => {
     item.dataset.state = state;
+    item.dataset.stage = isCurrent ? "current" : "";
     item.status.className = `said ${level}`;
     item.status.textContent = marks[level] && state !== "working" ? `${marks[level]} ${text}` : text;
     if (state !== "working") item.bar.remove();
-    arrangeUploads();
+    summariseUploads();
   };
   const addUploadItem = name => {
     const item = element("li", "", uploadList);
@@ -151,11 +161,11 @@
     return item;
   };
   const queue = [];
-  let sending = 0;
+  let isSending = false;
   const send = () => {
-    while (sending < 3 && queue.length) {
+    if (!isSending && queue.length) {
       const [file, item] = queue.shift(), request = new XMLHttpRequest(), form = new FormData();
-      sending += 1;
+      isSending = true;
       form.append("keep", $("keep").checked ? "true" : "false");
       form.append("filearg", file);
       request.open("POST", "/api/logs");
@@ -166,11 +176,12 @@
         item.status.textContent = `Sending ${Math.floor(100 * event.loaded / event.total)} % of ${(event.total / 1e6).toPrecision(3)} MB`;
       };
       request.onloadend = () => {
-        sending -= 1;
+        isSending = false;
+        // A busy server gets the same file again.
+        if (request.status === 503) { queue.unshift([file, item]); return void setTimeout(send, 3000); }
         send();
         const content = request.response;
         if (request.status !== 201) {
-          if (request.status === 503) { queue.push([file, item]); return void setTimeout(send, 3000); }
           setUpload(item, "failed", "bad", content?.error ? `${content.error.reason} ${content.error.remedy}` : "The server does not answer.");
           return;
         }
@@ -193,7 +204,7 @@
       item.status.textContent = "Waits to be sent";
       queue.push([file, item]);
     }
-    arrangeUploads();
+    summariseUploads();
     send();
   };
   // The estimated time until a log is read: in seconds up to a minute and a half, then in minutes, then in hours.
@@ -228,7 +239,7 @@
         link.href = `/f/${flight.id}`;
         name.replaceWith(link);
       }
-      setUpload(item, hasFailed ? "failed" : isOver ? "done" : "working", hasFailed ? "bad" : flight.level, flight.problem || flight.headline || progressText(flight));
+      setUpload(item, hasFailed ? "failed" : isOver ? "done" : "working", hasFailed ? "bad" : flight.level, flight.problem || flight.headline || progressText(flight), !isOver && flight.stage !== "waiting");
     }
     if (isOver && items.length) uploadItems.delete(flight.id), searchAfter(200);
   };
@@ -247,25 +258,38 @@
     uploadFiles([new File([log], "sample_flight.tlog")]);
   });
 
-  // What is being read.
+  // What is being read. The rows of the list show it, also after they came anew.
+  const progressById = new Map();
+  const showStage = flight => {
+    const row = flightRows()?.querySelector(`tr[data-id="${flight.id}"]`), stageText = row?.querySelector("[data-stage]");
+    if (stageText) stageText.textContent = `${progressText(flight)} …`;
+    return row;
+  };
   let source = null;
+  const isHidden = () => document.visibilityState !== "visible";
   const watchProgress = remainingId => {
     const workingFlight = document.querySelector("#reading[data-working]"), id = remainingId || workingFlight?.dataset.id;
-    if (source || !(workingFlight || uploadItems.size || document.querySelector("#flights [data-working]"))) return;
+    if (source || isHidden() || !(workingFlight || uploadItems.size || document.querySelector("#flights [data-working]"))) return;
     source = new EventSource(id ? `/api/progress?id=${id}` : "/api/progress");
     source.onmessage = event => {
       const flights = JSON.parse(event.data);
       if (workingFlight) return updateFlightPage(flights[0]);
       for (const flight of flights) {
         showProgress(flight);
-        const row = flightRows()?.querySelector(`tr[data-id="${flight.id}"]`), stageText = row?.querySelector("[data-stage]");
-        if (stageText) stageText.textContent = `${progressText(flight)} …`;
-        if (row && flight.stage === "done" || flight.stage === "failed") searchAfter(200);
+        progressById.set(flight.id, flight);
+        const row = showStage(flight);
+        if (row && (flight.stage === "done" || flight.stage === "failed")) searchAfter(200);
       }
     };
-    // The server ends the stream when all flights are done. An upload whose end was not reported is followed by its id.
-    source.addEventListener("end", () => { source.close(); source = null; if (uploadItems.size) watchProgress([...uploadItems.keys()][0]); });
+    // The server ends the stream when all flights are done and compared with the others of their vehicles, whose verdicts
+    // that may change too. An upload whose end was not reported is followed by its id.
+    source.addEventListener("end", () => {
+      stopWatching();
+      searchAfter(0);
+      if (uploadItems.size) watchProgress([...uploadItems.keys()][0]);
+    });
   };
+  const stopWatching = () => { source?.close(); source = null; };
   const updateFlightPage = flight => {
     if (flight.stage === "done" || flight.stage === "failed" || flight.has_plots && !$("flight")) return location.reload();
     $("headline").textContent = flight.headline;
@@ -281,20 +305,40 @@
   };
   watchProgress();
 
+  // A page that is seen shows what has changed meanwhile, such as verdicts that follow from flights which came after it.
+  // Hidden pages ask nothing: a browser has six connections to a server at most, which their streams would take up.
+  const LOOK_SECONDS = 10;
+  const lookAgain = () => {
+    if (isHidden()) return stopWatching();
+    watchProgress();
+    searchAfter(0);
+    followVerdict();
+  };
+  document.addEventListener("visibilitychange", lookAgain);
+  setInterval(lookAgain, 1000 * LOOK_SECONDS);
+
   // The page of one flight.
   const id = $("bar")?.dataset.id ?? $("reading")?.dataset.id;
-  // Its motors are compared with the vehicle's other flights a moment after it was read. A verdict that this changes is
-  // in the page that the server then sends.
-  if ($("comparing")) {
-    const shown = $("comparing").dataset, comparison = new EventSource(`/api/progress?id=${id}`);
+  // Its motors are compared with the vehicle's other flights a moment after it was read, and again whenever another flight
+  // of the vehicle comes. A verdict that this changes is in the page that the server then sends; what is being typed is
+  // not lost. The stream ends at once where nothing is left to compare.
+  let comparison = null;
+  const followVerdict = () => {
+    const shown = $("bar")?.dataset;
+    if (comparison || isHidden() || shown?.headline === undefined) return;
+    comparison = new EventSource(`/api/progress?id=${id}`);
     let flight = null;
     comparison.onmessage = event => { flight = JSON.parse(event.data)[0]; };
+    const stop = () => { comparison.close(); comparison = null; };
+    comparison.onerror = stop;
     comparison.addEventListener("end", () => {
-      comparison.close();
-      if (flight && (flight.headline !== shown.headline || flight.lights.motors !== shown.motors)) return location.reload();
-      $("comparing").remove();
+      stop();
+      const isChanged = flight && (flight.headline !== shown.headline || flight.lights.motors !== shown.motors);
+      if (isChanged && !$("edit")?.contains(document.activeElement)) return location.reload();
+      if (!isChanged) $("comparing")?.remove();
     });
-  }
+  };
+  if ($("comparing")) followVerdict();
   // What is saved may change the whole page, which is then loaded again, says so, and stays where it was.
   const reloadAfterSaving = statusId => {
     history.replaceState({ statusId, top: scrollY }, "");
@@ -339,7 +383,7 @@
     $("copied").textContent = isForOwner ? "Copied. Nobody else can open it while the flight is seen by you only: choose who sees it above, and save." : isHere ? "Copied. The address leads here on this machine only." : "Copied.";
   });
   $("delete")?.addEventListener("click", async () => {
-    if (!confirm("Delete this flight with log and page?")) return;
+    if (!confirm(`Delete ${document.querySelector("h1").textContent} with log and page?`)) return;
     try { await callApi("DELETE", `/api/flights/${id}`); location = "/"; } catch (error) { alert(error.message); }
   });
   // Recordings are made when somebody asks for them. Meanwhile the page shows how far they are.
