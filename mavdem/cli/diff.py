@@ -14,6 +14,7 @@ from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.result_folders import available_folder
 from mavdem.dataset.signals import Signals
 from mavdem.documents.fleet import Diff
+from mavdem.fleet.common_flights import separate_states
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.state import (
@@ -31,8 +32,13 @@ from mavdem.report.difference.changes import (
     undetected_change_table,
 )
 from mavdem.report.difference.conditions import condition_sentence, condition_table
-from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
-from mavdem.report.difference.identity import identity_cautions
+from mavdem.report.difference.flight_cautions import flight_cautions
+from mavdem.report.difference.headline import (
+    headline_blocks,
+    headline_in_two_sizes,
+    headline_of_comparison,
+)
+from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
@@ -153,7 +159,8 @@ def diff_command(
     state_b = _read_state(name_b, after, vehicle, days_b)
     if vehicle is None:
         state_a, state_b = states_of_common_vehicle(state_a, state_b)
-    state_a, state_b = with_motors_judged(state_a, state_b)
+    separate = separate_states(state_a, state_b)
+    state_a, state_b = with_motors_judged(separate.before, separate.after)
     reviewed = compared_states(
         ComparedState(state_a.rows, state_a.review, state_a.parameters),
         ComparedState(state_b.rows, state_b.review, state_b.parameters),
@@ -161,7 +168,11 @@ def diff_command(
     difference = reviewed.difference
     states = dict(zip(STATE_NAMES, (state_a, state_b), strict=True))
     fleet_sides = [side for side, state in states.items() if not state.vehicles]
-    reviewed = reviewed._replace(tracked_sides=tuple(fleet_sides))
+    reviewed = reviewed._replace(
+        tracked_sides=tuple(fleet_sides),
+        common_files=separate.common_files,
+        counting_side=separate.counting_state,
+    )
     # A fleet has no reviews, but the headline of each flight.
     headlines = {
         side: value_at(review, "headline.sentence") or states[side].headline
@@ -207,7 +218,9 @@ def _print_comparison(
     *,
     verbose: bool,
 ) -> None:
-    """Prints what is compared, how it was flown and what changed, then the headline and the next step.
+    """Prints the headline, what is compared, how it was flown and what changed, then the next step.
+
+    The headline is that of the page.
 
     Args:
         names: Names of A and B.
@@ -216,13 +229,16 @@ def _print_comparison(
         page: Path of the page that was written.
         verbose: Whether to print all quantities with their intervals, also those that did not change.
     """
-    title = []
+    headline = headline_of_comparison(reviewed)
+    title = headline_in_two_sizes(reviewed, headline)
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
-    # The cautions say that A and B may be two vehicles.
-    cautions = identity_cautions(reviewed)
-    title += [*cautions, *condition_sentence(reviewed)]
-    headline = headline_of_comparison(reviewed)
+    # The cautions say that A and B may be two vehicles, or that means are of several states.
+    title += [
+        *identity_remarks(reviewed),
+        *flight_cautions(reviewed),
+        *condition_sentence(reviewed),
+    ]
     summary: list[Block] = [
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),
@@ -234,9 +250,11 @@ def _print_comparison(
         *detail_sentences(reviewed),
         *headline_blocks(headlines, [sentence.text for sentence in headline]),
     ]
-    # A caution may also be in the headline. It is printed once, in the title.
-    footer = [sentence for sentence in headline if sentence not in cautions]
-    footer += [*next_blocks(reviewed), Sentence(str(page), "Page:")]
+    footer = [*next_blocks(reviewed), Sentence(str(page), "Page:")]
+    if not verbose:
+        footer.insert(
+            0, Sentence("`--verbose` prints all figures, and how sure they are.", "More:")
+        )
     print_screen(title, summary, details, footer, verbose=verbose)
 
 

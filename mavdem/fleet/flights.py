@@ -123,7 +123,7 @@ def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
             distinct.append(flight)
             continue
         latest = distinct[-1]
-        is_duplicate = _begins_before_end(log_row(flight), log_row(latest))
+        is_duplicate = overlap_in_time(log_row(latest), log_row(flight))
         if not is_duplicate:
             distinct.append(flight)
         elif _tier_rank(flight) < _tier_rank(latest):
@@ -132,11 +132,16 @@ def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
     return distinct
 
 
-def _begins_before_end(row: FlightRow, earlier_row: FlightRow) -> bool:
-    """Returns whether a flight begins before an earlier one has ended; False if a date is not known."""
-    if row.date is None or earlier_row.date is None:
+def overlap_in_time(earlier_row: FlightRow, later_row: FlightRow) -> bool:
+    """Returns whether a flight begins before an earlier one has ended; False if a date is not known.
+
+    Args:
+        earlier_row: row of the flight that began first.
+        later_row: row of the other flight.
+    """
+    if later_row.date is None or earlier_row.date is None:
         return False
-    seconds = (row.date - earlier_row.date).total_seconds()
+    seconds = (later_row.date - earlier_row.date).total_seconds()
     return seconds < (earlier_row.duration or 0.0)
 
 

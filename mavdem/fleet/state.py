@@ -1,7 +1,9 @@
 """State of a vehicle: its flights in a log or a fleet. ``mavdem diff`` compares two states."""
 
 from collections.abc import Sequence
-from datetime import date
+from dataclasses import replace
+from datetime import date, datetime
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +16,13 @@ from mavdem.fleet.judgement import assess_safely
 from mavdem.fleet.parameter_changes import changed_parameters, parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.fleet.stored_rows import is_fleet, read_brief_rows, read_rows
+from mavdem.fleet.stored_rows import is_fleet, read_baseline, read_brief_rows, read_rows
 from mavdem.fleet.tracking import assess_rows, rows_without_health
+from mavdem.fleet.workers import content_key
 from mavdem.ingest.telemetry import Parameters, Telemetry
+
+RowKey = tuple[object, ...]
+"""Content of the log, system, component and axis of a row."""
 
 
 class Days(NamedTuple):
@@ -41,6 +47,10 @@ class VehicleState(NamedTuple):
     """the document of ``mavdem review`` of a log; empty of a fleet"""
     vehicles: Sequence[Telemetry]
     """the vehicles of a log; none of a fleet"""
+    fleet_rows: Sequence[FlightRow] = ()
+    """rows of all flights of the vehicle in its fleet, also of other days; empty of a log"""
+    baseline: Sequence[FlightRow] = ()
+    """rows of the healthy flights of its fleet; empty without a baseline, and of a log"""
 
     @property
     def names(self) -> set[str]:
@@ -116,7 +126,13 @@ def state_of(
         if not stored_rows:
             # The rows of all vehicles have the names that the error message lists.
             stored_rows = read_brief_rows(path)
-        state = VehicleState(stored_rows, review={}, vehicles=())
+        state = VehicleState(
+            stored_rows,
+            review={},
+            vehicles=(),
+            fleet_rows=stored_rows,
+            baseline=read_baseline(path),
+        )
         system_id = ""
     else:
         state = state_of_log(path)
@@ -166,6 +182,10 @@ def state_of_log(path: Path) -> VehicleState:
         return ""
 
     rows, _ = rows_of_log(path, str(path), keep_assessment)
+    # A recording that is a folder of files has no content of its own.
+    if path.is_file():
+        key = content_key(path)
+        rows = [replace(row, key=key) for row in rows]
     review = JsonValues()
     vehicles: Sequence[Telemetry] = ()
     # Each vehicle of the log that has a flight was assessed. Of several, the last one counts.
@@ -178,9 +198,13 @@ def state_of_log(path: Path) -> VehicleState:
 def with_motors_judged(
     before: VehicleState, after: VehicleState
 ) -> tuple[VehicleState, VehicleState]:
-    """Judges the motors of two logs by comparison with each other, as ``mavdem track`` judges the flights of a vehicle.
+    """Judges the motors in all flights of both states together, as ``mavdem track`` judges the flights of a vehicle.
 
-    States that are fleets are returned as they are, since their flights are judged already.
+    What a fleet knows of its own flights says nothing of the other state: flights that are all weak are taken for
+    healthy there. So they are judged again, together with all flights of the vehicle in both fleets, by the baselines
+    of these or else by the first sound flights. If one of the states is older than the other, only flights before the
+    newer one are taken for healthy: its own would hide what changed. Two vehicles cannot be judged together, and keep
+    what is known of each.
 
     Args:
         before: flights of the first state.
@@ -189,12 +213,61 @@ def with_motors_judged(
     Returns:
         The first and the second state, with the health of the motors in the rows of their flights.
     """
-    # Only states of logs have the messages of their vehicles.
-    are_logs = bool(before.vehicles) and bool(after.vehicles)
-    if not are_logs:
+    names = before.names | after.names
+    if len(names) != 1 or UNKNOWN in names:
         return before, after
-    rows_before, rows_after = rows_judged_by_each_other(before.rows, after.rows)
-    return before._replace(rows=rows_before), after._replace(rows=rows_after)
+    # A flight that is in both states, or in a fleet twice, counts once.
+    rows_by_key: dict[RowKey, FlightRow] = {}
+    baseline_by_key: dict[RowKey, FlightRow] = {}
+    for state in (before, after):
+        for row in (*state.rows, *state.fleet_rows):
+            if row.vehicle in names:
+                rows_by_key.setdefault(_row_key(row), row)
+        for row in state.baseline:
+            if row.vehicle in names:
+                baseline_by_key.setdefault(_row_key(row), row)
+    rows = list(rows_by_key.values())
+    start = _start_of_newer_state(before, after)
+    candidates = None
+    if start is not None:
+        candidates = [row for row in rows if row.date is not None and row.date < start]
+    judged_rows = assess_safely(
+        rows, partial(assess_rows, candidates=candidates), list(baseline_by_key.values())
+    )
+    judged_by_key = dict(zip(rows_by_key, judged_rows, strict=True))
+    judged_states = []
+    for state in (before, after):
+        judged_of_state = [judged_by_key.get(_row_key(row), row) for row in state.rows]
+        judged_states.append(state._replace(rows=judged_of_state))
+    judged_before, judged_after = judged_states
+    return judged_before, judged_after
+
+
+def _start_of_newer_state(before: VehicleState, after: VehicleState) -> datetime | None:
+    """Returns when the first flight of the newer of two states began.
+
+    Returns:
+        The time; None if neither state is older than the other, since their flights are mixed in time or a date is not
+        known.
+    """
+    spans = []
+    for state in (before, after):
+        dates = [row.date for row in state.rows if row.is_read]
+        known_dates = [start for start in dates if start is not None]
+        if not known_dates or len(known_dates) < len(dates):
+            return None
+        spans.append((min(known_dates), max(known_dates)))
+    (first_of_before, last_of_before), (first_of_after, last_of_after) = spans
+    if last_of_before < first_of_after:
+        return first_of_after
+    if last_of_after < first_of_before:
+        return first_of_before
+    return None
+
+
+def _row_key(row: FlightRow) -> RowKey:
+    """Returns what tells a row from all others, and is the same for a copy of its log: flight, vehicle and axis."""
+    return row.key or row.file, row.system, row.component, row.axis
 
 
 def rows_judged_by_each_other(

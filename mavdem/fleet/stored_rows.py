@@ -114,6 +114,21 @@ def read_brief_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     return _rows_of_vehicle(folder, "brief", vehicle)
 
 
+def read_baseline(folder: Path) -> FlightRows:
+    """Reads the rows of a fleet's baseline, the healthy flights that others are compared with.
+
+    Args:
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
+
+    Returns:
+        The rows, sorted by vehicle, file and axis; empty without a baseline.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    return _stored_rows(folder, "select row, null from healthy", {})
+
+
 def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
     """Returns the rows of the logs with these names in the table of a fleet.
 

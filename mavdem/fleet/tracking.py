@@ -59,7 +59,9 @@ NO_BASELINE = "none"
 """Name in the place of healthy flights by which the baseline is removed; a folder of that name is "./none"."""
 
 
-def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
+def assess_rows(
+    rows: FlightRows, baseline: FlightRows, candidates: FlightRows | None = None
+) -> FlightRows:
     """Judges the health of the motors in each flight of one vehicle.
 
     A flight has a row for each axis, but the balance of its motors is judged once per flight. The models of the healthy
@@ -69,6 +71,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     Args:
         rows: all rows of the vehicle, one for each axis of each flight.
         baseline: rows of its healthy flights; the vehicle's first sound flights where it is empty.
+        candidates: rows of the flights among which these first sound ones are chosen; all flights unless given.
 
     Returns:
         The same rows in their order, with the columns of health.
@@ -86,7 +89,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
         return [replace(row, **columns) if row.is_read else row for row in rows]
 
     baseline_rows = [row for row in baseline if row.is_read]
-    assessments = _health_by_flight(rows_of_flights, baseline_rows)
+    assessments = _health_by_flight(rows_of_flights, baseline_rows, candidates)
     if baseline_rows:
         healthy_rows = baseline_rows
     else:
@@ -118,18 +121,24 @@ def rows_without_health(rows: FlightRows) -> FlightRows:
 
 
 def _health_by_flight(
-    rows: FlightRows, baseline_rows: FlightRows
+    rows: FlightRows, baseline_rows: FlightRows, candidates: FlightRows | None
 ) -> dict[FlightKey, HealthAssessment]:
     """Judges the health of the motors in each flight, with all flights of the vehicle together.
 
     Args:
         rows: rows of all flights of the vehicle.
         baseline_rows: rows of its healthy flights; empty without a baseline.
+        candidates: rows of the flights that may be healthy ones without a baseline; None for all.
 
     Returns:
         The judgements by the key of the flight.
     """
     figures = {_flight_key(row): health_figures(row) for row in rows}
+    if candidates is not None:
+        candidate_keys = {_flight_key(row) for row in candidates}
+        for key in figures.keys() - candidate_keys:
+            # Flights that are not sound are judged like others, but no others are compared with them.
+            figures[key] = replace(figures[key], sound=False)
     baseline_figures = {}
     for row in baseline_rows:
         key = _flight_key(row)

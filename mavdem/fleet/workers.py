@@ -539,10 +539,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
     key = ""
     try:
         with _local_file(job.path) as path:
-            with path.open("rb") as file:
-                # The key of a content is the beginning of its SHA-256 and its size.
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-                key = f"{digest[:KEY_HASH_DIGITS]}-{file.tell()}"
+            key = content_key(path)
             if key in job.known:
                 return JobOutcome(job.path, "known", key=key)
             rows, pages = read(path, key, job.page)
@@ -567,6 +564,20 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
         raise
     except Exception as error:
         return failed(job, "error", reading_failure(error), key)
+
+
+def content_key(path: Path) -> str:
+    """Returns the key of a log's content: the beginning of its SHA-256 and its size in bytes.
+
+    Args:
+        path: the log, a plain file.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return f"{digest[:KEY_HASH_DIGITS]}-{file.tell()}"
 
 
 def reading_failure(error: Exception) -> Fact:

@@ -52,7 +52,14 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     changed_line = next(line for line in output.splitlines() if line.startswith("Changed:"))
     assert "motor 3" in changed_line
     assert "The others that changed: motor 3's relative trim +12" in output
-    assert output.startswith("A: old, alpha, 4 flights.\nB: new, alpha, 4 flights.\n")
+    headline, side_a, side_b, *_ = output.splitlines()
+    page_text = Path("old_and_new/diff.html").read_text(encoding="utf-8")
+    page_text = page_text.replace("&#39;", "'").replace("\N{NO-BREAK SPACE}", " ")
+    assert headline == changed_line and f'<p class="headline"><strong>{headline}' in page_text
+    assert side_a == (
+        "A: old, alpha, 4 flights (figures are their means), 2026-01-05 to 2026-01-08."
+    )
+    assert side_b.endswith("2026-01-09 to 2026-01-12.")
     *_, next_step, page = output.splitlines()
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
     assert page == "Page: old_and_new/diff.html"

@@ -2,9 +2,10 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 from mavdem.facts.motors import HealthUnknown
+from mavdem.fleet.common_flights import separate_states
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.state import (
     VehicleState,
@@ -78,10 +79,55 @@ def test_a_sound_flight_beside_a_single_one_has_a_probability_but_no_health():
     assert row.fault_probability < 0.1
 
 
-def test_two_vehicles_and_fleets_are_left_as_they_are():
+def test_two_vehicles_are_left_as_they_are():
     weak = state(2, balance=WEAK_MOTOR_1)
-    for other_state in (state(1, vehicle="002b"), state(1, vehicles=[])):
-        assert with_motors_judged(other_state, weak) == (other_state, weak)
+    other_state = state(1, vehicle="002b")
+    assert with_motors_judged(other_state, weak) == (other_state, weak)
+
+
+def fleet(days, weak_days=()):
+    """Returns the state of a fleet with a flight on each of these days, with a weak motor 1 on the weak ones."""
+    rows = []
+    for day in days:
+        balance = WEAK_MOTOR_1 if day in weak_days else (0.0, 0.0, 0.0)
+        rows += state(day, balance=balance).rows
+    return VehicleState(assess_rows(rows, []), review={}, vehicles=(), fleet_rows=rows)
+
+
+def healths(vehicle_state):
+    """Returns the health of the motors in each flight of a state."""
+    return [row.health for row in vehicle_state.rows]
+
+
+def test_a_fleet_that_is_weak_in_all_flights_is_not_taken_for_healthy_beside_an_older_log():
+    """Three flights with an equally weak motor are sound beside each other alone, and one earlier flight shows it."""
+    weak_fleet = fleet([2, 3, 4], weak_days=[2, 3, 4])
+    assert healths(weak_fleet) == ["ok"] * 3
+    before, after = with_motors_judged(state(1), weak_fleet)
+    assert healths(before) == ["unknown"]
+    assert {row.suspect_motor for row in after.rows} == {1}
+    # Of the same fleet, flights of other days are judged beside those before them, too.
+    whole = fleet([1, 2, 3, 4], weak_days=[3, 4])
+    third = whole._replace(rows=whole.rows[2:3])
+    fourth = whole._replace(rows=whole.rows[3:])
+    for judged_state in with_motors_judged(third, fourth):
+        assert judged_state.rows[0].suspect_motor == 1
+
+
+def test_a_flight_of_both_states_counts_for_the_smaller_one():
+    whole = fleet([1, 2, 3])
+    last = whole._replace(rows=whole.rows[2:])
+    separate = separate_states(whole, last)
+    assert [row.key for row in separate.before.rows] == ["1", "2"]
+    assert (separate.after, separate.common_files) == (last, ("3.bin",))
+    assert (separate.counting_state, separate_states(last, whole).counting_state) == ("B", "A")
+    # A second recording of the flight has another content and the same time.
+    other = replace(whole.rows[2], key="other", date=whole.rows[2].date + timedelta(seconds=20))
+    recording = last._replace(rows=[other])
+    assert len(separate_states(whole, recording).before.rows) == 2
+    both = separate_states(last, recording)
+    assert (both.before, both.common_files, both.counting_state) == (last, ("3.bin",), "")
+    assert separate_states(state(1), state(2)).common_files == ()
 
 
 def test_a_fleet_has_the_gains_that_all_its_flights_share():

@@ -370,10 +370,9 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     differences = baseline_differences(rows, baseline)
     assert set(differences) == {"quad", "new"} and differences["new"][1] is None
     text = plain_text(baseline_blocks(*differences["quad"]))
-    assert (
-        "motor 3's control effectiveness −29 % (−35 to −23 %); motor 3's relative trim +12 % (+9 to +15 %)"
-        in text
-    )
+    # Each change is named once.
+    assert "Changed: motor 3's control effectiveness −29 % (−35 to −23 %), and 1 more." in text
+    assert "The others that changed: motor 3's relative trim +12 % (+9 to +15 %)." in text
     for widest in ("3.0 %", "6.8 %", "17 %", "0.40 1/s", "13 ms"):
         assert f" (± {widest})" in text
     assert "the latest flight, 0007.ulg (2026-01-12), compared with 4 flights." in text

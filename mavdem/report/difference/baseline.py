@@ -41,8 +41,8 @@ def baseline_blocks(
     other_changes = changes_by_relevance(difference, without=motors.evidence)
     blocks: Blocks = [_sentence_on_compared_flights(latest_row, difference)]
     blocks += _sentences_on_weak_motor(latest_row, motors, difference)
-    blocks += result_sentences(reviewed, other_changes)
-    blocks += change_sentences(reviewed)
+    result = result_sentences(reviewed, other_changes)
+    blocks += [*result, *change_sentences(reviewed, result)]
     blocks += sentences_without_change(reviewed)
     if has_identity_cautions:
         blocks += identity_cautions(reviewed)

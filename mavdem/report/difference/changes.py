@@ -230,8 +230,11 @@ def result_sentences(
     main_change = largest_of_first_kind(candidates)
     largest_doubtful = largest_of_first_kind(doubtful)
     doubtful_text = ""
-    if unexplained_changes and largest_doubtful is not None:
-        doubtful_text = change_text(largest_doubtful, difference)
+    surest_p = None
+    if largest_doubtful is not None:
+        surest_p = doubtful[0].p
+        if unexplained_changes:
+            doubtful_text = change_text(largest_doubtful, difference)
     # Outcomes of all figures, and of those for which it was tested whether they changed. The evidence of a weak motor
     # has a sentence of its own.
     evidence = reviewed.motors.evidence
@@ -247,7 +250,9 @@ def result_sentences(
         doubtful=doubtful_text,
         fault_rise=FAULT_RISE,
         fault_probability=fault_probability_beside_doubtful_trims(reviewed, doubtful),
-        p=None if main_change is None else main_change.p,
+        excludes_weak_motor=reviewed.motors.excludes_weak_motor,
+        surest_p=surest_p,
+        chance_of_any=_chance_of_any(surest_p, difference),
         tested_count=len(difference.tested),
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
         same_count=outcomes[QuantityOutcome.SAME],
@@ -317,17 +322,15 @@ def change_sentences(
         # The sentences on weak motors quote the changes that are evidence of them.
         if change.is_doubtful and change not in motors.evidence:
             doubtful.append(change)
-    tested_changes = difference.tested
-    p_values_of_doubtful = [change.p for change in doubtful if change in tested_changes]
+    texts_of_doubtful = [change_text(change, difference) for change in doubtful]
+    further_doubtful = [text for text in texts_of_doubtful if text not in texts_above]
+    is_doubt_above = len(further_doubtful) < len(texts_of_doubtful)
+    # A headline that names a doubtful change also says how sure it is, and what all trims together show.
     smallest_p = None
-    chance_of_any = None
-    if p_values_of_doubtful:
-        smallest_p = min(p_values_of_doubtful)
-        # Probability that at least one of so many independent quantities has such a p-value by chance.
-        chance_of_any = 1 - (1 - smallest_p) ** len(tested_changes)
-    # The headline has the probability of a weak motor if it names a doubtful change.
     fault_probability = None
-    if not doubtful_changes(reviewed):
+    if not is_doubt_above:
+        p_values = [change.p for change in doubtful if change in difference.tested]
+        smallest_p = min(p_values, default=None)
         fault_probability = fault_probability_beside_doubtful_trims(reviewed, doubtful)
     return render_section(
         "difference_changes",
@@ -336,14 +339,28 @@ def change_sentences(
         by_gains=[text for text in texts_by_gains if text not in texts_above],
         is_more=any(text in texts_above for text in texts_by_gains),
         axes=[axis for axis in AXES if axis in axes_with_other_gains],
-        doubtful=[change_text(change, difference) for change in doubtful],
+        doubtful=further_doubtful,
+        is_doubt_above=is_doubt_above,
         fault_rise=FAULT_RISE,
         fault_probability=fault_probability,
+        excludes_weak_motor=motors.excludes_weak_motor,
         are_two_vehicles=reviewed.are_two_vehicles,
-        tested_count=len(tested_changes),
+        tested_count=len(difference.tested),
         surest_p=smallest_p,
-        chance_of_any=chance_of_any,
+        chance_of_any=_chance_of_any(smallest_p, difference),
     )
+
+
+def _chance_of_any(p_value: float | None, difference: VehicleDifference) -> float | None:
+    """Returns the probability that at least one of so many independent quantities has such a p-value by chance.
+
+    Args:
+        p_value: the p-value of one quantity; None without one.
+        difference: comparison of two states, whose tested quantities are counted.
+    """
+    if p_value is None:
+        return None
+    return 1.0 - (1.0 - p_value) ** len(difference.tested)
 
 
 def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:

@@ -17,7 +17,7 @@ from mavdem.fleet.quantities import (
 )
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
-from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.difference.changes import (
     changes_by_cause,
     changes_by_relevance,
@@ -39,7 +39,11 @@ from mavdem.report.difference.parameters import changed_rate_gains, parameter_te
 from mavdem.report.difference.quantity_texts import change_text
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import listed
-from mavdem.report.templates import render_section, without_full_stop
+from mavdem.report.templates import (
+    first_and_further_sentences,
+    render_section,
+    without_full_stop,
+)
 
 KINDS_OF_MARGINS = {
     ("rate", "phase_margin"): PHASE_MARGIN,
@@ -105,6 +109,61 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
         return [*sentences, *result, *gain_sentences, *watched]
     # The result is then that nothing else changed for sure: it follows all that did.
     return [*sentences, *gain_sentences, *watched, *result]
+
+
+def headline_in_two_sizes(
+    reviewed: ReviewedDifference, headline: Sequence[Sentence]
+) -> list[Sentence]:
+    """Returns the sentences that head page and terminal: important ones in large letters, the others as usual text.
+
+    What a light warns of stands in large letters above its sentence. Of other important sentences, the first sentence
+    of the text is in large letters. Usual text has cautions, such as that the flights are of two vehicles, what is only
+    to be watched, and that nothing else changed for sure, unless nothing is above it. Two vehicles differ in much, so
+    that of their differences only the first is in large letters.
+
+    Args:
+        reviewed: comparison of both flights.
+        headline: the sentences that head the comparison, in their order.
+    """
+    cautions = identity_cautions(reviewed)
+    watched_lights = sentences_on_watched_lights(reviewed.reviews)
+    headings = light_headings(reviewed)
+    blocks = list[Sentence]()
+    is_first_difference = True
+    for sentence in headline:
+        # Leads such as "Changed:" introduce a difference. One that is a sentence itself says that there is none.
+        states_difference = sentence.lead.endswith(":")
+        # The cause of a light without a heading is stated above.
+        heading = headings.get(sentence.lead, sentence.lead)
+        is_important = is_first_difference or (states_difference and not reviewed.are_two_vehicles)
+        if sentence in cautions or not is_important or not heading:
+            # A sentence that is a lead alone would be in large letters.
+            blocks.append(sentence if sentence.text else Sentence(sentence.lead))
+            continue
+        is_first_difference = False
+        if sentence in watched_lights:
+            blocks.append(sentence)
+        elif sentence.lead in headings:
+            blocks += [headline_sentence(heading), sentence]
+        else:
+            blocks += _large_sentence(sentence)
+    return blocks
+
+
+def _large_sentence(sentence: Sentence) -> list[Sentence]:
+    """Returns a sentence whose beginning is in large letters; the rest, which explains it, is in usual text.
+
+    The beginning is the lead if that is a sentence itself, and otherwise the lead with the first sentence of the text.
+    """
+    if sentence.lead.endswith("."):
+        beginning, explanation = sentence.lead, sentence.text
+    else:
+        result, explanation = first_and_further_sentences(sentence.text)
+        beginning = f"{sentence.lead} {result}".strip()
+    blocks = [headline_sentence(beginning)]
+    if explanation:
+        blocks.append(Sentence(explanation))
+    return blocks
 
 
 def light_headings(reviewed: ReviewedDifference) -> dict[str, str]:

@@ -178,13 +178,18 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
     first = lights_by_side[first_side]
     second = lights_by_side[second_side]
     remark = remark_on_imus(lights_by_side)
-    if first["level"] == second["level"]:
+    are_of_fleets = len(first.get("levels", ())) > 1 or len(second.get("levels", ())) > 1
+    if are_of_fleets:
+        levels = f"{_level_text(first_side, first)}; {_level_text(second_side, second)}"
+    elif first["level"] == second["level"]:
         levels = f"{first['level']} in {first_side} and {second_side}"
+    else:
+        levels = f"{_level_text(first_side, first)}, {_level_text(second_side, second)}"
+    if first["level"] == second["level"]:
         if first["sentence"] == second["sentence"]:
             return ComparedLevels(levels, [LightReason("", first["sentence"])])
         reasons = [LightReason(side, light["sentence"]) for side, light in lights_by_side.items()]
         return ComparedLevels(levels, reasons, remark)
-    levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
     # Of different levels at least one is a warning, bad or "watch". So the second light is the worse one if it is bad,
     # or if the first is no warning.
     is_second_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
@@ -194,6 +199,30 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
         if light["level"] == Level.UNKNOWN:
             reasons.append(LightReason(side, light["sentence"]))
     return ComparedLevels(levels, reasons, remark)
+
+
+def _level_text(side: str, light: JsonValues) -> str:
+    """Returns the level of a status light in a log, or in all flights of a fleet, the last of which the light judges.
+
+    Args:
+        side: "A" or "B".
+        light: the light; that of a fleet has the levels of its flights in order of date as ``levels``.
+
+    Returns:
+        A text such as "good in A", "good in all 3 flights of A" or "bad in 2 of 5 flights of A, the last one too".
+    """
+    level = light["level"]
+    levels = light.get("levels") or ()
+    if len(levels) < 2:
+        return f"{level} in {side}"
+    if levels.count(level) == len(levels):
+        return f"{level} in all {len(levels)} flights of {side}"
+    worst_level = next((warning for warning in WARNING_LEVELS if warning in levels), level)
+    worst_count = levels.count(worst_level)
+    if level == worst_level:
+        also_last = ", the last one" if worst_count == 1 else ", the last one too"
+        return f"{level} in {worst_count} of {len(levels)} flights of {side}{also_last}"
+    return f"{worst_level} in {worst_count} of {len(levels)} flights of {side}, {level} in the last one"
 
 
 def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:

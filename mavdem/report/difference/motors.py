@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
+from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Level
 from mavdem.facts.ending import Ending
 from mavdem.facts.fleet import QuantityOutcome
@@ -57,18 +58,23 @@ class MotorVerdict(NamedTuple):
     differs: bool = False
     """Whether the motors of the two states are judged differently, with another level or of another motor."""
 
+    @property
+    def excludes_weak_motor(self) -> bool:
+        """Whether all trims together show that no motor is weak: it is less probable than a false alarm may be."""
+        return self.fault_probability is not None and self.fault_probability < SIGNIFICANCE
+
     def takes_precedence_over(self, change: QuantityChange) -> bool:
         """Returns whether the judgement of the motors is stated instead of a doubtful change of one quantity.
 
-        That is the case if the change is evidence for a motor that is known to be weak, and for any trim if a
-        probability of a fault is known, which follows from all trims together.
+        That is the case if the change is evidence for a motor that is known to be weak, and for any trim if all trims
+        together show no weak motor.
 
         Args:
             change: change of one quantity between the two states.
         """
         if change in self.evidence:
             return True
-        return change.quantity.kind == SHARE and self.fault_probability is not None
+        return change.quantity.kind == SHARE and self.excludes_weak_motor
 
 
 NO_VERDICT = MotorVerdict()
@@ -81,7 +87,7 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
     A motor counts as weak in a log if the log's status light of the motors, their judgement, warns of it. If the lights
     of both logs are the same, none counts: whether a motor became worse is then shown by its measured quantities alone.
     The probability of a fault is taken from the later log, since its motors were also compared with other flights of
-    the vehicle.
+    the vehicle. Of two vehicles it is not known: each was compared with its own flights.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -97,9 +103,10 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
     evidence = tuple(evidence_of_weak_motors(difference, weak_motors))
     later_review = reviews.get(later_side(reviews)) or {}
     motor_health = value_at(later_review, "motor_health") or {}
+    fault_probability = motor_health.get("fault_probability")
     return MotorVerdict(
         evidence,
-        motor_health.get("fault_probability"),
+        fault_probability=None if difference.is_of_two_vehicles else fault_probability,
         is_weak=motor_health.get("health") in ANOMALOUS_HEALTHS,
         differs=differs,
     )

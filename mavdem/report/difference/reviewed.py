@@ -71,6 +71,12 @@ class ReviewedDifference(NamedTuple):
     has_two_autopilots: bool = False
     """Whether A and B have different autopilots, whose parameters are not compared even where they share a name."""
 
+    common_files: Names = ()
+    """File names of flights that both sides have, before they were left out of one."""
+
+    counting_side: str = ""
+    """Side on which these flights count; empty if all flights of both sides are the same, of which none is left out."""
+
     is_since_baseline: bool = False
     """Whether A is the baseline of a vehicle and B its latest flight, which a report then calls so."""
 

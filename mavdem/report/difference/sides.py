@@ -9,6 +9,9 @@ from mavdem.report.difference.identity import shown_vehicles
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import counted, listed
 
+ISO_DAY_LENGTH = len("2026-01-31")
+"""Characters of the date in a time in UTC, as documents have it."""
+
 ISO_MINUTE_LENGTH = len("2026-01-31T10:00")
 """Characters of date, hour and minute in a time in UTC, as documents have it."""
 
@@ -32,14 +35,27 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
         parts = [name, listed(shown_vehicles(reviewed, side))]
         if side in reviewed.simulated_sides:
             parts.append("simulated")
-        date = value_at(review, "identity.date")
-        if date:
-            parts.append(f"{str(date)[:ISO_MINUTE_LENGTH].replace('T', ' ')} UTC")
+        if flight_count > 1:
+            parts.append(counted(flight_count, "flight") + " (figures are their means)")
+            parts.append(_days_text(review))
+        else:
+            date = value_at(review, "identity.date")
+            if date:
+                parts.append(f"{str(date)[:ISO_MINUTE_LENGTH].replace('T', ' ')} UTC")
         settled_seconds = value_at(review, "condition.hover.seconds")
         if settled_seconds:
             parts.append(f"{settled_seconds:.0f} s of settled flight")
-        if flight_count > 1:
-            parts.append(counted(flight_count, "flight"))
         known_parts = [part for part in parts if part]
         descriptions[side] = ", ".join(known_parts)
     return descriptions
+
+
+def _days_text(review: Mapping[str, JsonValues]) -> str:
+    """Returns the days of several flights, such as "2026-01-05 to 2026-01-11"; empty where they are not known."""
+    first_date = value_at(review, "identity.first_date")
+    last_date = value_at(review, "identity.date")
+    if not first_date or not last_date:
+        return ""
+    first_day = str(first_date)[:ISO_DAY_LENGTH]
+    last_day = str(last_date)[:ISO_DAY_LENGTH]
+    return first_day if first_day == last_day else f"{first_day} to {last_day}"

@@ -16,7 +16,7 @@ from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.report_columns import value_at
 from mavdem.loops.axis_loops import LOOP_NAMES
-from mavdem.report.blocks import Blocks, Rated, Sentence, Table, headline_sentence
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.charts.change_plan import (
     change_plan,
     drawn_changes,
@@ -39,13 +39,13 @@ from mavdem.report.difference.changes import (
     unchanged_quantity_sentences,
 )
 from mavdem.report.difference.conditions import condition_table
+from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import (
     headline_blocks,
+    headline_in_two_sizes,
     headline_of_comparison,
-    light_headings,
-    sentences_on_watched_lights,
 )
-from mavdem.report.difference.identity import identity_cautions, identity_remarks
+from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import Review, light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
@@ -64,7 +64,7 @@ from mavdem.report.numbers import (
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
-from mavdem.report.templates import first_and_further_sentences, render_section
+from mavdem.report.templates import render_section
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
@@ -157,7 +157,7 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         reviewed: comparison of both flights.
         headline: the sentences that head the comparison.
     """
-    blocks_of_headline = _headline_in_two_sizes(reviewed, headline)
+    blocks_of_headline = headline_in_two_sizes(reviewed, headline)
     next_step = next_blocks(reviewed)
     if reviewed.difference.is_of_same_flight:
         # A flight that is compared with itself needs no remarks.
@@ -166,6 +166,7 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         *blocks_of_headline,
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
+        *flight_cautions(reviewed),
         *next_step,
         *_parameter_remarks(reviewed),
         *condition_table(reviewed),
@@ -181,59 +182,6 @@ def _parameter_remarks(reviewed: ReviewedDifference) -> list[Sentence]:
     if reviewed.parameters:
         return calibration_sentences(reviewed)
     return parameter_sentences(reviewed)
-
-
-def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
-    """Returns the sentences that head the page: the important ones in large letters, the others as usual text.
-
-    What a light warns of stands in large letters above its sentence. Of other important sentences, the first sentence
-    of the text is in large letters. Usual text has cautions, such as that the flights are of two vehicles, what is only
-    to be watched, and that nothing else changed for sure, unless nothing is above it. Two vehicles differ in much, so
-    that of their differences only the first is in large letters.
-
-    Args:
-        reviewed: comparison of both flights.
-        headline: the sentences that head the comparison, in their order.
-    """
-    cautions = identity_cautions(reviewed)
-    watched_lights = sentences_on_watched_lights(reviewed.reviews)
-    headings = light_headings(reviewed)
-    blocks = Blocks()
-    is_first_difference = True
-    for sentence in headline:
-        # Leads such as "Changed:" introduce a difference. One that is a sentence itself says that there is none.
-        states_difference = sentence.lead.endswith(":")
-        # The cause of a light without a heading is stated above.
-        heading = headings.get(sentence.lead, sentence.lead)
-        is_important = is_first_difference or (states_difference and not reviewed.are_two_vehicles)
-        if sentence in cautions or not is_important or not heading:
-            # A sentence that is a lead alone would be in large letters.
-            blocks.append(sentence if sentence.text else Sentence(sentence.lead))
-            continue
-        is_first_difference = False
-        if sentence in watched_lights:
-            blocks.append(sentence)
-        elif sentence.lead in headings:
-            blocks += [headline_sentence(heading), sentence]
-        else:
-            blocks += _large_sentence(sentence)
-    return blocks
-
-
-def _large_sentence(sentence: Sentence) -> Blocks:
-    """Returns a sentence whose beginning is in large letters; the rest, which explains it, is in usual text.
-
-    The beginning is the lead if that is a sentence itself, and otherwise the lead with the first sentence of the text.
-    """
-    if sentence.lead.endswith("."):
-        beginning, explanation = sentence.lead, sentence.text
-    else:
-        result, explanation = first_and_further_sentences(sentence.text)
-        beginning = f"{sentence.lead} {result}".strip()
-    blocks: Blocks = [headline_sentence(beginning)]
-    if explanation:
-        blocks.append(Sentence(explanation))
-    return blocks
 
 
 def _chapters(

@@ -15,7 +15,7 @@ from mavdem.containers import JsonValues
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
-from mavdem.fleet.flights import group_into_flights, worst_row
+from mavdem.fleet.flights import Flights, group_into_flights, log_row, worst_health, worst_row
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report.blocks import Sentence
@@ -120,40 +120,65 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
 
     Returns:
         A changed copy, with the health of the motors as ``motor_health``; the review itself if the motors were not
-        compared.
+        compared. Of a fleet, what its rows say of its flights.
     """
-    flown_rows = [row for row in rows if row.is_read]
-    if not flown_rows:
+    flights = group_into_flights(row for row in rows if row.is_read)
+    if not flights:
         return review
-    latest_flight = group_into_flights(flown_rows)[-1]
-    row = worst_row(latest_flight)
+    row = worst_row(flights[-1])
+    is_fleet = not review
+    if is_fleet:
+        review = _identity_of_fleet(flights)
     if row.health_reason is None:
         return review
-    if review:
-        judged_review = review_with_anomaly(review, motor_anomaly(row))
+    if is_fleet:
+        judged_review: Mapping[str, Any] = {**review, **_judgement_of_fleet(flights)}
     else:
-        judged_review = _review_by_comparison_alone(row)
+        judged_review = review_with_anomaly(review, motor_anomaly(row))
     return {**judged_review, "motor_health": _motor_health_document(row)}
 
 
-def _review_by_comparison_alone(row: FlightRow) -> Mapping[str, Any]:
-    """Returns the review document of a fleet, which judges nothing but the motors in its latest flight.
-
-    Its only status light is that of the motors. An anomaly of the motors is its headline too, with the next step,
-    unless the log of the flight alone has a bad headline: that is more urgent.
+def _identity_of_fleet(flights: Flights) -> Mapping[str, Any]:
+    """Returns the part of a review document that says what a fleet's flights are: frame, dates, whether simulated.
 
     Args:
-        row: row of the latest flight in the fleet's table, with the health of its motors.
+        flights: flights of the fleet in order of date, at least one.
+
+    Returns:
+        The document; ``date`` in it is that of the latest flight, ``first_date`` that of the first.
     """
+    first_row, last_row = log_row(flights[0]), log_row(flights[-1])
+    identity: JsonValues = {"frame": last_row.frame}
+    if first_row.date is not None and last_row.date is not None:
+        identity["first_date"] = first_row.date.isoformat()
+        identity["date"] = last_row.date.isoformat()
+    document: JsonValues = {"identity": identity}
+    if last_row.simulated is not None:
+        document["simulated"] = bool(last_row.simulated)
+    return document
+
+
+def _judgement_of_fleet(flights: Flights) -> Mapping[str, Any]:
+    """Returns the part of a review document that judges a fleet, of which nothing but the motors is judged.
+
+    Its only status light is that of the motors in the latest flight, with the level in each flight as ``levels``. An
+    anomaly of the motors is its headline too, with the next step, unless the log of the flight alone has a bad
+    headline: that is more urgent.
+
+    Args:
+        flights: flights of the fleet in order of date, at least one, with the health of their motors.
+    """
+    latest_row = worst_row(flights[-1])
     motors_light = {
-        "level": HEALTH_LEVELS[MotorHealth(row.health)],
-        "sentence": row.health_reason,
-        "subject": suspected_motor(row),
+        "level": HEALTH_LEVELS[MotorHealth(latest_row.health)],
+        "sentence": latest_row.health_reason,
+        "subject": suspected_motor(latest_row),
+        "levels": [HEALTH_LEVELS[MotorHealth(worst_health(flight))] for flight in flights],
     }
     lights = {Light.MOTORS: motors_light}
-    if row.headline_level == Level.BAD:
+    if latest_row.headline_level == Level.BAD:
         return {"lights": lights}
-    headline_and_next_step = review_with_anomaly({}, motor_anomaly(row))
+    headline_and_next_step = review_with_anomaly({}, motor_anomaly(latest_row))
     return {**headline_and_next_step, "lights": lights}
 
 

@@ -9,12 +9,19 @@ from pytest import mark
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.quantities import SHARE
+from mavdem.report.blocks import plain_text
 from mavdem.report.difference.baseline import baseline_blocks
-from mavdem.report.difference.changes import difference_blocks
+from mavdem.report.difference.changes import change_sentences, difference_blocks
+from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
-from mavdem.report.difference.reviewed import reviewed_difference
+from mavdem.report.difference.reviewed import (
+    ComparedState,
+    compared_states,
+    reviewed_difference,
+)
+from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.motor_anomaly import (
     motor_anomaly,
@@ -216,6 +223,31 @@ def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
     assert reviews["B"]["headline"]["sentence"] == "Motor 1 lost thrust."
 
 
+def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_are_mixed():
+    """Motor 1 is weak in the last two of four flights of A; B was flown before and is sound."""
+    columns = {"health_reason": "Motor 1 lost thrust.", "suspect_motor": 1, "health": "fault"}
+    rows = [flight_row("quad", number, health_reason="No change.") for number in (1, 2)]
+    rows += [flight_row("quad", number, **columns) for number in (3, 4)]
+    sound = [flight_row("quad", 0, health_reason="No change.")]
+    states = [ComparedState(side_rows, {}, {}) for side_rows in (rows, sound)]
+    reviewed = compared_states(*states)
+    motors, *_ = texts(headline_of_comparison(reviewed))
+    assert motors.startswith("Motors: bad in 2 of 4 flights of A, the last one too; good in B.")
+    (mixed,) = texts(flight_cautions(reviewed))
+    assert "A is of several states: its motors are good in 2 of 4 flights, and not in 2." in mixed
+    # A was flown later, so that B does not show that the motor was mended.
+    (step,) = texts(next_blocks(reviewed))
+    assert step.startswith("Next, by A: Inspect motor 1")
+    description = side_descriptions(("fleet", "log"), reviewed)["A"]
+    assert description.endswith("4 flights (figures are their means), 2026-01-06 to 2026-01-09")
+    page = comparison_page(("fleet", "log"), reviewed)
+    assert "its motors are good in 2 of 4 flights" in page
+    common = reviewed._replace(common_files=("a.bin",), counting_side="B")
+    assert "1 flight of B is in A too (a.bin): it counts for B alone." in plain_text(
+        flight_cautions(common)
+    )
+
+
 def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     difference = doubtful_trim(1, 0.16)
     change, *rest = difference.changes
@@ -239,6 +271,17 @@ def test_a_doubtful_trim_is_no_step_where_all_together_show_no_weak_motor():
     )
     assert result.endswith("show no motor that works 8 % harder (probability 0.01).")
     assert next_blocks(reviewed_difference(difference, reviews)) == []
+    reviewed = reviewed_difference(difference, reviews)
+    headline = headline_of_comparison(reviewed)
+    # What the headline says is not said again below it.
+    assert "Doubtful" not in plain_text(change_sentences(reviewed, headline))
+    # A probability that is not small excludes nothing: then the trim has its step.
+    open_reviews = judged_reviews(health="unknown", fault_probability=0.33)
+    reviewed = reviewed_difference(difference, open_reviews)
+    (result,) = texts(headline_of_comparison(reviewed))
+    assert result.endswith("leave open whether a motor works 8 % harder (probability 0.33).")
+    (step,) = texts(next_blocks(reviewed))
+    assert step.startswith("Next: Inspect motor 4")
     # Without that judgement the trim is all that is known.
     assert texts(headline_of_comparison(reviewed_difference(difference)))[0].startswith(
         "No change is certain. Perhaps: motor 4"
