@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 from mavdem.assessment.axis.findings import Finding, next_step_for_model
 from mavdem.assessment.axis.loop_decision import (
+    REDUCTIONS_OF_RATE_GAINS,
     DecisionsByAxis,
     LoopDecision,
     LoopDiagnosis,
@@ -230,7 +231,12 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
         follows_badly = decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
         return light.replace(follows=False) if follows_badly else light
     axes = light.figures.get("names", (axis,))
-    return light.replace(action=common_action([decisions[name].action for name in axes]))
+    action = common_action([decisions[name].action for name in axes])
+    if action is not None and action.code in REDUCTIONS_OF_RATE_GAINS:
+        # Such gains are lowered before one flight, also those of axes that the light does not name.
+        all_actions = [each.action for each in decisions.values() if each.action is not None]
+        action = common_action([each for each in all_actions if each.code is action.code])
+    return light.replace(action=action)
 
 
 def unjudged(refusal: Fact) -> Judgement:

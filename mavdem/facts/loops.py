@@ -4,6 +4,9 @@ from enum import StrEnum
 
 from mavdem.facts.fact import Code
 
+ADVISED_STREAM_RATE = 95.0
+"""Rate of messages, Hz, that counts as the 100 Hz of advice on logging: rates of logs vary by a few percent."""
+
 
 class LoopFact(Code):
     """Of the rate and the attitude loop of one axis."""

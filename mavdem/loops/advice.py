@@ -439,8 +439,9 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
     """Returns how to make gains a third lower than they were in a flight.
 
     The pilot may have changed them since. So each new value is a fraction of the value in the flight, and the value
-    that it replaces is that at the end of the log. A gain that had several values in the flight gets no new one. If one
-    of the gains was lowered so far already, the others stay: the next flight shows whether that is enough.
+    that it replaces is that at the end of the log. Gains are lowered together, in one ratio: if one had several values
+    in the flight, none gets a new one. If one was lowered so far already, the others stay: the next flight shows
+    whether that is enough.
 
     Args:
         names: names of the gains of one loop.
@@ -449,9 +450,10 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
     """
     advised_changes: list[GainChange] = []
     facts_on_past_changes = []
-    is_any_lowered_already = False
+    must_others_stay = False
     for name in names:
         if name in parameters.changed_names:
+            must_others_stay = True
             facts_on_past_changes.append(Fact(GainFact.GAIN_CHANGED_IN_FLIGHT, subject=name))
             continue
         value_in_flight = parameters.values.get(name)
@@ -462,7 +464,7 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
         if value_at_end > advised_value:
             advised_changes.append((name, value_at_end, advised_value))
         else:
-            is_any_lowered_already = True
+            must_others_stay = True
             lowered_since = Fact(
                 GainFact.GAIN_LOWERED_SINCE,
                 subject=name,
@@ -470,7 +472,7 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
                 present_value=value_at_end,
             )
             facts_on_past_changes.append(lowered_since)
-    if is_any_lowered_already:
+    if must_others_stay:
         advised_changes = []
     return GainReduction(advised_changes, changed=tuple(facts_on_past_changes))
 
@@ -481,8 +483,8 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlig
     In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast cycle is caused by P and
     D of the rate controller, a slow one by gains that add phase lag at low frequencies: the attitude gain and the
     integral gain I. Each of these two adds much lag only up to its corner frequency, rad/s, which is the attitude gain
-    itself, and I / P. So each with a corner above half of the oscillation's frequency is lowered; if there is none, P
-    and D are.
+    itself, and I / P. So each with a corner above half of the oscillation's frequency is lowered. If there is none, P
+    and D are, and I with them: all three together lower the gain of the rate loop without more phase lag.
 
     Args:
         oscillation: oscillation of the axis with the largest body rate, with the oscillations of the other axes.
@@ -516,14 +518,14 @@ def _gains_behind_oscillation(controller: Controller, frequency: float | None) -
     """Names the gains that most likely cause a limit cycle.
 
     By the rule of :func:`gain_reduction_advice` they are the attitude gain and I, if their corner frequencies are above
-    half of the oscillation's frequency, or P and D if neither is.
+    half of the oscillation's frequency, or P, I and D if neither is.
 
     Args:
         controller: the controller of the axis.
         frequency: frequency of the oscillation, Hz; None, if it is not known, is treated as a high one.
 
     Returns:
-        Names of the controller's fields: "angle_gain" and "i", one of them, or "p" and "d".
+        Names of the controller's fields: "angle_gain" and "i", one of them, or "p", "i" and "d".
     """
     angular_frequency = np.inf if frequency is None else 2 * np.pi * frequency
     # Without P the controller is an integrator at all frequencies.
@@ -533,4 +535,4 @@ def _gains_behind_oscillation(controller: Controller, frequency: float | None) -
         lagging_gains.append("angle_gain")
     if integral_corner > angular_frequency / 2:
         lagging_gains.append("i")
-    return lagging_gains or ["p", "d"]
+    return lagging_gains or ["p", "i", "d"]

@@ -42,6 +42,11 @@ class GainNames(NamedTuple):
     angle_gain: str
     """Name of the gain of the attitude controller, such as "ATC_ANG_RLL_P"."""
 
+    @property
+    def rate_gains(self) -> tuple[str, str, str]:
+        """Names of P, I and D of the rate controller."""
+        return (f"{self.rate_prefix}P", f"{self.rate_prefix}I", f"{self.rate_prefix}D")
+
 
 def required_parameters(parameters: Parameters, *names: str) -> list[float]:
     """Returns the values of parameters that are needed to build a controller.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.axis.loop_decision import (
     ADVICE_TO_TUNE,
+    REDUCTIONS_OF_RATE_GAINS,
     DecisionsByAxis,
     LoopDecision,
     LoopDiagnosis,
@@ -18,7 +19,7 @@ from mavdem.assessment.axis.tuning_step import faults_besides_loops
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import worst_fact
-from mavdem.containers import group_by
+from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
@@ -122,7 +123,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
        the gains of each axis.
     2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
        that needs a repair.
-    3. The next step and, if the tuning needs them after it, doublets.
+    3. The next step, and what axes that get no gains need besides; or, after a repair, doublets.
 
     Args:
         tuning: the advice for each axis, with the judgement of the flight.
@@ -139,9 +140,72 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     texts_beside = [sentence.lead for sentence in heading]
     texts_beside += [next_step.text, *_texts_in_next_step(tuning)]
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
+    steps_towards_gains = _steps_towards_gains(tuning)
+    if steps_towards_gains:
+        return [*summary, *_sentences_towards_gains(steps_towards_gains)]
     if _needs_doublets_after_next_step(tuning):
         summary += render_section("tune_doublets")
     return summary
+
+
+def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
+    """Returns what leads to gains of each axis that gets none, and that the next step does not say.
+
+    The next step is that of the most urgent axis. Another one may need more, such as a setpoint that is logged faster.
+
+    Args:
+        tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
+
+    Returns:
+        By axis, the sentences on what to do; an axis without any is left out.
+    """
+    steps = {}
+    for axis, advice in tuning.axes.items():
+        is_useless_flight = axis in tuning.axes_without_controller and _advises_flight(advice)
+        if _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_GAINS and not is_useless_flight:
+            steps_of_axis = _steps_towards_gains_of_axis(tuning, axis)
+            if steps_of_axis:
+                steps[axis] = steps_of_axis
+    return steps
+
+
+def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
+    """Returns what leads to gains of an axis without any, in sentences that the next step does not contain.
+
+    Args:
+        tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
+        axis: "roll", "pitch" or "yaw".
+    """
+    advice = tuning.axes[axis]
+    advice_on_gains = advice if isinstance(advice, Fact) else _conclusion(tuning, advice)
+    remedies = _remedies_besides_tuning(tuning, axis)
+    if not _is_put_off_by_next_step(tuning, advice_on_gains):
+        remedies.insert(0, advice_on_gains.remedy)
+    texts_in_next_step = _texts_in_next_step(tuning)
+    next_step = str(tuning.judgement.next_step).lower()
+    steps = []
+    for remedy in _without_contained_texts([*dict.fromkeys(remedies)]):
+        is_contained = remedy.removesuffix(".").lower() in next_step
+        if remedy not in texts_in_next_step and not is_contained:
+            steps.append(remedy)
+    return steps
+
+
+def _sentences_towards_gains(steps_by_axis: Mapping[str, list[str]]) -> list[Sentence]:
+    """Returns the sentences on what leads to gains, such as "For gains of roll and pitch: fly doublets.".
+
+    Args:
+        steps_by_axis: what to do by axis, in sentences (:func:`_steps_towards_gains`).
+
+    Returns:
+        A sentence for all axes with the same steps, or with steps that those of another axis contain.
+    """
+    text_by_axis = {axis: " ".join(steps) for axis, steps in steps_by_axis.items()}
+    all_texts = [*text_by_axis.values()]
+    axes_by_text = group_by(
+        text_by_axis, lambda axis: _most_complete(text_by_axis[axis], all_texts)
+    )
+    return [Sentence(text, f"For gains of {listed(axes)}:") for text, axes in axes_by_text.items()]
 
 
 def _needs_doublets_after_next_step(tuning: Tuning) -> bool:
@@ -363,6 +427,8 @@ def tune_blocks(
     """
     blocks = Blocks()
     shown_remedies = _texts_in_next_step(tuning)
+    for remedies_above in _steps_towards_gains(tuning).values():
+        shown_remedies.update(remedies_above)
     axes_in_shared_sentences: list[str] = []
     for axes in _axes_with_same_conclusion(tuning):
         blocks += _sentences_on_gains(tuning, axes, shown_remedies)
@@ -373,15 +439,16 @@ def tune_blocks(
         axis = axes[0]
         advice = tuning.axes[axis]
         if isinstance(advice, Fact):
-            blocks += _sentences_without_loop(tuning, axes, shown_remedies, headline_above)
+            blocks += _sentences_without_loop(tuning, axes, headline_above)
             continue
         # The gains of axes with the same advice were described together, above.
         has_gains = axis not in axes_in_shared_sentences
         facts = _facts_on_axis(tuning, axis, has_gains=has_gains, is_page=is_page)
+        facts = [_without_reason_above(fact, headline_above) for fact in facts]
         report = _joined_sentences(facts, headline_above)
         remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
         shown_remedies.update(remedies)
-        blocks += _report_sentences(axes, report, remedies, has_no_gains=bool(advice.refusals))
+        blocks += _report_sentences(axes, report, remedies)
         blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
@@ -389,6 +456,19 @@ def tune_blocks(
     if is_full:
         blocks += _warning_of_unchecked_effects(tuning)
     return blocks
+
+
+def _without_reason_above(fact: Fact, headline_above: str) -> Fact:
+    """Returns the fact that no gains are computed such that its sentence does not repeat the headline as the reason.
+
+    Args:
+        fact: a coded finding, which is returned unchanged if it is another one, or has another reason.
+        headline_above: sentence at the top of the page or of the terminal's report; empty without one.
+    """
+    if fact.code is not GainFact.NO_GAINS_ADVISED:
+        return fact
+    is_above = all(str(reason) == headline_above for reason in fact.figures["reasons"])
+    return fact.replace(is_reason_above=is_above)
 
 
 def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
@@ -422,20 +502,17 @@ def _sentences_on_gains(
         remedies.append(conclusion.remedy)
         shown_remedies.add(conclusion.remedy)
     report = " ".join(str(fact) for fact in facts)
-    is_refused = conclusion.code is GainFact.NO_GAINS_ADVISED
-    return _report_sentences(axes, report, remedies, has_no_gains=is_refused)
+    return _report_sentences(axes, report, remedies)
 
 
-def _sentences_without_loop(
-    tuning: Tuning, axes: list[str], shown_remedies: set[str], headline_above: str
-) -> list[Sentence]:
-    """Returns why some axes get no gains, and what leads to gains: their loops are not known for the same reason.
+def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str) -> list[Sentence]:
+    """Returns why some axes get no gains: their loops are not known for the same reason.
+
+    What leads to gains stands in the summary (:func:`tune_summary`).
 
     Args:
         tuning: for these axes the fact (coded finding) that says why their loops are not known.
         axes: the axes.
-        shown_remedies: remedies that the report shows in other places, which are not repeated; those of these sentences
-            are added to it.
         headline_above: headline that stands above the report, which is not repeated as the reason; empty without one.
     """
     axis = axes[0]
@@ -448,14 +525,10 @@ def _sentences_without_loop(
     if not report:
         # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
-        return render_section("tune_repair", axes=axes_without_gains)
-    remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
-    shown_remedies.update(remedies)
+        return render_section("tune_repair", axes=axes_without_gains) if axes_without_gains else []
     lowers_gains = any(tuning.lowers_gains_of(axis) for axis in axes)
     sentences = render_section("tune_no_gains", axes=axes, reason=report, lowers_gains=lowers_gains)
-    sentences += _remedies_towards_gains(axes, remedies)
-    text_on_axes = " ".join([report, *remedies])
-    return [*sentences, *_faults_in_flight(tuning, axes, text_on_axes, headline_above)]
+    return [*sentences, *_faults_in_flight(tuning, axes, report, headline_above)]
 
 
 def _caution_sentences(
@@ -480,39 +553,21 @@ def _caution_sentences(
     return sentences
 
 
-def _report_sentences(
-    axes: list[str], report: str, remedies: list[str], *, has_no_gains: bool
-) -> list[Sentence]:
-    """Returns the report on some axes as sentences, with what to do.
+def _report_sentences(axes: list[str], report: str, remedies: list[str]) -> list[Sentence]:
+    """Returns the report on some axes as a sentence, with what to do.
 
     Args:
         axes: the axes that the report is about.
         report: what was found, in sentences; may be empty.
         remedies: what to do, in sentences; may be empty.
-        has_no_gains: whether the axes get no gains. What leads to some then stands in a paragraph of its own, since the
-            pilot wants to know it above all.
-    """
-    lead = f"{listed(axes).capitalize()}:"
-    if has_no_gains and remedies:
-        return [Sentence(report, lead), *_remedies_towards_gains(axes, remedies)]
-    if not report and not remedies:
-        return []
-    return [Sentence(" ".join([report, *remedies]).strip(), lead)]
-
-
-def _remedies_towards_gains(axes: list[str], remedies: list[str]) -> list[Sentence]:
-    """Returns the sentence on what leads to gains, such as "To get gains of roll and pitch: fly doublets.".
-
-    Args:
-        axes: axes for which no gains are advised.
-        remedies: what to do, in sentences.
 
     Returns:
-        A list with the sentence; empty without a remedy.
+        A list with the sentence; empty if there is nothing to say.
     """
-    if not remedies:
+    if not report and not remedies:
         return []
-    return [Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:")]
+    lead = f"{listed(axes).capitalize()}:"
+    return [Sentence(" ".join([report, *remedies]).strip(), lead)]
 
 
 def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
@@ -564,12 +619,20 @@ def _unshown_remedies(
 
 def _without_contained_texts(texts: list[str]) -> list[str]:
     """Returns some different texts without those that another one contains, so that nothing is read twice."""
-    separate_texts = []
-    for text in texts:
-        is_part_of_another = any(text in other for other in texts if other != text)
-        if not is_part_of_another:
-            separate_texts.append(text)
-    return separate_texts
+    return [text for text in texts if _most_complete(text, texts) == text]
+
+
+def _most_complete(text: str, texts: Collection[str]) -> str:
+    """Returns the longest of some texts that says what a text says, and perhaps more; the text itself without another.
+
+    "Fly doublets, with rates logged at 100 Hz." says what "Fly doublets." does.
+
+    Args:
+        text: the text, one or several sentences.
+        texts: texts to choose from.
+    """
+    beginning = text.removesuffix(".")
+    return max([text, *(other for other in texts if beginning in other)], key=len)
 
 
 def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
@@ -602,8 +665,9 @@ def _forbids_flight(fact: Fact) -> bool:
 def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:
     """Returns sentences on the stability margins of the axes whose loops could not be identified.
 
-    Some of these margins were measured without a model of the loop, for example from a resonance. Those that were
-    measured by an injected test signal are left out, since the report states them as the reason why there is no loop.
+    Some of these margins were measured without a model of the loop, for example from a resonance. Two kinds are left
+    out: those that were measured by an injected test signal, which the report states as the reason why there is no
+    loop; and a warning that decided on the axis, or that its oscillation explains, which stands above.
 
     Args:
         tuning: the advice for each axis; for an axis whose loop is not known, the fact (coded finding) that says why.
@@ -618,9 +682,23 @@ def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sen
         was_signal_injected = axis_margins.injected is not None
         if not is_loop_unknown or was_signal_injected:
             continue
+        decision = tuning.judgement.loop_decisions.get(axis_margins.axis)
         for fact in axis_margins.facts:
-            axes_and_facts.append((axis_margins.axis, fact))
+            if decision is None or not _states_cause(decision, fact):
+                axes_and_facts.append((axis_margins.axis, fact))
     return sentences_by_axes(axes_and_facts)
+
+
+def _states_cause(decision: LoopDecision, fact: Fact) -> bool:
+    """Returns whether a decision on an axis states what a fact on the margins of the axis states.
+
+    Args:
+        decision: the decision, whose reason stands in the report if it is a warning.
+        fact: the fact, a coded finding.
+    """
+    if not decision.reason.is_watch_or_bad:
+        return False
+    return decision.diagnosis is LoopDiagnosis.OSCILLATES or decision.reason.code is fact.code
 
 
 def goal_sentences(tuning: Tuning) -> list[Sentence]:
@@ -963,7 +1041,7 @@ def _faults_in_flight(
         decision = tuning.judgement.loop_decisions.get(axis)
         if decision is not None and decision.reason.is_watch_or_bad:
             faults[axis] = decision
-    texts_elsewhere = (headline_above, report, str(tuning.judgement.next_step))
+    texts_elsewhere = [headline_above, report, *_texts_in_next_step(tuning)]
     return decision_sentences(faults, texts_elsewhere, lead_end=" in flight:")
 
 
@@ -1108,12 +1186,27 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
         for advice in tuning.advice:
             if advice.parameters and advice.is_sound and not tuning.waits(advice):
                 texts.add(_conclusion(tuning, advice).remedy)
-    if next_step.code is NextStep.LOAD_GAINS:
-        # The gains to lower are among those to load.
-        for axis, decision in tuning.judgement.loop_decisions.items():
-            if tuning.lowers_gains_of(axis):
-                texts.add(decision.fact.remedy)
+    for axis, decision in tuning.judgement.loop_decisions.items():
+        # The gains to lower are among those to load, or are joined to those of another axis.
+        is_lowered_now = next_step.code is NextStep.LOAD_GAINS and tuning.lowers_gains_of(axis)
+        if is_lowered_now or axis in _axes_of_joined_reduction(next_step):
+            texts.add(decision.fact.remedy)
+        # One flight with doublets serves all axes.
+        flies_doublets = (
+            decision.action is not None and decision.action.code is LoopAction.FLY_DOUBLETS
+        )
+        if flies_doublets and main_reason is not None and _advises_flight(main_reason):
+            texts.add(decision.fact.remedy)
     return texts
+
+
+def _axes_of_joined_reduction(next_step: Fact) -> Names:
+    """Returns the axes whose gains a next step lowers together; empty if it lowers those of one axis, or none."""
+    reason = next_step.figures.get("reason")
+    action = reason.figures.get("action") if isinstance(reason, Fact) else None
+    if isinstance(action, Fact) and action.code in REDUCTIONS_OF_RATE_GAINS:
+        return action.figures.get("names", ())
+    return ()
 
 
 class _SharedCaution(NamedTuple):
@@ -1147,7 +1240,10 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
         NextStep.FLY_BEFORE_GAINS,
         NextStep.TUNE_OTHER_AXES,
     )
-    is_finding_on_loops = isinstance(reason.code, GainFact | LoopFact)
+    # A finding on margins whose model a measured response contradicts has that as its figure "reason".
+    is_finding_on_loops = isinstance(reason.code, GainFact | LoopFact) or isinstance(
+        fact.code, MarginsLight
+    )
     lights_on_loops = (judgement.lights[Light.TRACKING], judgement.lights[Light.MARGINS])
     return is_step_on_gains or is_finding_on_loops or reason in lights_on_loops
 
@@ -1166,7 +1262,7 @@ def tuning_result(tuning: Tuning) -> Fact:
     Args:
         tuning: advice for each axis, with the judgement of the flight.
     """
-    flight_headline = tuning.judgement.headline
+    flight_headline = _headline_by_decision(tuning.judgement)
     if flight_headline.is_bad or is_about_loops(flight_headline, tuning.judgement):
         return _headline_on_all_axes(flight_headline, tuning.judgement.loop_decisions)
     advice_with_room = _advice_with_room_for_gains(tuning)
@@ -1177,6 +1273,25 @@ def tuning_result(tuning: Tuning) -> Fact:
                 slower_axes.append(axis)
         return Fact(GainFact.ROOM_FOR_GAINS, names=[*advice_with_room], slower_axes=slower_axes)
     return _worst_rating(tuning) or flight_headline
+
+
+def _headline_by_decision(judgement: Judgement) -> Fact:
+    """Returns the headline of a flight or, if it is about a doubtful model of a loop, the measurement that decided.
+
+    Args:
+        judgement: the judgement of the flight, with the decision on the loops of each axis.
+
+    Returns:
+        The reason of the decision on the same axis, such as a resonance, with its action; the headline itself if it
+        is about something else, or if no measurement decided on the axis.
+    """
+    flight_headline = judgement.headline
+    if flight_headline.code is not MarginsLight.LOOP_MARGINS:
+        return flight_headline
+    decision = judgement.loop_decisions.get(flight_headline.figures["axis"])
+    if decision is None or decision.reason.code is not MarginsLight.RESONATES:
+        return flight_headline
+    return decision.reason.replace(action=decision.action)
 
 
 def _headline_on_all_axes(flight_headline: Fact, decisions: DecisionsByAxis) -> Fact:

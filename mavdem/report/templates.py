@@ -31,6 +31,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from mavdem.containers import group_by
 from mavdem.facts import Code, Fact
 from mavdem.facts.assessment import NextStep
+from mavdem.facts.loops import ADVISED_STREAM_RATE
 from mavdem.facts.witnesses import HeightSource
 from mavdem.files import load_adjacent_toml
 from mavdem.report.blocks import Sentence
@@ -94,9 +95,6 @@ SMALLEST_SHOWN_HALF_WIDTH = 0.1
 ROUNDS_TO_NO_PERCENT = 0.005
 """Share below which a text in whole percent says 0 %."""
 
-
-SUFFICIENT_RATE = 95.0
-"""Rate of messages, Hz, that counts as the 100 Hz of advice on logging: rates of logs vary by a few percent."""
 
 SETPOINT_MESSAGES = {
     "DataFlash": "RATE and ATT (ArduCopter from 3.3 on)",
@@ -890,7 +888,7 @@ def _logging_clause(rates: Sequence[float], names: Sequence[str]) -> str:
     clause = ", with rates and motors logged at 100 Hz"
     if not rates:
         return clause
-    if min(rates) >= SUFFICIENT_RATE:
+    if min(rates) >= ADVISED_STREAM_RATE:
         return ""
     messages = []
     for name, rate in zip(names, rates, strict=True):

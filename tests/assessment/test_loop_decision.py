@@ -39,6 +39,7 @@ MISSES = Fact(
 RESONANCE = Resonance("roll", 4.0, 21.0, 0.95, 40.0, (2.6, 3.4))
 """A response whose Ms is surely beyond the least margins."""
 PEAK = Resonance("roll", 5.0, 22.0, 0.9, 40.0)
+LOWER_RATE_GAINS = {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_I": 0.133333, "MC_ROLLRATE_D": 0.002}
 
 
 def falls_short(at_limit_share):
@@ -271,7 +272,7 @@ def test_a_measured_resonance_lowers_p_and_d_unless_the_loop_explains_it():
     for loop in (made_up(), NOT_STEERED):
         decision = decision_on_roll(loop, response=RESONANCE)
         assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
-        assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
+        assert changed_gains(decision) == LOWER_RATE_GAINS
         assert decision.reasons_against_gains[0].code is MarginsLight.RESONATES
 
 
@@ -285,7 +286,7 @@ def integrating_loop(crossover):
 @mark.parametrize(
     "crossover, diagnosis, gains",
     [
-        (20.0, LoopDiagnosis.BELOW_GOAL, {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}),
+        (20.0, LoopDiagnosis.BELOW_GOAL, LOWER_RATE_GAINS),
         (5.0, LoopDiagnosis.NOTHING_WRONG, None),
     ],
 )
@@ -344,11 +345,11 @@ def test_a_peak_of_the_spectrum_alone_decides_nothing():
     decision = decision_on_roll(NOT_STEERED, peak=PEAK)
     assert decision.diagnosis is LoopDiagnosis.UNKNOWN
     trial, logging = decision.fact.remedy.split(" stays. ")
-    assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
-    assert trial.startswith("Hover for a minute with MC_ROLLRATE_P 0.1 for 0.15 and MC_ROLLRATE_D")
+    assert changed_gains(decision) == LOWER_RATE_GAINS
+    assert trial.startswith("Hover for a minute with MC_ROLLRATE_P 0.1 for 0.15, MC_ROLLRATE_I")
     assert logging.startswith("Log the rate setpoint")
     without_gains = decision_on_roll(NOT_STEERED, peak=PEAK, parameters={})
-    assert "with P and D of the roll rate controller a third lower:" in without_gains.fact.remedy
+    assert "with P, I and D of the roll rate controller a third lower:" in without_gains.fact.remedy
     assert not decision.fact.without_flight_advice.remedy
     repaired = decision_on_roll(NOT_STEERED, peak=PEAK, doubts=(Fact(Ending.CRASHED, time=9.0),))
     assert repaired.action.code is LoopAction.DO_FIRST

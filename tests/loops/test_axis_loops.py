@@ -439,14 +439,14 @@ def oscillation_of_roll(frequency):
 @mark.parametrize(
     "frequency, names",
     {
-        23.0: ["MC_ROLLRATE_P", "MC_ROLLRATE_D"],
-        None: ["MC_ROLLRATE_P", "MC_ROLLRATE_D"],
+        23.0: ["MC_ROLLRATE_P", "MC_ROLLRATE_I", "MC_ROLLRATE_D"],
+        None: ["MC_ROLLRATE_P", "MC_ROLLRATE_I", "MC_ROLLRATE_D"],
         1.5: ["MC_ROLL_P"],
         0.4: ["MC_ROLL_P", "MC_ROLLRATE_I"],
     }.items(),
 )
 def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
-    """A fast oscillation lowers P and D, a slow one the attitude gain, and a very slow one I as well."""
+    """A fast oscillation lowers P and D, with I in ratio; a slow one the attitude gain, a very slow one I too."""
     oscillation = oscillation_of_roll(frequency)
     fact = gain_reduction_advice(oscillation, UNCHANGED_PX4)
     lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
@@ -472,7 +472,7 @@ def test_gains_are_lowered_from_their_value_while_the_vehicle_oscillated():
     little_lower = ParametersInFlight(PX4, (), PX4 | {"MC_ROLLRATE_P": 0.12})
     fact = gain_reduction_advice(oscillation_of_roll(23.0), little_lower)
     assert fact.sentence.startswith(
-        "Lower MC_ROLLRATE_P from 0.12 to 0.1 and MC_ROLLRATE_D from 0.003 to 0.002:"
+        "Lower MC_ROLLRATE_P from 0.12 to 0.1, MC_ROLLRATE_I from 0.2 to 0.1333 and MC_ROLLRATE_D from 0.003 to 0.002."
     )
     far_lower = ParametersInFlight(PX4, (), PX4 | {"MC_ROLLRATE_P": 0.05})
     fact = gain_reduction_advice(oscillation_of_roll(23.0), far_lower)
@@ -490,7 +490,7 @@ def test_a_gain_that_changed_while_the_vehicle_oscillated_gets_no_value():
     )
     assert not fact.figures["changes"]
     assert fact.sentence == (
-        "Lower P and D of the rate controllers by a third. "
+        "Lower P, I and D of the rate controllers by a third. "
         "MC_ROLLRATE_P had several values meanwhile, so that no new one is advised. "
         "MC_ROLLRATE_D had several values meanwhile, so that no new one is advised."
     )

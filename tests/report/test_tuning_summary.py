@@ -69,9 +69,9 @@ def test_the_headline_names_all_axes_that_lack_the_same_margin_as_much():
         (LIMITED, ("roll",), True),
         # No flight shows the gains of a controller that the log does not describe.
         (LIMITED, ("roll", "pitch"), False),
-        # The next step leads to gains already.
-        (FLY_DOUBLETS, (), False),
+        # The next step leads to gains already, or lacks how fast to log.
         (NOT_STEERED, (), False),
+        (FLY_DOUBLETS, (), True),
     ],
 )
 def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
@@ -83,8 +83,21 @@ def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
         {},
         axes_without_controller=frozenset(axes_without_controller),
     )
-    leads = [sentence.lead for sentence in tune_summary(tuning, LIMITED)]
-    assert ("To tune then:" in leads) is needs_doublets
+    *_, last_sentence = tune_summary(tuning, LIMITED)
+    assert last_sentence.lead.startswith("For gains of" if needs_doublets else "Next:")
+
+
+def test_the_summary_says_what_each_axis_without_gains_needs():
+    """The next step is that of roll; pitch also needs a setpoint, which is logged too slowly."""
+    figures = {"is_logged": False, "least_rate": 8.0, "recorder": "DataFlash"}
+    no_setpoint = Fact(LoopFact.NO_RATE_SETPOINT, **figures)
+    tuning = tuning_of(NOT_STEERED, NOT_STEERED, {})
+    pitch = Fact(LoopFact.NO_LOOP, reasons=(no_setpoint,))
+    tuning = tuning._replace(axes={**tuning.axes, "pitch": pitch})
+    *_, next_step, for_pitch = tune_summary(tuning, NOT_STEERED)
+    assert next_step.lead == "Next:" and "ten quick doublets" in next_step.text
+    assert for_pitch.lead == "For gains of pitch:"
+    assert for_pitch.text.startswith("Log the rate setpoint: RATE")
 
 
 def test_lowered_gains_are_one_set_for_headline_report_and_files():

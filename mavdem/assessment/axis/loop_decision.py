@@ -7,7 +7,6 @@ fly before, is decided here, by the same rule (``Advice.is_sound``).
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
@@ -16,22 +15,21 @@ from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.containers import Names
 from mavdem.dataset.parameter_history import ParametersInFlight
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import Advice, advise, gains_to_lower, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
-from mavdem.loops.controllers import controller_from_parameters
+from mavdem.loops.controllers import gain_names
 from mavdem.loops.gain_design import SURE_SHARE
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 
-CONTROLLER_GAINS = {"rate": ("p", "d"), "attitude": ("angle_gain",)}
-"""Gains that make a loop faster, by the loop and by the names of the controller's fields."""
-
-
 ADVICE_TO_TUNE = (LoopAction.LOAD_ADVISED_GAINS, LoopAction.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
+
+
+REDUCTIONS_OF_RATE_GAINS = (LoopAction.LOWER_BY_A_THIRD, LoopAction.HOVER_WITH_LOWER_GAINS)
+"""Actions with gains to lower, which are lowered on all axes before the same flight."""
 
 
 class LoopDiagnosis(StrEnum):
@@ -117,7 +115,7 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     1. A limit cycle: lower the gains that drive it, on the axes that oscillate. Nothing else is known before it ends.
     2. An axis so far from its setpoint that no loop explains it: check the vehicle.
     3. Margins below the goal: load the gains that `mavdem tune` advises if the loop is identified reliably.
-       Otherwise lower P and D by a third if the margins were measured, or first do what makes the loop known.
+       Otherwise lower P, I and D by a third if the margins were measured, or first do what makes the loop known.
     4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
     5. Nothing is wrong, or it is not known whether something is.
 
@@ -273,7 +271,8 @@ def _decision_by_measurement(
 ) -> LoopDecision:
     """Returns the decision on an axis whose margins were measured, without a model, to be below the goal.
 
-    The action is to lower P and D of the rate loop by a third. Even if an identified loop has good margins, no gains
+    The action is to lower P, I and D of the rate loop by a third: that lowers its gain at all frequencies, and leaves
+    its phase as it is. Even if an identified loop has good margins, no gains
     are computed from it, since the measurement contradicts it.
 
     Args:
@@ -668,12 +667,12 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
     """
     axis = observations.margins.axis
     parameters = observations.parameters
-    names = []
-    # If the controller is not known, no gains are named, and the sentence says "P and D" instead.
-    with suppress(NotLearnable):
-        # Only the names of the gains are used, so the mixer has no effect: the mixer of a single motor is given.
-        controller = controller_from_parameters(parameters.any_values, axis, (1.0,))
-        names = [controller.parameter_names[field] for field in CONTROLLER_GAINS[loop_name]]
+    names_of_axis = gain_names(parameters.any_values, axis)
+    names: Names = ()
+    # Without parameters no gains are named, and the sentence says "P, I and D" instead.
+    if names_of_axis is not None:
+        is_rate_loop = loop_name == "rate"
+        names = names_of_axis.rate_gains if is_rate_loop else (names_of_axis.angle_gain,)
     reduction = gains_to_lower(names, parameters)
     return Fact(LoopAction.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, **reduction.figures)
 
@@ -700,8 +699,8 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
 
     The other axes wait, since the flight after this action will show what they still need. There are two exceptions:
 
-    - Gains that are to be lowered by a third are lowered on all axes at once, before that flight: their changes, and
-      what is said of gains that changed already, are joined in one action.
+    - Gains that are to be lowered, for good or for a hover that shows the cause of a peak, are lowered on all axes at
+      once, before that flight: their changes, and what is said of gains that changed already, are joined in one action.
     - Gains that one axis surely needs are not put off because another axis is to fly first.
 
     Args:
@@ -719,15 +718,15 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
             if action.code in ADVICE_TO_TUNE:
                 return action
         return first_action
-    if first_action.code is LoopAction.LOWER_BY_A_THIRD:
+    if first_action.code in REDUCTIONS_OF_RATE_GAINS:
         return _joined_reductions(
-            [action for action in needed_actions if action.code is LoopAction.LOWER_BY_A_THIRD]
+            [action for action in needed_actions if action.code is first_action.code]
         )
     return first_action
 
 
 def _joined_reductions(reductions: Sequence[Fact]) -> Fact:
-    """Joins the actions to lower the gains of single axes by a third to one action for all these axes.
+    """Joins the actions to lower the gains of single axes to one action for all these axes.
 
     Args:
         reductions: the action of each axis, at least one. Its figures are the ``axis``, the ``changes`` of gains, and,

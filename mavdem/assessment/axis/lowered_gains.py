@@ -27,7 +27,7 @@ def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> di
     Returns:
         Each gain with its value now and the value to set; empty if none is to be lowered.
     """
-    advice = [fact for fact in _fact_and_contained_facts(next_step) if fact.code in LOWERING]
+    advice = [fact for fact in fact_and_contained_facts(next_step) if fact.code in LOWERING]
     advice += reductions_by_a_third(decisions)
     gains = {}
     for fact in advice:
@@ -49,7 +49,7 @@ def reductions_by_a_third(decisions: Iterable[LoopDecision]) -> list[Fact]:
     return [action for action in actions if action.code is LoopAction.LOWER_BY_A_THIRD]
 
 
-def _fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
+def fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
     """Yields a fact (coded finding), the facts among its figures, and in turn those among their figures."""
     yield fact
     for figure in fact.figures.values():
@@ -57,4 +57,4 @@ def _fact_and_contained_facts(fact: Fact) -> Iterator[Fact]:
         values = figure if isinstance(figure, tuple) else (figure,)
         for value in values:
             if isinstance(value, Fact):
-                yield from _fact_and_contained_facts(value)
+                yield from fact_and_contained_facts(value)

@@ -8,7 +8,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, advises_to_tune
-from mavdem.assessment.axis.lowered_gains import lowered_gains, reductions_by_a_third
+from mavdem.assessment.axis.lowered_gains import (
+    fact_and_contained_facts,
+    lowered_gains,
+    reductions_by_a_third,
+)
 from mavdem.assessment.axis.parameter_sets import stage_to_load, waits_for_stage
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights import OTHER_LIGHTS
@@ -16,7 +20,7 @@ from mavdem.containers import Names
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopAction, LoopFact
+from mavdem.facts.loops import ADVISED_STREAM_RATE, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
@@ -84,7 +88,7 @@ def judgement_with_tuning_step(
         )
     elif not has_new_gains and advises_to_tune(judgement.next_step):
         next_step = _next_step_without_new_gains(advice_by_axis, other_axes_to_tune, arguments)
-    elif is_refused and not must_be_repaired and _allows_new_gains(judgement.headline):
+    elif is_refused and not must_be_repaired and _leads_to_tuning(judgement.headline):
         next_step = _next_step_towards_gains(judgement, advice_by_axis)
     else:
         return judgement
@@ -131,6 +135,18 @@ def _allows_new_gains(headline: Fact) -> bool:
             LoopAction.LOWER_BY_A_THIRD,
         )
     return not headline.is_bad
+
+
+def _leads_to_tuning(headline: Fact) -> bool:
+    """Returns whether what leads to gains may be the next step after a flight without new gains.
+
+    Args:
+        headline: the most serious fact of the flight. It must allow new gains, or advise to fly doublets, from which
+            gains follow.
+    """
+    action = headline.figures.get("action")
+    flies_doublets = action is not None and action.code is LoopAction.FLY_DOUBLETS
+    return flies_doublets or _allows_new_gains(headline)
 
 
 def _next_step_with_new_gains(
@@ -395,23 +411,40 @@ def _next_step_towards_gains(judgement: Judgement, advice_by_axis: AdviceByAxis)
     """Returns the next step if no gains can be advised: what leads to gains of the first axis for which that is known.
 
     The decision on the loops of an axis names the flight to make. An axis without one has the remedy of the reason why
-    its loop is not known, such as what to log.
+    its loop is not known, such as what to log. One flight serves all axes, and so the reason of an axis that also needs
+    faster messages comes before a flight with doublets alone.
 
     Args:
         judgement: headline, next step and status lights of the flight, and decisions on its loops.
         advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known. None
             advises gains.
     """
+    reasons = list[Fact]()
     for axis, advice in advice_by_axis.items():
         decision = judgement.loop_decisions.get(axis)
-        if decision is not None and decision.action is not None:
-            # Doublets are quick stick movements to one side and then to the other, from which a loop can be identified.
-            if decision.action.code is LoopAction.FLY_DOUBLETS:
-                return Fact(NextStep.DO_AS_ADVISED, reason=decision.action)
+        action = None if decision is None else decision.action
         conclusion = _conclusion(advice)
-        if conclusion.remedy:
-            return Fact(NextStep.DO_AS_ADVISED, reason=conclusion)
-    return judgement.next_step
+        # Doublets are quick stick movements to one side and then to the other, from which a loop can be identified.
+        if action is not None and action.code is LoopAction.FLY_DOUBLETS:
+            reasons.append(action)
+        elif conclusion.remedy:
+            reasons.append(conclusion)
+    if not reasons:
+        return judgement.next_step
+    reason = reasons[0]
+    if reason.code is LoopAction.FLY_DOUBLETS:
+        reasons_to_log_faster = [each for each in reasons if _has_slow_messages(each)]
+        reason = reasons_to_log_faster[0] if reasons_to_log_faster else reason
+    return Fact(NextStep.DO_AS_ADVISED, reason=reason)
+
+
+def _has_slow_messages(reason: Fact) -> bool:
+    """Returns whether a fact, or one that it contains, has ``rates`` of messages below the advised one."""
+    for fact in fact_and_contained_facts(reason):
+        rates = fact.figures.get("rates")
+        if rates and min(rates) < ADVISED_STREAM_RATE:
+            return True
+    return False
 
 
 def _conclusion(advice: Advice | Fact) -> Fact:
