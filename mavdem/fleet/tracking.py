@@ -21,6 +21,7 @@ from mavdem.fleet.baseline import row_with_bad_motors
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.health_figures import column_array, health_figures
 from mavdem.fleet.judgement import AssessRows, publish_judgements
+from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
@@ -111,6 +112,23 @@ def assess_rows(
             )
         assessed_rows.append(row)
     return assessed_rows
+
+
+def logs_taken_for_healthy(rows: FlightRows) -> set[str]:
+    """Returns the flights of a vehicle that count as healthy without a baseline: others are compared with these.
+
+    Args:
+        rows: all rows of the vehicle, one for each axis of each flight.
+
+    Returns:
+        Hashes of the contents of their logs; none of a name that several vehicles may share.
+    """
+    rows_of_flights = [row for row in rows if row.is_read]
+    if not rows_of_flights or not rows_of_flights[0].has_own_name:
+        return set()
+    assessments = _health_by_flight(rows_of_flights, baseline_rows=[])
+    healthy_rows = [row for row in rows_of_flights if assessments[_flight_key(row)].is_healthy]
+    return {content_hash(row.key) for row in healthy_rows}
 
 
 def rows_without_health(rows: FlightRows) -> FlightRows:

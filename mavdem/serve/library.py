@@ -15,6 +15,7 @@ import os
 import secrets
 import shutil
 import sqlite3
+import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -505,6 +506,20 @@ class Library:
     def brief_flight_rows(self, entries: Iterable[LibraryEntry]) -> FlightRows:
         """Returns the fleet's rows of these logs with the columns alone that an index of all flights shows."""
         return self.store.brief_rows_of(map(self._source_of, entries))
+
+    def rows_of_named_vehicles(self) -> FlightRows:
+        """Returns the fleet's rows of the flights of all vehicles (:meth:`vehicle_names`), as an index shows them.
+
+        A log may have several vehicles; its rows are those of the vehicle under which it is listed.
+        """
+        names = {*self.vehicle_names()}
+        entries = self.find("vehicle <> ''", (), sys.maxsize).entries
+        vehicle_by_path = {str(self.log_path(entry)): entry.vehicle for entry in entries}
+        rows = []
+        for row in self.brief_flight_rows(entries):
+            if row.vehicle in names and row.vehicle == vehicle_by_path[row.file]:
+                rows.append(row)
+        return rows
 
     def flight_rows(self, entries: Iterable[LibraryEntry]) -> FlightRows:
         """Returns the fleet's rows of these logs: one for each axis of each vehicle."""

@@ -31,6 +31,7 @@ from mavdem.fleet.state import (
     rows_judged_by_each_other,
     rows_with_known_health,
 )
+from mavdem.fleet.tracking import logs_taken_for_healthy
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.ingest.telemetry import Parameters
@@ -48,6 +49,7 @@ from mavdem.report.pages.library_page import (
     script_hashes_of_page,
     server_script,
     vehicle_page,
+    vehicles_page,
     with_server_script,
     with_toolbar,
     without_last_position,
@@ -265,8 +267,8 @@ class Pages:
 
         Returns:
             ``entries`` with the verdicts that are shown; ``anomalous_rows``, the row in the fleet's table of each
-            flight whose motors have a fault or drift, by the entry's id; and ``flights_to_compare``, the entry of the
-            healthy flight, by the same id.
+            flight whose motors have a fault or drift, by the entry's id; ``uncompared_ids`` of flights whose motors are
+            still to be compared; and ``flights_to_compare``, the entry of the healthy flight, by the same id.
         """
         compared = self._library.compared_entries(entries)
         flights_to_compare = {}
@@ -275,6 +277,7 @@ class Pages:
         return {
             "entries": compared.entries,
             "anomalous_rows": compared.anomalous_rows,
+            "uncompared_ids": compared.uncompared_ids,
             "flights_to_compare": flights_to_compare,
         }
 
@@ -560,6 +563,17 @@ class Pages:
             path, media_type="application/octet-stream", filename=name, stat_result=status
         )
 
+    def list_vehicles(self, request: HttpRequest) -> Response:
+        """Answers with the table of all vehicles: how each is, its flights, its last flight, and what to do next.
+
+        Raises:
+            Refusal: the visitor may not read.
+        """
+        self._rights.require(request, Permission.READ)
+        rows = self._library.rows_of_named_vehicles()
+        visitor = self._visible_library.visitor_values(request)
+        return HTMLResponse(vehicles_page(rows, **visitor))
+
     def vehicle(self, request: HttpRequest) -> Response:
         """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline.
 
@@ -600,12 +614,16 @@ class Pages:
         # A flight has a row for each axis, all with the same key. A flight of the baseline may have been deleted since.
         healthy_flights = {content_hash(row.key) for row in healthy_rows}
         baseline_entries = [entry for entry in entries if entry.content_hash in healthy_flights]
+        # Without a baseline, the flights that are compared are those that count as healthy until somebody names others.
+        assumed_healthy = set() if healthy_rows else logs_taken_for_healthy(rows)
+        healthy_entries = [entry for entry in entries if entry.content_hash in assumed_healthy]
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
             _changes_from_baseline(name, rows, healthy_rows),
             name=name,
             baseline_count=len(healthy_flights),
             baseline_entries=baseline_entries,
+            healthy_entries=healthy_entries,
             **self._judged_flights(entries, may_read=True),
             **self._visible_library.visitor_values(request),
         )

@@ -374,8 +374,9 @@ def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served,
     begin_again()
     entry = served.library.entry(flight)
     assert served.library.compared_entries([entry]).uncompared_ids == {flight}
-    begin_again()
-    assert 'id="comparing"' in served.get(f"/f/{flight}").text
+    for path, note in (("/", "Motors still to be compared"), (f"/f/{flight}", 'id="comparing"')):
+        begin_again()
+        assert note in served.get(path).text
 
 
 @mark.slow

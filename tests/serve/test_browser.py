@@ -166,6 +166,7 @@ def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path, browser):
                 f"/f/{id}",
                 f"/f/{failed}",
                 "/vehicle?name=quad 7",
+                "/vehicles",
                 f"/compare?a={id}&b={id}",
                 "/f/none",
             ):

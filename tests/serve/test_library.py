@@ -475,17 +475,18 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
 @mark.slow
 def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_serial(tmp_path):
     serial = "001a002f3039511333333539"
-    fleet_of(tmp_path, [flight_row(serial, number, frame="HEXAROTOR") for number in range(2)])
-    frames = Library(tmp_path).vehicle_frames
-    assert frames == {serial: "HEXAROTOR"}
-    page = render_server_page(
-        "library",
-        **{"entries": [], "total": 0, "query": "", "order": "upload", "offset": 0, "page": 50},
-        **{"is_empty": True, "sample": None, "is_live": False, "vehicles": [serial]},
-        **{"anomalous_rows": {}, "may_read": True, "key": "", "has_token": False, "address": ""},
-        **{"upload": "", "given": GivenNames(), "frames": frames},
-    )
+    flights = [flight_row(serial, number, frame="HEXAROTOR") for number in range(2)]
+    unread = flight_row("quad 8", 2, status="No flight.", flight_time=None, headline_level=None)
+    fleet_of(tmp_path, [*flights, unread])
+    assert Library(tmp_path).vehicle_frames[serial] == "HEXAROTOR"
+    with serving(tmp_path) as server:
+        assert '<a href="/vehicles">Vehicles (2)</a>' in server.get("/").text
+        page = server.get("/vehicles").text
     assert ">Hexarotor 001a…\N{WORD JOINER}333539</a>" in page and f'title="{serial}"' in page
+    assert '<td data-label="flights">2</td>' in page
+    assert (
+        'Without a flight that can be judged: <a class="name" href="/vehicle?name=quad%208"' in page
+    )
 
 
 def test_a_date_in_the_future_is_no_date():
@@ -498,18 +499,6 @@ def test_a_date_in_the_future_is_no_date():
     assert f">clock in {future.year}<" in page and ">simulated<" in page
     soon = datetime.now(UTC) + timedelta(hours=14)
     assert columns_of_flight([flight_row("quad", 0, date=soon)])["future_date"] == ""
-
-
-def test_many_vehicles_are_in_a_list_that_shows_all():
-    short_page, long_page = (
-        library_page([], vehicles=[f"quad {number}" for number in range(count)])
-        for count in (5, 12)
-    )
-    assert "<summary>Vehicles" not in short_page and short_page.count('href="/vehicle?name=') == 5
-    assert (
-        "<summary>Vehicles (12)</summary>" in long_page
-        and long_page.count('href="/vehicle?name=') == 12
-    )
 
 
 @mark.slow

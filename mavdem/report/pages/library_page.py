@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from jinja2 import Environment
 from markupsafe import escape
@@ -21,8 +21,9 @@ from mavdem.containers import Names
 from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
 from mavdem.files import load_adjacent_toml
-from mavdem.fleet.flights import AxisRows, log_row
+from mavdem.fleet.flights import AxisRows, Flights, group_by_vehicle, log_row
 from mavdem.fleet.names import NO_NAMES, content_hash
+from mavdem.fleet.row import FlightRow
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block, plain_text
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
@@ -33,6 +34,7 @@ from mavdem.report.fleet import (
     VehicleTexts,
     badge_level,
     unnamed_vehicle,
+    urgency_and_age,
     vehicle_label,
     vehicle_texts,
 )
@@ -58,9 +60,6 @@ LINK_TO_FLEET_HTML = '<nav><a href="../index.html">← Fleet</a></nav>'
 
 MAX_FLIGHTS_OF_LOG = 12
 """Flights of one log that have a line of their own in the list, so that a log of many hops does not fill it."""
-
-MAX_VEHICLE_LINKS = 5
-"""Vehicles that the bar at the top has as links; more are in a list that is unfolded, which has room for all."""
 
 METRES_PER_KILOMETRE = 1000
 """Metres of a kilometre."""
@@ -140,7 +139,6 @@ def _server_environment() -> Environment:
         "lights": [str(light) for light in Light],
         "healths": HEALTH_LEVELS,
         "MAX_PARTS": MAX_FLIGHTS_OF_LOG,
-        "MAX_VEHICLE_LINKS": MAX_VEHICLE_LINKS,
         "wind_speed_text": wind_speed_text,
     }
     jinja.globals = {**jinja.globals, **interface_words(), **values}
@@ -350,6 +348,66 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         changes=changes,
         groups=charts,
         **values,
+    )
+
+
+class VehicleLine(NamedTuple):
+    """The line of one vehicle in the table of all vehicles."""
+
+    name: str
+    """What its logs call the vehicle."""
+
+    level: Level
+    """How well it is, by its latest flight and by its motors in comparison with its other flights."""
+
+    latest_flight: str
+    """What the latest flight that was judged shows."""
+
+    flight_count: int
+    """Number of its flights."""
+
+    last_date: datetime | None
+    """When the latest flight began, UTC; None where that is not known."""
+
+    next_step: str
+    """What to do next; empty where nothing is wrong."""
+
+
+def vehicles_page(rows: Iterable[FlightRow], **values: Any) -> str:
+    """Renders the server's page of all vehicles, a table with the most urgent vehicle at its top.
+
+    Args:
+        rows: rows of the vehicles' flights in the fleet's table, one for each axis.
+        **values: further values that the template ``vehicles.html`` uses, by name.
+
+    Returns:
+        The page as HTML.
+    """
+    rows = [*rows]
+    flights_by_vehicle = group_by_vehicle(rows)
+    most_urgent_first = sorted(flights_by_vehicle.values(), key=urgency_and_age)
+    lines = [_vehicle_line(flights) for flights in most_urgent_first]
+    without_flight = {row.vehicle for row in rows} - flights_by_vehicle.keys()
+    return render_server_page(
+        "vehicles", lines=lines, without_flight=sorted(without_flight), **values
+    )
+
+
+def _vehicle_line(flights: Flights) -> VehicleLine:
+    """Returns the line of a vehicle, with the judgement that its own page states.
+
+    Args:
+        flights: rows of each of its flights, one for each axis, in the order of date; at least one flight.
+    """
+    texts = vehicle_texts(flights)
+    last_row = log_row(flights[-1])
+    return VehicleLine(
+        name=last_row.vehicle,
+        level=badge_level(flights),
+        latest_flight=texts.latest_flight,
+        flight_count=len(flights),
+        last_date=last_row.past_date,
+        next_step=texts.next_step,
     )
 
 

@@ -352,6 +352,7 @@
     status.textContent = "Saved.";
     scrollTo(0, saved.top);
   }
+  $("toshare")?.addEventListener("click", () => { $("share").open = true; });
   let savedSharing = $("sharing")?.value;
   $("edit")?.addEventListener("submit", async event => {
     event.preventDefault();
