@@ -15,13 +15,19 @@ from mavdem.dataset.batteries import Battery
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.segments import Segments, in_segments, recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import AVERAGING_SECONDS
+from mavdem.dataset.time_series import AVERAGING_SECONDS, recorded_series
 from mavdem.errors import NotLearnable
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.limit_cycles import Oscillation, detect_limit_cycle
+from mavdem.loops.oscillation_frequency import with_unaliased_frequency
 from mavdem.motors.hover import HoverFigures, hover_of
 from mavdem.vibration.vibration_message import reported_vibration
+
+GYRO_MESSAGE = "GYRO_AFTER"
+"""Message with the gyro after its filters, which may be faster than the attitude."""
+GYRO_FIELDS = {"roll": "x", "pitch": "y", "yaw": "z"}
+"""Fields of that message, by axis."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +189,14 @@ def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillati
     if oscillation is None:
         airborne_segments = segments_of_boots(signals, flight_states.airborne_intervals)
         oscillation = detect_limit_cycle(signals.motors, attitudes, airborne_segments)
-    return oscillation
+    if oscillation is None:
+        return None
+    cycles = []
+    for cycle in (oscillation, *oscillation.other_axes):
+        gyro = recorded_series(signals.telemetry, GYRO_MESSAGE, GYRO_FIELDS[cycle.axis])
+        cycles.append(with_unaliased_frequency(cycle, attitudes[cycle.axis], gyro))
+    strongest, *others = cycles
+    return strongest._replace(other_axes=tuple(others))
 
 
 def _trim_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[float | None, ...]:
