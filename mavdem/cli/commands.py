@@ -50,7 +50,7 @@ COMMAND_GROUPS = {
         "mcp": "Offers logs to an assistant (Model Context Protocol).",
     },
     "Methods compared": {
-        "compare": "Compares DEM with other methods, window by window.",
+        "compare": "Compares forecasts with those of other methods, window by window.",
         "order": "Finds the model order (number of states) by the free energy.",
         "reproduce": "Runs the paper's experiments again and checks its claims.",
     },

@@ -1,4 +1,4 @@
-"""``mavdem compare``: forecasts of DEM and of other methods on the same windows of one or several logs."""
+"""``mavdem compare``: forecasts of mavdem and of other methods on the same windows of one or several logs."""
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -19,6 +19,7 @@ from mavdem.cli.output import print_result, progress_bar
 from mavdem.cli.sources import map_flights, sources_by_flight_name
 from mavdem.cli.streams import print_to_stderr, stderr_is_terminal
 from mavdem.containers import Names
+from mavdem.dem.parallel import workers_for
 from mavdem.experiments.compared_methods import METHODS, Method
 from mavdem.experiments.comparison import (
     WindowOutcomes,
@@ -26,7 +27,7 @@ from mavdem.experiments.comparison import (
     outcomes_by_window,
 )
 from mavdem.experiments.window import TRAIN_SECONDS, Length, Window, required_windows
-from mavdem.report.comparison import comparison_report
+from mavdem.report.comparison import comparison_report, plan_report
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section
 
@@ -91,13 +92,17 @@ def compare_command(
     hop: int | None,
     methods: Sequence[Method],
 ) -> None:
-    """Compares DEM with other methods, window by window.
+    """Compares forecasts with those of other methods, window by window.
+
+    mavdem forecasts by joint VAR (Bayesian), since its errors are lower; DEM learns the motion, since only its model,
+    with the motors as causes, has A, B and C, F(t) and surprise. The rows "DEM ..." are forecasts by that model alone.
 
     Each SOURCE is a log. Its longest settled flight is cut into windows. In each window every method is trained on
     --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
-    methods that can. The report begins with what a paired test of DEM against each method says, and has the error ratio
-    (mean squared error over that of a constant forecast) by horizon. A run that is stopped, as by Ctrl-C, reports the
-    windows that are done.
+    methods that can. The report begins with the first method's squared error over that of the baselines and the best
+    other method, after those that it loses to, with the p-value of a paired test. Tables have the error ratio (mean
+    squared error over that of a constant forecast) by horizon. A run that is stopped, as by Ctrl-C, reports the windows
+    that are done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
@@ -121,6 +126,8 @@ def compare_command(
     windows: list[Window] = []
     for windows_of_flight in windows_by_flight.values():
         windows += windows_of_flight
+    for sentence in plan_report(windows, methods, workers_for(len(windows) * len(methods))):
+        print_to_stderr(f"{sentence.lead} {sentence.text}")
     run = _compare_until_stopped(windows, methods)
     comparison = comparison_of_outcomes(windows, methods, run.outcomes)
     seconds = round(perf_counter() - start_time, 3)

@@ -1,6 +1,8 @@
 """Sources of a command: reading, assessing and naming the logs that its SOURCE arguments name."""
 
 from collections.abc import Callable, Mapping, Sequence, Sized
+from filecmp import cmp
+from itertools import combinations
 from pathlib import Path
 from typing import TypeVar
 
@@ -73,11 +75,22 @@ def read_sources(sources: Sequence[str], params: Path | None = None) -> Log:
 
 
 def refuse_repeated_sources(sources: Sequence[str]) -> None:
-    """Raises ``click.BadParameter`` where a log is named twice."""
-    if len(set(sources)) < len(sources):
-        raise click.BadParameter(
-            "one is named twice: each flight counts once.", param_hint="SOURCE"
-        )
+    """Raises ``click.BadParameter`` where a log is named twice, also by another path or by a copy of its file."""
+    for first, second in combinations(sources, 2):
+        if first == second or _have_same_content(first, second):
+            raise click.BadParameter(
+                f"{second} is the same log as {first}: each flight counts once.",
+                param_hint="SOURCE",
+            )
+
+
+def _have_same_content(first: str, second: str) -> bool:
+    """Returns whether two paths lead to files of the same bytes; false if one of them is no file that can be read."""
+    paths = Path(first), Path(second)
+    try:
+        return all(path.is_file() for path in paths) and cmp(*paths, shallow=False)
+    except (OSError, ValueError):
+        return False
 
 
 def assess_without_model(

@@ -5,7 +5,6 @@ import logging
 import os
 import shutil
 import sys
-import textwrap
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -93,8 +92,11 @@ def print_to_stderr(text: object) -> None:
     single_line = " ".join(str(text).splitlines())
     line = escape_unprintable(single_line)
     if has_known_width(sys.stderr):
+        # Imported here, so that `mavdem --help` does not wait for it.
+        from mavdem.report.blocks import wrapped_lines
+
         # Paths and commands stay whole, so that they can be copied.
-        line = textwrap.fill(line, _known_width(), break_long_words=False, break_on_hyphens=False)
+        line = "\n".join(wrapped_lines(line, _known_width()))
     with suppress(OSError):
         click.echo(line, file=sys.stderr)
 

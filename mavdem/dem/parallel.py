@@ -99,7 +99,7 @@ def parallel_map(
         yield from _map_on_executor(executor, function, jobs)
         return
     first_jobs = list(islice(jobs, MAX_SERIAL_JOBS + 1))
-    workers = available_workers() if len(first_jobs) > MAX_SERIAL_JOBS else 1
+    workers = workers_for(len(first_jobs))
     if workers == 1:
         yield from map(function, chain(first_jobs, jobs))
         return
@@ -155,6 +155,11 @@ def _work_unless_stopped(function: Callable[[Job], Result], job: Job) -> Result:
     if _stop_pipe is not None and _stop_pipe.poll():
         raise CancelledError
     return function(job)
+
+
+def workers_for(job_count: int) -> int:
+    """Returns the number of processes that :func:`parallel_map` uses for a number of jobs: 1 for few, else all."""
+    return available_workers() if job_count > MAX_SERIAL_JOBS else 1
 
 
 def available_workers() -> int:

@@ -34,6 +34,8 @@ class OverFlights(Document):
     """number of flights"""
     relative: Number
     """geometric mean of the flights' error ratios"""
+    horizon_seconds: list[Seconds]
+    """horizons that all flights have; the last is the whole test part"""
     horizons: list[Number]
     """the same by horizon"""
     inside: list[Number]
@@ -59,6 +61,8 @@ class Horizon(Document):
 
     steps: int
     """horizon in steps"""
+    seconds: Seconds
+    """horizon"""
     relative: Number
     """median error ratio"""
     reference: Paired

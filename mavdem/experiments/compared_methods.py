@@ -1,14 +1,15 @@
-"""Forecasting methods that are compared: DEM in its variants, other identification methods, and trivial forecasts."""
+"""Forecasting methods that are compared: mavdem's default, DEM's variants, other identification, trivial forecasts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 from mavdem.dem import Settings, learn
 from mavdem.experiments import methods
+from mavdem.experiments.window import Window, part_samples
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster
@@ -25,6 +26,9 @@ class Method(NamedTuple):
 
     predicts: bool = False
     """Whether the model can also forecast without the inputs during the forecast (its method ``predict``)."""
+
+    window_seconds: float = 0.05
+    """Typical processor time for a window of the default length at 100 Hz, s: mean of a log of each autopilot."""
 
 
 PLANT = Settings(forecasts="plant")
@@ -44,20 +48,29 @@ itself needs.
 """
 
 
+DEFAULT_METHOD = MethodName.JOINT
+"""The method by which ``mavdem.learn`` and the commands forecast."""
+
+
 def _default_methods() -> Iterator[Method]:
-    """Yields the methods of ``mavdem compare``, the reference first: DEM's joint model is compared with all others.
+    """Yields the methods of ``mavdem compare``, the reference first: mavdem's default is compared with all others.
 
     They are DEM by several settings; subspace identification, prediction-error method (PEM) and expectation
     maximisation (EM) with 2 or 4 states; joint vector autoregressions (VAR) of 4 and 10 lags; and three trivial
     forecasts. Methods that can forecast without the inputs are marked by ``predicts``.
     """
     for name, settings in DEM_SETTINGS.items():
-        yield Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
+        yield Method(
+            name,
+            partial(learn, settings=settings),
+            predicts=name is DEFAULT_METHOD,
+            window_seconds=0.2,
+        )
     for order in (2, 4):
         yield Method(f"subspace({order})", partial(methods.subspace, order=order))
-    for order in (2, 4):
-        yield Method(f"PEM({order})", partial(methods.pem, order=order))
-    yield Method("EM(2)", partial(methods.em, order=2))
+    yield Method("PEM(2)", partial(methods.pem, order=2), window_seconds=1.5)
+    yield Method("PEM(4)", partial(methods.pem, order=4), window_seconds=5.0)
+    yield Method("EM(2)", partial(methods.em, order=2), window_seconds=1.0)
     for order in (4, 10):
         yield Method(
             f"{MethodName.JOINT_VAR}({order})", partial(methods.var, order=order), predicts=True
@@ -69,3 +82,27 @@ def _default_methods() -> Iterator[Method]:
 
 METHODS = tuple(_default_methods())
 """The methods of ``mavdem compare``; the first is compared with each of the others."""
+
+QUICK_METHODS = (
+    DEFAULT_METHOD,
+    f"{MethodName.JOINT_VAR}(10)",
+    HeldOutForecast.CONSTANT_MEAN,
+    HeldOutForecast.HOLD_LAST,
+)
+"""Names of methods that take less than a second a window and answer first: a fit without a prior, and the baselines."""
+
+
+def expected_seconds(windows: Sequence[Window], methods: Sequence[Method], workers: int) -> float:
+    """Returns how long methods are expected to take on windows, s; a run may well take half or twice of that.
+
+    The processor time of a method is taken as proportional to the samples of a window.
+
+    Args:
+        windows: windows to compare.
+        methods: methods to compare.
+        workers: number of processes that share the work.
+    """
+    default_samples = sum(part_samples(dt=0.01))
+    samples = sum(window.stop - window.start for window in windows)
+    seconds_per_window = sum(method.window_seconds for method in methods)
+    return samples / default_samples * seconds_per_window / workers

@@ -11,6 +11,7 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
+from math import isclose
 from operator import itemgetter
 
 import numpy as np
@@ -31,6 +32,12 @@ from mavdem.experiments.window import Window
 
 WindowOutcomes = tuple[Outcome, ...]
 """The outcomes of all methods in one window, in the order of the methods."""
+
+HORIZON_TOLERANCE = 0.1
+"""Relative difference of two flights' horizons up to which they count as the same one; a choice.
+
+Horizons are whole samples, so that flights of different rates differ by up to half a sample.
+"""
 
 COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")
 """Keys of a summary that are numbers of windows; they are summed over flights."""
@@ -179,9 +186,9 @@ class Comparison:
             - ``mspe``, ``mspe_total``: mean squared error per output and in total, means over windows, as in the paper.
             - ``relative``, ``worst``: median and largest error ratio over the windows.
             - ``seconds``: median processor time of the training, s.
-            - ``horizons``: a dictionary for each horizon, the last for the whole test part: its length in ``steps``;
-              ``relative``, the median error ratio; ``inside``, the mean share of samples in the 90 % band, None without
-              one; and ``reference``, the paired test of the first method against this one
+            - ``horizons``: a dictionary for each horizon, the last for the whole test part: its length in ``steps`` and
+              in ``seconds``; ``relative``, the median error ratio; ``inside``, the mean share of samples in the 90 %
+              band, None without one; and ``reference``, the paired test of the first method against this one
               (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[flight, kind]
@@ -250,6 +257,7 @@ class Comparison:
             horizon_values.append(
                 {
                     "steps": steps,
+                    "seconds": steps * self.windows[0].train.dt,
                     "relative": np.median(ratios[:, index]),
                     "reference": paired(reference_ratios[:, index], ratios[:, index], self.windows),
                     "inside": known_mean(inside_shares[:, index].tolist()),
@@ -326,8 +334,9 @@ class Comparison:
             - ``method``: name of the method.
             - ``flights``: number of flights.
             - ``relative``: geometric mean over flights of their median error ratio.
-            - ``horizons``, ``inside``: lists with a value per horizon that all flights have: the geometric mean of the
-              median error ratios, and the mean share of samples in the 90 % band.
+            - ``horizon_seconds``, ``horizons``, ``inside``: lists with a value per horizon that all flights have, the
+              last for the whole test part: its mean length, s; the geometric mean of the median error ratios; and the
+              mean share of samples in the 90 % band.
             - ``windows``, ``failed``, ``diverged``, ``unstable``, ``worse_than_constant``: sums of the numbers
               of windows.
             - ``mspe_total``: sum over flights.
@@ -428,21 +437,18 @@ def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> Json
     Returns:
         Values by name; :meth:`Comparison.over_flights` explains them.
     """
-    # Flights sampled at different rates have different numbers of horizons. The last one is the whole test window in
-    # each of them, so it is kept, with the shorter horizons that all flights have.
-    horizon_count = min(len(summary["horizons"]) for summary in flight_summaries)
-    last_horizon = -1
-    horizon_indices = [*range(horizon_count - 1), last_horizon]
+    horizons = _common_horizons([summary["horizons"] for summary in flight_summaries])
+    horizon_seconds = []
     error_ratios = []
     fractions_inside = []
-    for index in horizon_indices:
-        at_horizon = [summary["horizons"][index] for summary in flight_summaries]
+    for at_horizon in horizons:
+        horizon_seconds.append(np.mean([values["seconds"] for values in at_horizon]))
         error_ratios.append(geometric_mean([values["relative"] for values in at_horizon]))
         fractions_inside.append(known_mean(values["inside"] for values in at_horizon))
     # The median ratio of the method's error to the reference's in each flight; 1 if they are equally good.
     ratios_to_reference = []
     for summary in flight_summaries:
-        ratios_to_reference.append(summary["horizons"][last_horizon]["reference"].ratio)
+        ratios_to_reference.append(summary["horizons"][-1]["reference"].ratio)
     counts = {}
     for name in COUNTS:
         counts[name] = sum(summary[name] for summary in flight_summaries)
@@ -450,12 +456,36 @@ def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> Json
         "method": method,
         "flights": len(flight_summaries),
         "relative": geometric_mean([summary["relative"] for summary in flight_summaries]),
+        "horizon_seconds": horizon_seconds,
         "horizons": error_ratios,
         "inside": fractions_inside,
         **counts,
         "mspe_total": np.sum([summary["mspe_total"] for summary in flight_summaries]),
         "reference": paired(ratios_to_reference, np.ones(len(flight_summaries))),
     }
+
+
+def _common_horizons(horizons_by_flight: Sequence[Sequence[JsonValues]]) -> list[list[JsonValues]]:
+    """Matches the horizons of flights that may have other sampling rates, by their length in seconds.
+
+    Args:
+        horizons_by_flight: values of each horizon of each flight, the last for the whole test part.
+
+    Returns:
+        Values of each flight at one horizon after the other. A horizon that one of the flights lacks is left out. The
+        last one is the whole test part, whatever its length.
+    """
+    horizons = []
+    for first_values in horizons_by_flight[0][:-1]:
+        at_horizon = []
+        for horizons_of_flight in horizons_by_flight:
+            for values in horizons_of_flight[:-1]:
+                if isclose(values["seconds"], first_values["seconds"], rel_tol=HORIZON_TOLERANCE):
+                    at_horizon.append(values)
+        if len(at_horizon) == len(horizons_by_flight):
+            horizons.append(at_horizon)
+    horizons.append([horizons_of_flight[-1] for horizons_of_flight in horizons_by_flight])
+    return horizons
 
 
 def known_mean(values: Iterable[float | None]) -> float | None:

@@ -19,7 +19,7 @@ from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
 from mavdem.flight import Flight
 
 REFERENCE_RATE = 100.0
-"""Hz, the sampling rate that ``HORIZONS`` are counted at. At higher rates horizons last as long as at this one."""
+"""Hz, the sampling rate that ``HORIZONS`` are counted at. At other rates horizons last as long as at this one."""
 
 HORIZONS = (*DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * REFERENCE_RATE))
 """Horizons in steps of ``REFERENCE_RATE``: the horizons of the online learner, and the paper's, 150."""
@@ -117,13 +117,11 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
         dt: sampling step, s.
 
     Returns:
-        Steps: the ``HORIZONS`` that are shorter than the test part, and its whole length.
+        Steps, ascending: the ``HORIZONS`` that are shorter than the test part, and its whole length.
     """
-    steps = list(HORIZONS)
-    if dt < 1 / REFERENCE_RATE:
-        # At a higher sampling rate a horizon has more steps, so that it lasts as long as at the reference rate.
-        steps = [round(horizon / REFERENCE_RATE / dt) for horizon in HORIZONS]
-    shorter_steps = [step for step in steps if step < samples]
+    # A horizon lasts as long at every rate, to the nearest sample; at low rates several are one step ahead.
+    steps = {max(1, round(horizon / REFERENCE_RATE / dt)) for horizon in HORIZONS}
+    shorter_steps = [step for step in sorted(steps) if step < samples]
     return (*shorter_steps, samples)
 
 

@@ -1,28 +1,31 @@
 """Comparisons in sentences and tables: of forecasting methods by paired tests, and of model orders by free energy."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite
+from math import isfinite, sqrt
 from typing import NamedTuple
 
 from mavdem.assessment.axis.findings import PREDICTION_LIMITS
 from mavdem.containers import JsonValues
 from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
+from mavdem.experiments.compared_methods import (
+    DEFAULT_METHOD,
+    QUICK_METHODS,
+    Method,
+    expected_seconds,
+)
 from mavdem.experiments.comparison import Comparison
+from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
-from mavdem.experiments.scores import HORIZONS, KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
+from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
+from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
+from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.templates import render_section
 
-LEAD_BY_KIND = {
-    KNOWN_INPUTS: "What happened, given the inputs:",
-    UNKNOWN_INPUTS: "What comes next, inputs unknown:",
-}
-"""What stands before a sentence about the forecasts of a kind."""
-
-RESULT_ORDER = (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
-"""Order in which the results of paired tests are reported."""
+LONG_RUN = 20.0
+"""Expected time of a run, s, from which fewer methods are proposed before it starts; a choice."""
 
 MIN_DECIMAL, MAX_DECIMAL = 0.001, 1000.0
 """Limits within which errors are printed without an exponent: two digits then take at most six characters."""
@@ -31,23 +34,66 @@ STANDARD_ORDER = 3
 """Order of the model of ``mavdem learn``: angle, rate, and the lag of the motors."""
 
 
-class _Horizons(NamedTuple):
-    """The horizons of a table of errors."""
+class _TestedMethod(NamedTuple):
+    """A method in a sentence that compares the first method's error with its own."""
 
-    unit: str
-    """Unit of the horizons: "seconds" or "samples"."""
+    name: str
+    """Name of the method."""
 
-    lengths: list[str]
-    """Length of each horizon as the header of its column; the last one is the whole test part."""
+    ratio: str
+    """Squared error of the first method over that of this one, as text."""
+
+    p_value: str
+    """p-value of the paired test, as text."""
+
+    is_significant: bool
+    """Whether the test shows a difference."""
+
+
+class _Rmse(NamedTuple):
+    """Root mean squared errors of one method over the whole test parts of a flight."""
+
+    method: str
+    """Name of the method."""
+
+    values: list[str]
+    """Error of each output with its unit, such as "3.1°"."""
+
+
+def plan_report(
+    windows: Sequence[Window], methods: Sequence[Method], workers: int
+) -> list[Sentence]:
+    """Returns what a user should know before a comparison starts: its independent windows, and how long it takes.
+
+    Args:
+        windows: windows of one flight or several, at least one.
+        methods: methods to compare.
+        workers: number of processes that share the work.
+    """
+    seconds = expected_seconds(windows, methods, workers)
+    quick_methods = [method for method in methods if method.name in QUICK_METHODS]
+    sentences = render_section(
+        "comparison_plan",
+        windows=windows,
+        methods=methods,
+        independent_count=len(disjoint_windows(windows)),
+        min_pairs=MIN_PAIRS,
+        workers=workers,
+        seconds=seconds,
+        quick_names=",".join(method.name for method in quick_methods),
+        quick_seconds=expected_seconds(windows, quick_methods, workers),
+        is_long=seconds >= LONG_RUN and len(quick_methods) == len(QUICK_METHODS) < len(methods),
+    )
+    return sentences + _advice_on_pairs(windows)
 
 
 def comparison_report(
     comparison: Comparison, planned_windows: int | None = None
 ) -> Iterator[Block]:
-    """Yields the report of a comparison of forecasting methods: the result, a key, tables of errors, and failures.
+    """Yields the report of a comparison of forecasting methods: the result, tables of errors, failures, and a legend.
 
-    All methods forecast with the recorded inputs of the test data, and some can also forecast without them. Each of
-    these two kinds of forecast has its own sentence and table.
+    All methods forecast with the recorded inputs of the test data, and some can also predict without them. Each of
+    these two kinds of forecast has its own result and tables.
 
     Args:
         comparison: errors and paired tests of all methods; the first method is the one that the others are compared
@@ -60,54 +106,55 @@ def comparison_report(
     yield from render_section(
         "comparison_stopped", windows=len(comparison.windows), planned_windows=planned_windows
     )
-    yield headline_sentence(_result_text(comparison, KNOWN_INPUTS))
-    if planned_windows is None:
-        yield from _advice_on_pairs(comparison)
-    for kind in kinds[1:]:
-        yield Sentence(_result_text(comparison, kind), LEAD_BY_KIND[kind])
+    for kind in kinds:
+        headline, *details = _result_sentences(comparison, kind)
+        yield headline_sentence(headline.text)
+        yield from details
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
-    yield from render_section(
-        "comparison_legend",
-        reference=comparison.methods[0],
-        several=len(comparison.flights) > 1,
-        predicted=UNKNOWN_INPUTS in kinds,
-        significance=SIGNIFICANCE,
-    )
     for kind in kinds:
         yield from _error_blocks(comparison, kind)
     for flight in comparison.flights:
         yield from _failure_sentences(comparison, flight)
+    yield from render_section(
+        "comparison_legend",
+        reference=comparison.methods[0],
+        has_default=DEFAULT_METHOD in comparison.methods,
+        several=len(comparison.flights) > 1,
+        significance=SIGNIFICANCE,
+    )
+    if planned_windows is None and len(comparison.methods) > 1:
+        yield from _advice_on_pairs(comparison.windows)
 
 
-def _advice_on_pairs(comparison: Comparison) -> list[Sentence]:
+def _advice_on_pairs(windows: Sequence[Window]) -> list[Sentence]:
     """Returns in a sentence how to get enough windows for the paired test; empty if there are enough.
 
     The test needs ``MIN_PAIRS`` windows that do not overlap. A flight has room for more of them if the windows are far
     apart (--hop), or if they become shorter (--train); otherwise it takes more flights.
 
     Args:
-        comparison: outcomes of all methods on windows of one flight or several.
+        windows: windows of one flight or several, at least one.
     """
-    pair_counts = [test.tested for test in comparison.tests().values()]
+    flights = dict.fromkeys(window.flight for window in windows)
     # Windows and the samples that they cover, by flight.
     possible_pairs = 0
     window_lengths = []
     covered_lengths = []
-    for flight in comparison.flights:
-        windows = [window for window in comparison.windows if window.flight == flight]
-        window_length = windows[0].stop - windows[0].start
-        covered_length = windows[-1].stop - windows[0].start
+    for flight in flights:
+        windows_of_flight = [window for window in windows if window.flight == flight]
+        window_length = windows_of_flight[0].stop - windows_of_flight[0].start
+        covered_length = windows_of_flight[-1].stop - windows_of_flight[0].start
         possible_pairs += covered_length // window_length
         window_lengths.append(window_length)
         covered_lengths.append(covered_length)
     # The longest training part with which a single flight has room for enough windows.
-    shorter_train = covered_lengths[0] // MIN_PAIRS - len(comparison.windows[0].test)
-    if len(comparison.flights) > 1 or shorter_train < MIN_SAMPLES:
+    shorter_train = covered_lengths[0] // MIN_PAIRS - len(windows[0].test)
+    if len(flights) > 1 or shorter_train < MIN_SAMPLES:
         shorter_train = 0
     return render_section(
         "comparison_more_pairs",
-        pair_count=min(pair_counts, default=MIN_PAIRS),
+        pair_count=len(disjoint_windows(windows)),
         min_pairs=MIN_PAIRS,
         possible_pairs=possible_pairs,
         smaller_hop=max(window_lengths),
@@ -115,46 +162,132 @@ def _advice_on_pairs(comparison: Comparison) -> list[Sentence]:
     )
 
 
-def _result_text(comparison: Comparison, kind: ForecastKind) -> str:
-    """Returns in a sentence whether the errors of the first method are lower or higher than those of the other methods.
+def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
+    """Returns sentences on how the error of the first method compares with the others', the headline first.
 
-    The first method is the reference of all paired tests. The others are grouped by the result of their test. Methods
-    that failed in all windows cannot be tested, and are named apart.
+    The headline has the ratios to methods that are better beyond chance, to the baselines, and to the next best method.
+    The others are grouped by the result of their test. Methods that failed in all windows cannot be tested, and are
+    named apart.
 
     Args:
         comparison: errors and tests of all methods.
         kind: ``KNOWN_INPUTS`` for forecasts with recorded inputs, ``UNKNOWN_INPUTS`` for those without.
     """
-    summaries = comparison.over_flights(kind)
+    reference = comparison.methods_of(kind)[0]
     failed_methods = []
-    for summary in summaries:
+    for summary in comparison.over_flights(kind):
         if summary["failed"] == summary["windows"]:
             failed_methods.append(summary["method"])
-    # The test of each other method against the reference, by its result and then by the method.
-    tests_by_result: dict[TestResult, dict[str, Paired]] = {result: {} for result in RESULT_ORDER}
-    pair_counts = []
+    tests = {}
     for method, test in comparison.tests(kind).items():
-        if method not in failed_methods:
-            tests_by_result[test.result][method] = test
-            pair_counts.append(test.tested)
-    (paragraph,) = render_section(
+        if method not in failed_methods and reference not in failed_methods:
+            tests[method] = test
+    methods_by_result: dict[TestResult, list[str]] = {result: [] for result in TestResult}
+    for method, test in tests.items():
+        methods_by_result[test.result].append(method)
+    better_methods = methods_by_result[TestResult.HIGHER]
+    benchmarks = []
+    for method in _benchmarks(comparison, kind):
+        if method in tests and method not in better_methods:
+            benchmarks.append(method)
+    # The largest ratio comes first, so that a benchmark that is missed is read at once.
+    benchmarks.sort(key=lambda method: tests[method].ratio, reverse=True)
+    return render_section(
         "comparison_result",
-        reference=comparison.methods_of(kind)[0],
+        forecasts=_forecasts_text(comparison, kind),
+        reference=reference,
+        is_default=reference == DEFAULT_METHOD,
         flight_count=len(comparison.flights),
-        pair_count=min(pair_counts, default=0),
+        pair_count=min([test.tested for test in tests.values()], default=0),
         min_pairs=MIN_PAIRS,
-        test_count=len(pair_counts),
-        tests_by_result={result: tests for result, tests in tests_by_result.items() if tests},
+        method_count=len(tests),
+        losses=[_tested_method(method, tests[method]) for method in better_methods],
+        benchmarks=[_tested_method(method, tests[method]) for method in benchmarks],
+        baselines=(HOLD_LAST, CONSTANT_MEAN),
+        lower=methods_by_result[TestResult.LOWER],
+        similar=methods_by_result[TestResult.NOT_DISTINGUISHABLE],
         failed_methods=failed_methods,
+        best_at_horizons=_better_at_shorter_horizons(comparison, kind),
     )
-    return paragraph.lead
+
+
+def _benchmarks(comparison: Comparison, kind: ForecastKind) -> list[str]:
+    """Returns the methods whose ratio a headline states: the baselines, and the best of all other methods.
+
+    Args:
+        comparison: errors of all methods; the first one is compared with the others.
+        kind: kind of forecast, by the data that it may use.
+    """
+    reference, *others = comparison.methods_of(kind)
+    benchmarks = [str(baseline) for baseline in (HOLD_LAST, CONSTANT_MEAN) if baseline in others]
+    for summary in comparison.over_flights(kind):
+        method = summary["method"]
+        if method != reference and method not in benchmarks:
+            return [*benchmarks, method]
+    return benchmarks
+
+
+def _tested_method(name: str, test: Paired) -> _TestedMethod:
+    """Returns a method with the result of its paired test as text.
+
+    Args:
+        name: name of the method.
+        test: paired test of the first method against this one.
+    """
+    return _TestedMethod(
+        name,
+        _short_number(test.ratio),
+        f"{test.p_value:.2g}",
+        test.result is not TestResult.NOT_DISTINGUISHABLE,
+    )
+
+
+def _better_at_shorter_horizons(comparison: Comparison, kind: ForecastKind) -> dict[str, list[str]]:
+    """Returns the horizons at which a method other than the first has the lowest error ratio, by that method.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+
+    Returns:
+        Horizons with their unit by name of the method, without the last horizon, which has a paired test.
+    """
+    reference = comparison.methods_of(kind)[0]
+    summaries = comparison.over_flights(kind)
+    horizons_by_method: dict[str, list[str]] = {}
+    for index, seconds in enumerate(summaries[0]["horizon_seconds"][:-1]):
+        error_ratios = {summary["method"]: summary["horizons"][index] for summary in summaries}
+        best_method = min(error_ratios, key=lambda method: error_ratios[method])
+        if error_ratios[best_method] < error_ratios[reference]:
+            horizons_by_method.setdefault(best_method, []).append(f"{seconds:.2g} s")
+    return horizons_by_method
+
+
+def _forecasts_text(comparison: Comparison, kind: ForecastKind) -> str:
+    """Returns what forecasts of a kind are called, with their length: "Forecasts of 1.5 s, inputs known".
+
+    Args:
+        comparison: outcomes of all methods on windows of one flight or several.
+        kind: kind of forecast, by the data that it may use.
+    """
+    name = {KNOWN_INPUTS: "Forecasts", UNKNOWN_INPUTS: "Predictions"}[kind]
+    return f"{name} of {_test_length(comparison)} s, inputs {kind}"
+
+
+def _test_length(comparison: Comparison) -> str:
+    """Returns the length of the test parts as text, s: "1.5", or "1.5–3" where those of flights differ."""
+    lengths = [len(window.test) * window.test.dt for window in comparison.windows]
+    shortest = f"{min(lengths):.2g}"
+    longest = f"{max(lengths):.2g}"
+    return shortest if shortest == longest else f"{shortest}–{longest}"
 
 
 def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
-    """Returns the table with the errors of all forecasting methods, after a sentence that says what it shows.
+    """Returns the tables with the errors of all forecasting methods, after a sentence that says what they show.
 
     The first method is the reference, with which each other one is compared by a paired test. A caution stands before
-    the table if the 90 % band of the reference holds too few of the samples.
+    the table if the 90 % band of the reference holds too few of the samples. Several flights have a second table with
+    the errors in each of them.
 
     Args:
         comparison: errors and tests of all methods.
@@ -162,17 +295,41 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
     """
     reference = comparison.methods_of(kind)[0]
     tests = comparison.tests(kind)
-    horizons = _common_horizons(comparison)
-    blocks: Blocks = [Sentence(f"error ratio by {horizons.unit} ahead.", LEAD_BY_KIND[kind])]
+    lead = f"{_forecasts_text(comparison, kind)}:"
+    blocks: Blocks = [Sentence("error ratio by horizon in seconds.", lead)]
+    summaries = comparison.over_flights(kind)
     rows = []
-    for summary in comparison.over_flights(kind):
+    for summary in summaries:
         method = summary["method"]
         rows.append(_error_row(summary, tests.get(method)))
         if method == reference and _is_band_too_narrow(summary):
             text = f"the 90 % band of {reference} holds {_coverage(summary)} of the samples: it is too narrow."
             blocks.append(caution(text))
-    header = ["method", *horizons.lengths, ">1", "reference/method", "p", "unstable", "band"]
-    return [*blocks, Table(header, rows)]
+    horizons = [f"{seconds:.2g}" for seconds in summaries[0]["horizon_seconds"][:-1]]
+    header = ["method", *horizons, _test_length(comparison)]
+    blocks.append(Table([*header, ">1", "reference/method", "p", "unstable", "band"], rows))
+    if len(comparison.flights) > 1:
+        blocks += _blocks_by_flight(comparison, kind)
+    return blocks
+
+
+def _blocks_by_flight(comparison: Comparison, kind: ForecastKind) -> Blocks:
+    """Returns a table with each method's error ratio over the whole test part in each flight, after its heading.
+
+    Args:
+        comparison: errors of all methods on windows of several flights.
+        kind: kind of forecast, by the data that it may use.
+    """
+    methods = [summary["method"] for summary in comparison.over_flights(kind)]
+    rows = []
+    for flight in comparison.flights:
+        ratios = {}
+        for summary in comparison.summaries(flight, kind):
+            ratios[summary["method"]] = _short_number(summary["relative"])
+        rows.append([flight, *(ratios[method] for method in methods)])
+    heading = f"{_forecasts_text(comparison, kind)}, each flight:"
+    header = ["flight", *map(_marked_name, methods)]
+    return [Sentence("error ratio over the whole test part.", heading), Table(header, rows)]
 
 
 def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
@@ -187,7 +344,7 @@ def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
         p-value of the test; the number of windows with an unstable model; and the percentage of samples in the 90 %
         band.
     """
-    row = [summary["method"]]
+    row = [_marked_name(summary["method"])]
     for error_ratio in summary["horizons"]:
         row.append(_short_number(error_ratio))
     row.append(str(summary["worse_than_constant"]))
@@ -198,10 +355,16 @@ def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
     return [*row, str(summary["unstable"]), _coverage(summary)]
 
 
+def _marked_name(method: str) -> str:
+    """Returns the name of a method in a table, with a mark behind that of mavdem's default."""
+    return f"{method} *" if method == DEFAULT_METHOD else method
+
+
 def _short_number(number: float) -> str:
     """Returns a number with two digits in at most six characters, such as "0.013", "1.1e-5", "2.5" or "inf"."""
     if MIN_DECIMAL <= number < MAX_DECIMAL or number == 0 or not isfinite(number):
-        return f"{number:.2g}"
+        # Without the exponent that Python prints from 100 on.
+        return f"{float(f'{number:.2g}'):.4g}"
     mantissa, exponent = f"{number:.1e}".split("e")
     return f"{mantissa}e{int(exponent)}"
 
@@ -219,33 +382,8 @@ def _is_band_too_narrow(summary: JsonValues) -> bool:
     return share_in_band is not None and share_in_band < PREDICTION_LIMITS.coverage
 
 
-def _common_horizons(comparison: Comparison) -> _Horizons:
-    """Returns the horizons at which all flights were evaluated.
-
-    Args:
-        comparison: outcomes of all methods on windows of one flight or several.
-
-    Returns:
-        The horizons in seconds if they last as long in all flights, otherwise in samples, with "all" for the whole
-        test part.
-    """
-    steps_by_flight = []
-    seconds_by_flight = []
-    for flight in comparison.flights:
-        summary_of_first_method = comparison.summaries(flight)[0]
-        steps = [horizon["steps"] for horizon in summary_of_first_method["horizons"]]
-        dt = comparison.of_flight(flight).windows[0].train.dt
-        steps_by_flight.append(steps)
-        seconds_by_flight.append([f"{count * dt:.2g}" for count in steps])
-    if all(seconds == seconds_by_flight[0] for seconds in seconds_by_flight):
-        return _Horizons("seconds", seconds_by_flight[0])
-    # The last horizon of a flight is its whole test part, and not one of ``HORIZONS``.
-    common_count = min(len(steps) for steps in steps_by_flight) - 1
-    return _Horizons("samples", [*map(str, HORIZONS[:common_count]), "all"])
-
-
 def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
-    """Yields a sentence on one flight of a comparison of forecasting methods: how much of it was compared.
+    """Yields a sentence on one flight: its windows, and the RMSE of the first method and the baselines.
 
     A flight is divided into windows of training and test data. Paired tests use only windows that do not overlap.
 
@@ -254,14 +392,33 @@ def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
         flight: name of the flight.
     """
     windows = [window for window in comparison.windows if window.flight == flight]
-    summaries = comparison.summaries(flight)
-    # The paired test of any method states how many windows it uses, so that the first one will do.
-    longest_horizon = summaries[0]["horizons"][-1]
-    tested_count = longest_horizon["reference"].tested
     # All windows of a flight have the same length, so that the first one stands for them.
     yield from render_section(
-        "comparison_flight", windows[0], window_count=len(windows), tested_count=tested_count
+        "comparison_flight",
+        windows[0],
+        window_count=len(windows),
+        independent_count=len(disjoint_windows(windows)),
+        errors=_rmse_by_method(comparison, flight),
     )
+
+
+def _rmse_by_method(comparison: Comparison, flight: str) -> list[_Rmse]:
+    """Returns the RMSE, with known inputs, of the first method and of the baselines that are compared.
+
+    Args:
+        comparison: errors of all methods in all windows.
+        flight: name of the flight.
+    """
+    summaries = {summary["method"]: summary for summary in comparison.summaries(flight)}
+    units = comparison.of_flight(flight).windows[0].train.output_units
+    rmse = []
+    for method in dict.fromkeys((comparison.methods[0], HOLD_LAST, CONSTANT_MEAN)):
+        if method in summaries:
+            values = []
+            for squared_error, unit in zip(summaries[method]["mspe"], units, strict=True):
+                values.append(with_unit(sqrt(squared_error), display_unit(unit)))
+            rmse.append(_Rmse(str(method), values))
+    return rmse
 
 
 def _failure_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:

@@ -44,6 +44,11 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     assert f"{missing[0]} is left out: " in error_text and f"{SLOW} is left out: " in error_text
     assert str(Fact(NamedSource.NONE_USABLE, count=2)) in error_text
     assert run("compare", *missing) == 2
+    copy = tmp_path / "copy.tlog"
+    copy.write_bytes(Path(FLIGHT).read_bytes())
+    capsys.readouterr()
+    error_text = refused(capsys, 2, "compare", FLIGHT, str(copy))
+    assert f"{copy} is the same log as {FLIGHT}: each flight counts once." in error_text
 
 
 def test_a_flight_too_short_says_what_fits(quick, capsys):
@@ -65,10 +70,11 @@ def test_named_methods_are_compared_on_lines_of_80_columns(quick, monkeypatch, c
     assert not [line for line in lines if line.startswith("subspace")]
     header = next(line for line in lines if line.startswith("method "))
     assert header.split()[1:7] == ["0.01", "0.05", "0.1", "0.25", "0.5", "1.5"]
-    assert captured.out.index("“band”") < captured.out.index(header)
-    assert "Comparing 2 methods on 3 windows: 67 % done, about 0 s left." in captured.err.replace(
-        "\n", " "
-    )
+    assert captured.out.index(header) < captured.out.index("“band”")
+    errors = captured.err.replace("\n", " ")
+    assert "Comparing 2 methods on 3 windows, 3 of them independent (not overlapping);" in errors
+    assert errors.index("Next: `--hop 850` cuts") < errors.index("67 % done")
+    assert "Comparing 2 methods on 3 windows: 67 % done, about 0 s left." in errors
     monkeypatch.delenv("COLUMNS")
     assert "'foo' is none of hold last, constant mean" in refused(
         capsys, 2, "compare", FLIGHT, "--methods", "foo"

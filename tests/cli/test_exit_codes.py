@@ -74,7 +74,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "convert {flight} flight.txt": ".parquet",
         "convert {flight} " + "x" * 300 + ".csv": "cannot be written (File name too long)",
         "convert {flight} again.tlog": ".tlog already",
-        "compare {flight} {flight}": "named twice",
+        "compare {flight} {flight}": "the same log as",
         "track {logs} --out f --time-limit 1000001": "1<=x<=1000000",
         "track {logs} --out f --memory-limit 1000001": "from 256 to 1000000",
         "fly hover_blower": "--out",

@@ -237,7 +237,7 @@ def test_two_logs_of_one_flight_are_one_review(here, capsys):
     assert run(first, LOGS / "px4_wind5_steps.tlog") == 2
     assert "not known to be of one flight" in capsys.readouterr().err
     assert run(first, first) == 2
-    assert "named twice" in capsys.readouterr().err
+    assert "the same log as" in capsys.readouterr().err
 
 
 @mark.slow

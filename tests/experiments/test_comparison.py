@@ -6,7 +6,7 @@ import numpy as np
 from pytest import approx, fixture, mark, raises
 from simulated import simulated
 
-from mavdem import baselines, learn
+from mavdem import Flight, baselines, learn
 from mavdem.evaluate import HORIZONS, Paired
 from mavdem.experiments.compared_methods import METHODS, Method
 from mavdem.experiments.comparison import Comparison, compare
@@ -15,7 +15,8 @@ from mavdem.experiments.scores import FROM_STATE_ZERO, KNOWN_INPUTS, UNKNOWN_INP
 from mavdem.experiments.window import windows
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import ForecastFact
-from mavdem.report.comparison import comparison_report
+from mavdem.report.blocks import Table, plain_text
+from mavdem.report.comparison import comparison_report, plan_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
 WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
@@ -115,6 +116,37 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
 
 
+def test_horizons_of_several_flights_are_matched_in_seconds():
+    """A flight at 50 Hz has no horizons of 0.01 s and 0.05 s, and its 12th sample is after 0.24 s."""
+    fast = FLIGHTS["a"]
+    slow = Flight(2 * fast.time, fast.inputs, fast.outputs)
+    both = compare(
+        [*windows("fast", fast, hop=850), *windows("slow", slow, 700, 75, 850)],
+        [MEAN, Method("hold last", baselines.hold)],
+    )
+    row = row_of(both.over_flights(), "hold last")
+    # The fourth horizon of both flights is that of 0.25 s.
+    ratios = [
+        row_of(both.summaries(flight), "hold last")["horizons"][3]["relative"]
+        for flight in both.flights
+    ]
+    assert row["horizon_seconds"] == approx([0.1, 0.245, 0.5, 1.5])
+    assert row["horizons"][1] == approx(np.sqrt(np.prod(ratios)))
+    headers = [block.header for block in comparison_report(both) if isinstance(block, Table)]
+    assert headers[0][1:5] == ["0.1", "0.25", "0.5", "1.5"]
+    assert headers[1] == ["flight", "constant mean", "hold last"]
+
+
+def test_before_a_long_run_stand_its_time_its_independent_windows_and_how_to_shorten_it():
+    parts = windows("a", FLIGHTS["a"])
+    plan, advice = plan_report(parts, METHODS, workers=2)
+    assert "15 methods on 3 windows, 2 of them independent" in plan.text
+    assert "takes 6" in plan.text and "about" not in plan.text and "--train 133" in advice.text
+    plan, *_ = plan_report(6 * parts, METHODS, workers=1)
+    assert "about 3 min on 1 free core" in plan.text
+    assert '`--methods "joint VAR (Bayesian),joint VAR(10),constant mean,hold last"`' in plan.text
+
+
 @mark.slow
 def test_over_flights_each_counts_once(compared):
     rows = compared.over_flights()
@@ -149,6 +181,25 @@ def test_predictions_are_compared_of_the_methods_that_make_them(compared):
 @fixture(scope="module")
 def predicted():
     return compare(WINDOWS, [Method("joint VAR (Bayesian)", learn, predicts=True), HOLD, MEAN])
+
+
+@mark.slow
+def test_the_headline_names_the_default_and_by_how_much_it_is_better_or_first_worse(predicted):
+    """The report marks mavdem's default, and begins with what it loses to."""
+    text = plain_text(comparison_report(predicted))
+    expected = "Forecasts of 1.5 s, inputs known: joint VAR (Bayesian), mavdem's default, has 0."
+    assert text.startswith(expected) and "\njoint VAR (Bayesian) *" in text
+    # Six flights that are alike make each difference significant; the errors of the two methods are swapped.
+    copies = 6 * predicted.of_flight("a").outcomes[:1]
+    parts = [replace(predicted.windows[0], flight=name) for name in "abcdef"]
+    swapped = [
+        (replace(default, scores=hold.scores), replace(hold, scores=default.scores), mean)
+        for default, hold, mean in copies
+    ]
+    losing = Comparison(tuple(parts), predicted.methods, tuple(swapped))
+    headline, details, *_ = comparison_report(losing)
+    assert "mavdem's default, loses to hold: " in headline.lead
+    assert "times its squared error (p = 0.031)" in headline.lead
 
 
 @mark.slow
