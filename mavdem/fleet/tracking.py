@@ -126,7 +126,7 @@ def logs_taken_for_healthy(rows: FlightRows) -> set[str]:
     rows_of_flights = [row for row in rows if row.is_read]
     if not rows_of_flights or not rows_of_flights[0].has_own_name:
         return set()
-    assessments = _health_by_flight(rows_of_flights, baseline_rows=[])
+    assessments = _health_by_flight(rows_of_flights, baseline_rows=[], candidates=None)
     healthy_rows = [row for row in rows_of_flights if assessments[_flight_key(row)].is_healthy]
     return {content_hash(row.key) for row in healthy_rows}
 
