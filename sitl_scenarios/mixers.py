@@ -86,7 +86,7 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
         Thrust of each motor, (n,), 0 to 1.
     """
     roll, pitch, yaw, thrust = demands
-    # In floats: NumPy's calls on such small arrays take several times as long.
+    # Floats are used, since NumPy's calls on such small arrays take several times as long.
     roll_column, pitch_column, yaw_column = columns.tolist()
     tilt_thrusts = [
         roll * roll_element + pitch * pitch_element

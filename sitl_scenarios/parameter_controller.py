@@ -202,7 +202,7 @@ class ParameterController(FlightController):
         f = self._thrust_expo
         motor_range = self._range_end - self._range_start
         commands = []
-        # In floats: NumPy's calls on such small arrays take several times as long.
+        # Floats are used, since NumPy's calls on such small arrays take several times as long.
         for thrust in thrusts.tolist():
             discriminant = (1 - f) ** 2 + 4 * f * max(thrust, MIN_THRUST)
             denominator = 1 - f + sqrt(discriminant)

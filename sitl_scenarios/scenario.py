@@ -70,9 +70,9 @@ Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
 # Setpoint: degrees of roll or pitch, degrees/s of yaw rate
 Angle = Annotated[float, Field(gt=0, le=30)]
-Metres = Annotated[float, Field(ge=-500, le=500)]  # Of a move
+Metres = Annotated[float, Field(ge=-500, le=500)]  # Length of a move
 Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream
-Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
+Speed = Annotated[float, Field(ge=0, le=60)]  # Wind, m/s: no hurricane's mean is greater
 
 Direction = Annotated[
     float,
@@ -93,7 +93,9 @@ def downwind_direction(direction: float) -> Array:
     return np.array([-cos(angle), -sin(angle), 0.0])
 
 
-Lag = Annotated[Annotated[float, Field(ge=0, le=1)] | None, OR_INF]  # Of a rotor's speed, s
+Lag = Annotated[
+    Annotated[float, Field(ge=0, le=1)] | None, OR_INF
+]  # Time constant of a rotor's speed, s
 Degrees = Annotated[float, Field(ge=-10, le=10)]
 Drag = Annotated[tuple[Share, Share] | None, OR_INF]  # Along the body's x and y axes
 

@@ -328,7 +328,7 @@ def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
     demand_per_rate = _rate_controller_response(scenario, axis_number, phase, is_setpoint=False)
     demand_per_setpoint = _rate_controller_response(scenario, axis_number, phase, is_setpoint=True)
 
-    # From the demand to the body rate: zero-order hold over one cycle, lag of the rotors, and the body.
+    # The demand becomes a body rate by a zero-order hold over one cycle, the lag of the rotors, and the body.
     acceleration_per_demand = _acceleration_per_demand(scenario, controller, axis_number, effect)
     zero_order_hold = (1 - np.exp(-phase)) / phase
     mean_rotor_lag = sum(airframe(scenario.vehicle).rotor_lags) / 2
@@ -405,7 +405,7 @@ def _rate_per_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) ->
     """
     rate = STATES.index(f"{axis} rate")
     identity = np.eye(len(STATES))
-    # s I − A at each of the N frequencies, (N, n, n).
+    # These are s I − A at each of the N frequencies, (N, n, n).
     matrices = s[:, None, None] * identity - linearised_model(vehicle).A
     # Of each inverse only the column that belongs to the rate is computed.
     response_columns = np.linalg.solve(matrices, identity[:, [rate]])

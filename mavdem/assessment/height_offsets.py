@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment.height_disagreements import height_difference, initial_difference
 from mavdem.dataset.intervals import TimeInterval, in_intervals, true_intervals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
@@ -116,14 +117,28 @@ def _offset_from_both_sensors(
     satellite_height = windowed_mean(
         time, initial_satellites - above_satellites.values[is_in_flight], OFFSET_MEAN_SECONDS
     )
-    higher_sensor = np.maximum(satellite_height, 0.0)
-    lower_sensor = np.minimum(satellite_height, 0.0)
-    # An estimate between both sensors is its own nearest height, so that its offset is 0.
-    nearest_height = np.clip(estimate_height, lower_sensor, higher_sensor)
-    offset = estimate_height - nearest_height
+    offset = _distance_from_nearer_sensor(estimate_height, satellite_height)
     # Close to the ends of the flight a mean is of fewer seconds. ``time`` may be empty, hence the slices.
     half_window = OFFSET_MEAN_SECONDS / 2
     is_whole_mean = (time >= time[:1] + half_window) & (time <= time[-1:] - half_window)
     if not is_whole_mean.any():
         return None
     return TimeSeries(time, above_satellites.boot[is_in_flight], offset).select(is_whole_mean)
+
+
+def _distance_from_nearer_sensor(estimate: Array, satellites: Array) -> Array:
+    """Returns how far estimated heights are from the nearer one of barometer and satellites.
+
+    Args:
+        estimate: (N,) estimated heights above the barometer's, m.
+        satellites: (N,) heights by satellites above the barometer's, m.
+
+    Returns:
+        (N,) distances, m: positive above both sensors, negative below both, 0 between them.
+    """
+    barometer_height = 0.0
+    higher_sensor = np.maximum(satellites, barometer_height)
+    lower_sensor = np.minimum(satellites, barometer_height)
+    # An estimate between both sensors is its own nearest height.
+    nearest_height = np.clip(estimate, lower_sensor, higher_sensor)
+    return estimate - nearest_height

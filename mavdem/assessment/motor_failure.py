@@ -126,16 +126,17 @@ def with_evidence_of_cause(
 
 
 def _interval_at_failure(failure: Fact) -> TimeInterval | None:
-    """Returns the time in which the commands of the motors show what failed.
+    """Returns the interval in which the commands of the motors show what failed.
 
-    If only thrust was lost, that is up to twice ``RECOVERY_SECONDS`` from the start of the loss. If the flight was
-    lost, it is ``AVERAGING_SECONDS`` from the time of the cause on, before the impact.
+    - If a motor lost thrust, it begins with that loss, and lasts twice ``RECOVERY_SECONDS`` at most.
+    - If the flight was lost because a motor failed, it begins with the failure, and ends ``AVERAGING_SECONDS`` later or
+      at the impact.
 
     Args:
-        failure: how the flight was lost, with its cause as the figure ``cause``; or that a motor lost thrust.
+        failure: the fact that a motor lost thrust; or that the flight was lost, with its cause as ``cause``.
 
     Returns:
-        Start and end, s since boot; None if the motors did not fail.
+        Start and end, s since boot; None if the flight was lost for another reason than the motors.
     """
     if failure.code in LOSSES_OF_THRUST:
         start = failure.start_time
@@ -149,7 +150,7 @@ def _interval_at_failure(failure: Fact) -> TimeInterval | None:
         return None
     start = cause.time
     if start is None:
-        # An output that froze has no time of its own: it stood still when the attitude left its setpoint.
+        # An output that froze has no time: it stood still when the attitude left its setpoint.
         start = onset
     end = start + AVERAGING_SECONDS
     if failure.code is Ending.CRASHED:
@@ -395,7 +396,7 @@ def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]
 
 
 def raise_level_of_assumed_landings(ending: Fact | None, events: Sequence[Fact]) -> list[Fact]:
-    """Raises the level of each landing that the autopilot assumed in the air to "bad" if the flight was lost by it.
+    """Raises the level of landings that the autopilot assumed in the air to "bad", if that lost the flight.
 
     Args:
         ending: event with which the flight was lost, with its figure ``cause``; None if it was not lost.

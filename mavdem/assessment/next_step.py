@@ -85,6 +85,8 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
       its advice, such as to land earlier, except after a loss.
     - The vibration is bad for reasons of its own if the power is the headline.
 
+    It is left out if the advice of the headline covers it (:func:`_is_covered_by_headline`).
+
     If the headline is the autopilot's report on a battery, and a battery was measured to be bad, the only advice is
     about the measured one.
 
@@ -116,9 +118,45 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
         # The fact of a light may be the loss itself, or the motion that led to it, which is in the headline already.
         shows_loss = fact.code in EVENTS_BY_LIGHT[Light.TRACKING]
         needs_advice = fact.is_bad or (not is_loss and _is_low_battery(fact, headline))
-        if needs_advice and not shows_loss and not _advises_other_step_first(fact):
+        if not needs_advice or shows_loss or _advises_other_step_first(fact):
+            continue
+        if not _is_covered_by_headline(fact, reason):
             other_facts.append(fact)
     return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=reason, also=tuple(other_facts))
+
+
+def _is_covered_by_headline(light: Fact, headline: Fact) -> bool:
+    """Returns whether the advice of the headline covers a bad light, so that the advice of the light is not added.
+
+    It covers the part that the headline is about. If the fault has a cause with advice, this is the advice of the
+    headline: it covers the parts that the cause names, such as "motor 2", and faults of the same kind as the cause, or
+    as the cause of that cause. Otherwise it covers the part that is suspected.
+
+    Args:
+        light: the fact of the light.
+        headline: the fault in the headline. Its figures ``cause``, a fact, and ``suspect``, the name of a part, may be
+            missing.
+    """
+    covered_parts = [headline.subject]
+    covered_codes = []
+    cause = _advised_cause(headline)
+    if cause is None:
+        covered_parts.append(headline.figures.get("suspect", ""))
+    else:
+        covered_parts += [cause.subject, *cause.figures.get("names", ())]
+        covered_codes.append(cause.code)
+        first_cause = _advised_cause(cause)
+        if first_cause is not None:
+            covered_codes.append(first_cause.code)
+    is_of_covered_part = bool(light.subject) and light.subject in covered_parts
+    return is_of_covered_part or light.code in covered_codes
+
+
+def _advised_cause(fault: Fact) -> Fact | None:
+    """Returns the cause of a fault if it is known, and there is advice against it; otherwise None."""
+    cause = fault.figures.get("cause")
+    has_advice = isinstance(cause, Fact) and bool(cause.remedy)
+    return cause if has_advice else None
 
 
 def _is_low_battery(light: Fact, headline: Fact) -> bool:

@@ -59,13 +59,16 @@ class MeasuredNoise(NamedTuple):
         return self.peaks.get(UNFILTERED_GYRO, self.peaks.get(GYRO, ()))
 
     def slow_filtered_spectrum(self, sensor: str) -> Spectrum | None:
-        """Returns the spectrum of a sensor after its filters if it was sampled more slowly than before them.
+        """Returns the spectrum of a filtered sensor if the filtered samples were logged more slowly than the raw ones.
 
-        What the filters pass above half of its sampling rate is folded below, and may raise it above the spectrum
-        before the filters.
+        Such a spectrum is aliased: what the filters pass above half of its sampling rate is folded below. So it may
+        exceed the spectrum of the raw samples, which filters alone cannot cause.
 
         Args:
             sensor: name of the sensor, such as "gyro".
+
+        Returns:
+            The spectrum; None if it is as fast as that of the raw samples, or one of both is missing.
         """
         filtered = self.spectra.get(sensor)
         unfiltered = self.spectra.get(f"{sensor}_before")

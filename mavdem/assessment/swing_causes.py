@@ -39,9 +39,13 @@ def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
 
 
 def _with_attitude_error(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
-    """Makes an attitude oscillation bad if the attitude was far from its setpoint in it.
+    """Makes a swing of the attitude bad if the attitude was far from its setpoint in it.
 
     It is bad even if the vehicle recovered, since the autopilot did not control the attitude.
+
+    Args:
+        swing: the event that roll or pitch swung to and fro.
+        concurrent_events: other events at the same time, such as a lost attitude.
 
     Returns:
         The event with the largest error of roll or pitch, rad, as ``angle_error``; unchanged if there is none.

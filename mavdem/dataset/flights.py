@@ -155,7 +155,7 @@ def usable_segments(
         The flights in the order of time, all with one sampling step, empty if no segment is usable; and the
         learnability of the best segment, which then says why.
     """
-    # For each segment, whether a model can be learned from it, and the reason if not. The best segment comes first.
+    # They say of each segment whether a model can be learned from it, and why not. The best segment comes first.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
     best_learnability = learnabilities[0]
     usable = [learnability for learnability in learnabilities if learnability.learnable]

@@ -126,8 +126,8 @@ def contradicted_reports(
     """
     heights = np.interp(reports.time, height.time, height.values, left=np.nan, right=np.nan)
     report_check = LandedReportCheck()
-    # By the time of the first report of each series. Each further report of a series replaces its interval by a longer
-    # one.
+    # The keys are the times of the first report of each series. Each further report of a series replaces its interval
+    # by a longer one.
     contradictions: dict[float, ContradictedReports] = {}
     for row, time in enumerate(reports.time.tolist()):
         report = LandedReport(

@@ -28,7 +28,7 @@ class ForecastFact(Code):
 class TestResult(StrEnum):
     """Whether one method's error is lower or higher than another's, beyond chance."""
 
-    # By its name pytest would take the class for a test, by its name.
+    # Without this, pytest would take the class for a test because of its name.
     __test__ = False
 
     LOWER = "lower"

@@ -339,7 +339,7 @@ def _is_source_in_use(is_fused: Flags, is_rejected: Flags) -> Flags:
     """
     shows_state = is_fused | ~is_rejected
     rows = np.arange(len(is_fused))
-    # For each sample the row of the latest one that shows the state; before the first one there is none.
+    # Each sample has the row of the latest one that shows the state; before the first of these there is none.
     no_row = -1
     latest_row = np.maximum.accumulate(np.where(shows_state, rows, no_row))
     return (latest_row != no_row) & is_fused[latest_row]

@@ -401,7 +401,7 @@ def manual_control(topics: Topics) -> Fields:
     sticks = first_instance(topics, "manual_control_setpoint")
     sticks = selected_rows(sticks, flag_or_true(sticks, "valid"))
     fields: Fields = {"time": sticks["time"]}
-    # For each field of the message PX4's name since 1.14, and the one before.
+    # Each field of the message has the name that PX4 uses since 1.14, and the one before.
     px4_names = {"x": ("pitch", "x"), "y": ("roll", "y"), "r": ("yaw", "r")}
     for field, names in px4_names.items():
         for name in names:

@@ -256,7 +256,7 @@ def _attitude_topic(topics: Topics, attitude: Columns) -> str:
         return "vehicle_attitude"
     message_stamps = attitude["time"]
     rate_stamps = body_rates["time"]
-    # For each stamp of the message the first stamp of the body rates that is not earlier: the same one, if it has it.
+    # Each stamp of the message is paired with the first stamp of the body rates that is not earlier.
     rows = np.searchsorted(rate_stamps, message_stamps)
     last_row = len(rate_stamps) - 1
     nearest_rate_stamps = rate_stamps[np.minimum(rows, last_row)]

@@ -155,10 +155,10 @@ class BootClock:
         self._stamps_of_new_clock.clear()
 
     def _begins_new_clock(self, stamp: float) -> bool:
-        """Collects a stamp that does not continue the clock, and restarts the clock if a new clock is proven by it.
+        """Collects a stamp that does not continue the clock, and restarts the clock once there are enough of them.
 
-        The vehicle may have rebooted, its clock may have jumped, or the stamp is damaged. Such stamps are collected as
-        long as they continue each other, and their messages are dropped, until they prove a new clock.
+        The vehicle may have rebooted, its clock may have jumped, or the stamp may be damaged. Stamps that continue each
+        other prove a new clock; a damaged one is not continued. Until then their messages are dropped.
 
         Args:
             stamp: stamp of an attitude, s.

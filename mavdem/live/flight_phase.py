@@ -267,10 +267,10 @@ class FlightPhase:
             self._report_check.add(LandedReport(time, int(state), has_thrust, height_then))
 
     def _update_airborne(self, now: float, airborne: Intervals) -> None:
-        """Decides whether the vehicle is airborne, and notes when it left the ground.
+        """Decides whether the vehicle is airborne, and since when.
 
         Args:
-            now: time of the review, s.
+            now: time of the review, s of the boot clock.
             airborne: intervals of the last seconds from the begin of a take-off to the end of a landing, s.
         """
         present_flight = _interval_at(now, airborne)
@@ -284,10 +284,13 @@ class FlightPhase:
         self.is_flying = present_flight is not None
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
-        """Decides whether the vehicle is in the air after its take-off and before its landing, and in settled flight.
+        """Decides whether the vehicle is in the air, and since when; and since when it is in settled flight.
+
+        The time of a take-off follows from the mean output of the motors around it, and is certain only half of the
+        averaging window later. Until then each review corrects it.
 
         Args:
-            now: time of the review, s.
+            now: time of the review, s of the boot clock.
             flights: intervals of the last seconds in which the vehicle was armed and reported in the air, s.
             climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
@@ -301,9 +304,7 @@ class FlightPhase:
             touchdown_times = [end for _, end in flights if end < now]
             self._end_flight(max(touchdown_times, default=now))
         if present_flight is not None:
-            # The begin of a flight follows from the mean collective around it, a centred average, which is known for
-            # certain only half of its window later. Until then each review corrects the time of the take-off; after
-            # that, the last seconds no longer contain it.
+            # Later the last seconds no longer contain the take-off.
             is_just_begun = now < self._in_air_start + AVERAGING_SECONDS
             is_correction = isfinite(takeoff_time) and is_just_begun
             if not self.is_in_air or is_correction:
@@ -330,7 +331,7 @@ class FlightPhase:
         Returns:
             The vehicle with these messages alone.
         """
-        # Two intervals, so that at least one report is there wherever they come at all.
+        # Within two of the longest intervals there is at least one report of each message that still comes.
         columns = self._slow_messages.columns(PHASE_MESSAGES, now - 2 * MAX_REPORT_INTERVAL)
         return replace(vehicle, messages=columns)
 
@@ -362,10 +363,10 @@ class FlightPhase:
                 self._settled_start = max(self._settled_start, end_of_possible_landing)
 
     def _note_end_of_climb_out(self, now: float, climb_rate: TimeSeries | None) -> None:
-        """Notes when the flight became settled, once its climb-out has ended.
+        """Keeps the time at which the flight became settled, once its climb-out has ended.
 
         Args:
-            now: present time, s.
+            now: present time, s of the boot clock.
             climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
         # The climb rate is a centred average, which is known only until half of its window ago.
@@ -382,20 +383,20 @@ class FlightPhase:
             self._settled_start = end_of_climb_out
 
     def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
-        """Updates the time since which a vehicle in its climb-out is in free flight.
+        """Updates the time from which on a vehicle in its climb-out is in free flight; infinite if it is not yet.
 
-        A vehicle that climbs cannot be held by the ground. So it counts as free from ``FREE_CLIMB_DELAY`` after it
-        first climbed, which lets learning begin some seconds before settled flight does. A descent resets this.
+        A vehicle that climbs cannot be held by the ground. So it is free ``FREE_CLIMB_DELAY`` after it first climbed,
+        and learning begins some seconds before settled flight does. A descent resets the time.
 
         Args:
-            now: present time, s.
+            now: present time, s of the boot clock.
             climb_rate: averaged upward speed of the last seconds, m/s; without it nothing shows a free climb.
         """
         if not self.is_flying or climb_rate is None:
             self._free_climb_start = inf
             return
-        # The climb rate is a centred average, which is known until half of its window ago (``AVERAGING_DELAY``). Judged
-        # are the values that were not known yet at the last review; after a long break only the latest of them.
+        # The climb rate is a centred average, which is known until half of its window ago (``AVERAGING_DELAY``). Only
+        # values that have become known since the last review are judged, and after a long break only the latest.
         unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
         unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
         is_climbing = unjudged_rates.values >= MAX_LEVEL_FLIGHT_SPEED

@@ -105,15 +105,16 @@ class GustDetector:
             former_search_time: time of the latest torque in the former search, s of the boot clock.
 
         Returns:
-            One fact for each gust, with its beginning, s of the boot clock, duration and size.
+            A fact for each gust, with its beginning (``clock``, s of the boot clock), its ``duration``, s, and as
+            ``torque`` the largest distance of the wind torque from its running level, rad/s².
         """
         # Arrays (N,): times, s of the boot clock, wind torques and half widths of their bands, rad/s².
         time, torque, band = np.array(self._torques).T
         min_duration = 0.0
         if estimate.physical is not None:
             min_duration = min_gust_duration(estimate.physical, self._dt)
-        # The search takes the lengths of segments, here a single one, and the step from a record. Its inputs and
-        # outputs are not used, so that the torque stands for both.
+        # The search needs a record only for its time step and for the length of its single segment. The inputs and
+        # outputs of the record are not used, so that the torque stands for both.
         column = torque[:, None]
         record = Record(column, column, self._dt, (len(torque),))
         facts = []

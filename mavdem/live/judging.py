@@ -101,7 +101,7 @@ class ModelJudging:
                 row_format,
                 alarms,
                 self._recording_name,
-                margins_awaited=MARGINS_AWAITED if has_rate_setpoint else None,
+                provisional_margins=MARGINS_AWAITED if has_rate_setpoint else None,
             )
 
     def _take_result(self, pending: Future[JudgedModel]) -> None:
@@ -143,10 +143,12 @@ class ModelJudging:
             model is marked so.
         """
         self.is_of_recording = False
-        margins_awaited = None
+        provisional_margins = None
         if has_rate_setpoint:
             # The recording shows the margins better than the model.
-            margins_awaited = Fact(Unjudged.JUDGED_LATER, path=self._recording_name, reason=None)
+            provisional_margins = Fact(
+                Unjudged.JUDGED_LATER, path=self._recording_name, reason=None
+            )
         try:
             if model is None or row_format is None or not _has_same_motors(row_format, model):
                 self.findings = model_findings(model, alarms=alarms)
@@ -157,7 +159,7 @@ class ModelJudging:
                 row_format,
                 alarms,
                 self._recording_name,
-                margins_awaited=margins_awaited,
+                provisional_margins=provisional_margins,
             )
             # Faults that override the findings, such as a limit cycle.
             faults = [fault for fault in self.findings.overrides if fault.is_bad]

@@ -106,7 +106,7 @@ class LandedStates:
         samples = [*self._samples, latest_sample._replace(time=now)]
         boots = [boot] * len(samples)
         if was_flying:
-            # The state of the former boot, at any time of its clock.
+            # One sample shows the state of the former boot; its time does not matter.
             former_boot = boot - 1
             samples.insert(0, _StateSample(0.0, IN_AIR))
             boots.insert(0, former_boot)

@@ -14,7 +14,7 @@ from mavdem.facts.session import RowsFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS
 
-AWAITED_QUANTITIES = {
+QUANTITIES_OF_SETTLED_FLIGHT = {
     Light.VIBRATION: WatchedQuantity.VIBRATION,
     Light.POWER: WatchedQuantity.BATTERY,
     Light.ESTIMATOR: WatchedQuantity.ESTIMATOR,
@@ -28,7 +28,7 @@ def lights_before_model(
     rates: Mapping[str, float],
     watch_facts: Mapping[str, Fact],
     no_wind_reason: Fact | None,
-    margins_awaited: Fact | None,
+    provisional_margins: Fact | None,
 ) -> dict[str, Fact]:
     """Returns the light of each part of the vehicle before a model is judged.
 
@@ -41,17 +41,17 @@ def lights_before_model(
         watch_facts: for each quantity that is watched on the followed vehicle, by its name: since when, or why it is
             not.
         no_wind_reason: why there is no estimate of the wind although the vehicle flies; None if nothing prevents it.
-        margins_awaited: the light of the margins where setpoints of the body rate will show them; None elsewhere.
+        provisional_margins: the light of the margins where setpoints of the body rate will show them; None elsewhere.
 
     Returns:
         A fact for each light, by name, in the order in which they are shown.
     """
     # Every light that is not replaced below states why there is no model.
     lights = dict(unjudged(no_model_reason).lights)
-    for light, quantity in AWAITED_QUANTITIES.items():
-        lights[str(light)] = _awaited_light(quantity, watch_facts, no_model_reason)
+    for light, quantity in QUANTITIES_OF_SETTLED_FLIGHT.items():
+        lights[str(light)] = _light_before_settled_flight(quantity, watch_facts, no_model_reason)
     lights[str(Light.MOTORS)] = _motors_light(watch_facts, no_model_reason)
-    lights[str(Light.MARGINS)] = _margins_light(watch_facts, no_model_reason, margins_awaited)
+    lights[str(Light.MARGINS)] = _margins_light(watch_facts, no_model_reason, provisional_margins)
     if no_wind_reason is not None:
         lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=no_wind_reason)
     elif watch_facts:
@@ -66,7 +66,7 @@ def lights_before_model(
     return lights
 
 
-def _awaited_light(
+def _light_before_settled_flight(
     quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], no_model_reason: Fact
 ) -> Fact:
     """Returns the light of a quantity that is judged only in settled flight, such as the vibration, before that.
@@ -75,7 +75,7 @@ def _awaited_light(
     climb-out) has not come yet.
 
     Args:
-        quantity: one of ``AWAITED_QUANTITIES``.
+        quantity: one of ``QUANTITIES_OF_SETTLED_FLIGHT``.
         watch_facts: since when each quantity is watched, or why it is not, by its name.
         no_model_reason: why there is no model.
     """
@@ -134,7 +134,7 @@ def _motors_light(watch_facts: Mapping[str, Fact], no_model_reason: Fact) -> Fac
 
 
 def _margins_light(
-    watch_facts: Mapping[str, Fact], no_model_reason: Fact, margins_awaited: Fact | None
+    watch_facts: Mapping[str, Fact], no_model_reason: Fact, provisional_margins: Fact | None
 ) -> Fact:
     """Returns the light (judgement) of the control loops' stability margins as long as there was no alarm about them.
 
@@ -144,7 +144,7 @@ def _margins_light(
     Args:
         watch_facts: since when each quantity is watched, or why it is not, by its name.
         no_model_reason: why there is no model.
-        margins_awaited: the light where setpoints of the body rate will show the margins; None elsewhere.
+        provisional_margins: the light where setpoints of the body rate will show the margins; None elsewhere.
 
     Returns:
         The fact. Its figure ``reason`` is why the margins themselves are not known.
@@ -152,8 +152,8 @@ def _margins_light(
     why_not_watched = _reason_not_watched(WatchedQuantity.OSCILLATION, watch_facts, no_model_reason)
     if why_not_watched is not None:
         return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
-    if margins_awaited is not None:
-        return margins_awaited
+    if provisional_margins is not None:
+        return provisional_margins
     why_margins_unknown = no_model_reason
     if no_model_reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # The figure "reason" is the fact which messages are too slow for a model, as the review of a log states it.

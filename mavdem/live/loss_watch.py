@@ -234,14 +234,15 @@ class LossWatch:
         self.ongoing_fall = None
 
     def _loss_at_end_of_flight(self, flight_end: FlightEnd, review: Review) -> Fact | None:
-        """Returns the fact of how a flight that has just ended was lost, such as by a crash.
+        """Returns how a flight that has just ended was lost, such as by a crash, or by motors that stopped in the air.
 
         Args:
             flight_end: how the flight ended.
             review: the review, with the time when the flight ended.
 
         Returns:
-            The loss; None if the vehicle has landed, or if it is not known how it came down.
+            The loss as a fact (a coded finding); None if the vehicle has landed, if it is not known how it came down,
+            or if its loss is known already.
         """
         if flight_end.loss is not None and flight_end.loss.is_bad:
             return flight_end.loss

@@ -266,8 +266,8 @@ def _state_needed_duration(
 def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:
     """Returns why the loop with the smallest margins was not identified by its setpoints; None if it was.
 
-    Margins are most certain if setpoints moved the vehicle enough to identify its plant (the response to the motors) in
-    the closed loop. Otherwise the plant has the reason as its ``refusal``.
+    The plant of a loop (the response to the motors) is best identified in the closed loop, if the setpoints moved the
+    vehicle enough. If they did not, it was identified in another way, and has the reason as its ``refusal``.
 
     Args:
         assessment: the assessment of the log.

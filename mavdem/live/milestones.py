@@ -97,14 +97,15 @@ class Milestones:
     def update(
         self, learning: FlightLearning, status: SessionStatus, now: float, boot: int = 0
     ) -> None:
-        """Reports once that physical parameters are known, and after each landing or loss what the flight has shown.
+        """Reports what has become known since the last call, about a second ago.
 
-        The session calls it about once a second. It also keeps the verdict on each flight (how it is judged,
-        and whether it was lost in the air) until the end of the session.
+        Once for each flight it reports that the physical parameters are known, and what the flight has shown when it
+        has ended by a landing or a loss. It also keeps the verdict on each flight, how it is judged and whether it was
+        lost in the air, until the end of the session.
 
         Args:
-            learning: learning that has the latest estimates.
-            status: status of the session, with the judgement of the model and the wind.
+            learning: the learning of the flight, with the latest physical parameters.
+            status: status of the session, with the judgement of the flight so far.
             now: present time on the boot clock, s.
             boot: number of the present boot.
         """

@@ -52,7 +52,7 @@ def judge_model(
     alarms: Sequence[MotorChange],
     recording_name: str | None,
     *,
-    margins_awaited: Fact | None,
+    provisional_margins: Fact | None,
 ) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 
@@ -71,8 +71,8 @@ def judge_model(
         alarms: changes of the motors' balance in the flight of the model.
         recording_name: name of the recorded log, by which the rest is judged later; empty if the name is not known yet,
             None if nothing is recorded.
-        margins_awaited: the light of the margins where the loop is identified by setpoints of the body rate, and not
-            here; None where these do not come.
+        provisional_margins: the light of the margins until the loop is identified by setpoints of the body rate, which
+            is not done here; None where these do not come.
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
@@ -110,8 +110,8 @@ def judge_model(
     }
     # What needs other messages than the samples have is judged by the recording, after the landing.
     after_landing = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
-    if margins_awaited is not None:
-        loops[axis] = margins_awaited
+    if provisional_margins is not None:
+        loops[axis] = provisional_margins
     else:
         loops[axis] = loop_of_parameters_or_reason(figures, record)
     losses = tuple(thrust_losses(alarms))
@@ -120,7 +120,7 @@ def judge_model(
         evidence,
         lambda: findings.purposes,
         motors=_motors_light(evidence, after_landing),
-        margins=_margins_light(evidence, after_landing, margins_awaited),
+        margins=_margins_light(evidence, after_landing, provisional_margins),
         tracking=after_landing,
         estimator=after_landing,
     )
@@ -166,25 +166,27 @@ def _motors_light(evidence: Evidence, after_landing: Fact) -> Fact:
     return judgement
 
 
-def _margins_light(evidence: Evidence, after_landing: Fact, margins_awaited: Fact | None) -> Fact:
+def _margins_light(
+    evidence: Evidence, after_landing: Fact, provisional_margins: Fact | None
+) -> Fact:
     """Judges the stability margins of the control loop in flight, by the samples of the model's axis.
 
     Args:
         evidence: signals and events of one axis, made from the samples of the model.
         after_landing: the fact that a part of the vehicle is judged by the recording after the landing.
-        margins_awaited: the fact that the margins will be known later in the flight. It is given if setpoints of the
-            body rate are received, since they identify the loop better than the samples of the model do; None if none
-            are received.
+        provisional_margins: the fact that the margins will be known later in the flight. It is given if setpoints of
+            the body rate are received, since they identify the loop better than the samples of the model do; None if
+            none are received.
 
     Returns:
         The judgement, a fact with a level (the status light of the margins): an oscillation in any case;
-        ``margins_awaited`` where that is given; ``after_landing`` if the samples are not enough.
+        ``provisional_margins`` where that is given; ``after_landing`` if the samples are not enough.
     """
     judgement = margins_light(evidence)
     if judgement.code is MarginsLight.OSCILLATES:
         return judgement
-    if margins_awaited is not None:
-        return margins_awaited
+    if provisional_margins is not None:
+        return provisional_margins
     # The samples have no setpoint, so that a peak of the rate may be a test signal that is flown.
     if judgement.code is MarginsLight.RATE_STANDS_OUT:
         return after_landing

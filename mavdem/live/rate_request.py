@@ -190,7 +190,7 @@ class _MessageInterval:
     """When it was asked for or set last, s."""
 
     reachable_rate: float = nan
-    """Rate that was accepted last, Hz: the requested one, or a lower one after ``MAX_TRIES`` settings in vain."""
+    """Rate that was accepted last, Hz: the requested one, or a lower one after ``MAX_TRIES`` failed settings."""
 
     may_have_changed: bool = False
     """Whether the vehicle may have changed it on request: a setting was sent, and none was refused."""
@@ -214,8 +214,8 @@ class _MessageInterval:
     """Whether the message did not come at all, although it was requested, or was refused."""
 
     @property
-    def is_requested_in_vain(self) -> bool:
-        """Whether the message was requested and has not come so far. Just after the request it may still come."""
+    def is_unanswered(self) -> bool:
+        """Whether the message was requested and has not come so far; just after the request it may still come."""
         is_requested = self.may_have_changed
         return self.is_absent or (is_requested and not self.was_received)
 
@@ -409,8 +409,8 @@ class RateRequest:
         1. Fast enough (``needed_rate``): nothing is sent, and the count of settings begins again.
         2. Set a short while ago: nothing is sent, because the measured rate is a mean over some seconds and has not
            followed the setting yet.
-        3. Set ``MAX_TRIES`` times in vain: the link or the vehicle cannot do more. That is reported, and the present
-           rate counts as enough from then on, so that the requests end.
+        3. Set ``MAX_TRIES`` times without success: the link or the vehicle cannot do more. That is reported, and the
+           present rate counts as enough from then on, so that the requests end.
         4. Otherwise the interval is set. Before the first setting the vehicle's former interval is noted, to be
            restored at the end of the session. If the rate had been reached before, its fall is reported.
 
@@ -495,9 +495,7 @@ class RateRequest:
     @property
     def absent_messages(self) -> frozenset[str]:
         """Names of the messages that were requested and have not come, even if the request was a moment ago."""
-        return frozenset(
-            interval.name for interval in self._intervals if interval.is_requested_in_vain
-        )
+        return frozenset(interval.name for interval in self._intervals if interval.is_unanswered)
 
     def add_reply(self, message: Message) -> None:
         """Takes a reply of the vehicle: to a query a MESSAGE_INTERVAL, to a setting a COMMAND_ACK.

@@ -292,14 +292,14 @@ def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
 def value_at(
     stream: SampleStream, sampling: StreamSampling, time: float, dt: float
 ) -> Numbers | None:
-    """Returns the values of a stream at a point of the grid.
+    """Returns the values of a stream of samples at one point of the time grid.
 
-    A stream whose samples lie on the grid gives the sample at the point. If that one is lost, and for other streams,
-    the value is interpolated or low-passed.
+    If the samples lie on the grid, it is the sample at the point. If they do not, or that sample is lost, the values
+    are interpolated from the samples around it, or a weighted mean of them, which acts as a low-pass filter.
 
     Args:
         stream: samples of attitude or motor outputs in the order of time, at least one.
-        sampling: resampling by which they become values.
+        sampling: how the stream is resampled: whether samples are kept as they are, and the weights of the mean.
         time: the point, s of the boot clock.
         dt: step of the grid, s.
 
@@ -312,7 +312,7 @@ def value_at(
         nearest_values = stream.nearest(time)
         if nearest_values is not None:
             return nearest_values
-    # A single weight is that of interpolation.
+    # A single weight means interpolation.
     has_low_pass = len(sampling.weights) > 1
     if latest_stamp < _needed_time_of_sum(time, dt, has_low_pass=has_low_pass):
         return None

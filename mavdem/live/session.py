@@ -918,16 +918,16 @@ class LiveSession:
         return Fact(SessionFact.FIT_UNFINISHED)
 
     def judge_final_model(self, model: Learned | None) -> Learned | None:
-        """Judges the model with which the session ends, and stores the judgement, which ``status`` shows.
+        """Judges the model with which the session ends; ``status`` shows the judgement.
 
-        The model's wind torque is what turns the vehicle besides its motors. If an alarm of the flight shows that a
-        motor lost thrust, that torque is of the fault, and not of the wind: the model is marked accordingly.
+        The wind torque of a model is all torque that the motors do not explain. If a motor lost thrust in the flight,
+        that torque is not the wind's, and the model is marked accordingly.
 
         Args:
             model: the model that was learned last; None without one.
 
         Returns:
-            The model, perhaps so marked; None if there is none of the latest flight.
+            The model, marked if a motor lost thrust; None if no model was learned from the latest flight.
         """
         # A model of an earlier flight, which is kept if the latest one gives none, shows nothing of the latest flight.
         model_of_latest_flight = None if model is self._earlier_model else model
@@ -1033,9 +1033,10 @@ class LiveSession:
             self._presentation.log(fact)
 
     def _is_reason_reported_already(self, gains_unchanged: Fact) -> bool:
-        """Returns whether another report has stated already why there are no new gains.
+        """Returns whether the user has read already why there are no new gains.
 
-        A loss of the vehicle was an alarm. Rates that were too low to learn from are in the report after the landing.
+        The alarm that the vehicle was lost says it. So does the report after the landing if messages came too slowly to
+        learn a model, and the gains stay for the same reason.
 
         Args:
             gains_unchanged: the fact that the gains stay as they are, with the reason.
@@ -1045,7 +1046,7 @@ class LiveSession:
         reported_reason = self._reason_without_parameters()
         if reported_reason is None or reported_reason.code is not RowsFact.LIVE_RATES_TOO_LOW:
             return False
-        # The fact which messages are too slow, as it is stated for a log, too.
+        # This fact says which messages are too slow, as for a log.
         slow_messages = reported_reason.figures["reason"]
         return bool(slow_messages.code == gains_unchanged.figures["reason"].code)
 

@@ -269,7 +269,7 @@ class SessionStatus(ImmutableResult):
     margins: Fact | None = None
     """The light of the margins by the loops that were identified in this flight; None before they were."""
 
-    margins_awaited: Fact | None = None
+    provisional_margins: Fact | None = None
     """The light of the margins until they are identified by setpoints of the rate; None where none of these come."""
 
     flight_seconds: float | None = None
@@ -511,17 +511,17 @@ class SessionStatus(ImmutableResult):
     def _judgement_of_unjudged_flight(self, judgement: Judgement) -> Judgement:
         """Returns the judgement of a flight that is over, in which no check of the vehicle was possible.
 
-        Its headline says that nothing was checked, and why.
+        Its headline says that nothing was checked, and why. If the session still waited for something when the flight
+        ended, such as steady flight, the reason is that too little was received.
 
         Args:
             judgement: the judgement so far. Its headline says either that nothing was checked, with the reason as a
-                figure, or what the session does, such as to wait for steady flight (``STATES_OF_LEARNING``).
+                figure, or what the session does (``STATES_OF_LEARNING``).
         """
         reason = judgement.headline
         if reason.code is HeadlineCode.NOTHING_CHECKED:
             reason = reason.figures["reason"]
         if reason.code in STATES_OF_LEARNING:
-            # The flight is over, so that the session waits for nothing any more: too little of it was received.
             reason = self._too_little_received
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
@@ -620,10 +620,9 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _judgement_of_worst_flight(self) -> Judgement:
-        """The judgement whose headline and next step are those of the worst flight of the session.
+        """The judgement of the latest flight, with headline and next step of the worst flight of the session.
 
-        In flight, or if no earlier flight was worse, it is the judgement of the latest flight. The lights, which judge
-        the parts of the vehicle, are those of the latest flight in any case.
+        In flight, or if no earlier flight was worse, these are those of the latest flight, too.
         """
         judgement = self.overall_judgement
         worst_verdict = self.worst_earlier_verdict
@@ -637,10 +636,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def unrepaired_fault(self) -> Fact | None:
-        """The warning that a fault of an earlier flight, with which the vehicle must not fly, may still be there.
+        """The warning that a fault with which the vehicle must not fly may still be there since an earlier flight.
 
-        The earlier flight is one of this session or, if none of these has such a fault, one of a former session, whose
-        recording the library has judged. None if there is no such fault, or if the headline states it already.
+        The earlier flight is one of this session. If none of these has such a fault, it is one of a former session,
+        whose recording the library has judged. None if there is no such fault, or if the headline states it already.
         """
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or not worst_verdict.judgement.headline.forbids_flight:
@@ -663,10 +662,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _was_fault_checked_again(self) -> bool:
-        """Whether a flight of this session has shown if the fault that the library found before is still there.
+        """Whether a flight of this session has checked the fault that the library knows of an earlier flight.
 
-        A flight does so for a fault with which the vehicle may fly, such as a small stability margin. A fault that
-        forbids to fly, and an earlier flight whose end was not received, are warned of as long as the session lasts.
+        Any flight checks a fault with which the vehicle may fly, such as a small stability margin. It does not check a
+        fault that forbids to fly, nor an earlier flight whose end was not received: the warning of these stays.
         """
         fault = self.fault_in_library
         if fault is None or fault.code is not SessionFact.RECORDING_JUDGED or fault.forbids_flight:
@@ -781,10 +780,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _preliminary_lights(self) -> dict[str, Fact]:
-        """What is said of each part of the vehicle, such as its motors, before the first model of the flight is judged.
+        """The light (judgement) of each part of the vehicle, such as its motors, before the first model is judged.
 
-        A part that is watched for faults has the light (judgement) that no alarm was raised so far. Any other part has
-        a light of unknown level with the reason, such as that a message does not come.
+        The light of a part that is watched for faults says that no alarm was raised so far. That of any other part is
+        unknown, with the reason, such as that a message does not come.
         """
         watch_states = self._watch_states
         if self._is_silent_after_flight:
@@ -795,7 +794,7 @@ class SessionStatus(ImmutableResult):
             rates=self.rates,
             watch_facts=watch_states,
             no_wind_reason=self.no_wind_reason,
-            margins_awaited=self.margins_awaited,
+            provisional_margins=self.provisional_margins,
         )
 
     @property
@@ -814,7 +813,7 @@ class SessionStatus(ImmutableResult):
         lights = self._combined_lights(by_model.lights, self._lights_by_checks)
         lights = self._lights_after_landing(lights)
         lights = self._lights_during_oscillation(lights)
-        judgement = self._without_vain_requests(replace(by_model, lights=lights))
+        judgement = self._without_unanswered_requests(replace(by_model, lights=lights))
         if any(light.is_bad for light in judgement.lights.values()):
             return _judgement_with_bad_lights(judgement)
         if self._is_judged_without_model:
@@ -916,11 +915,11 @@ class SessionStatus(ImmutableResult):
         has_rows = self.learned_rows + self.unlearned_rows > 0
         return Fact(SessionFact.TOO_LITTLE_RECEIVED, has_rows=has_rows)
 
-    def _without_vain_requests(self, judgement: Judgement) -> Judgement:
-        """Removes the advice to request a message if that was done already, and the message does not come.
+    def _without_unanswered_requests(self, judgement: Judgement) -> Judgement:
+        """Replaces the advice to request a message, such as VIBRATION, that was requested already and does not come.
 
-        For example, the vibration is unknown without the message VIBRATION, and its light (the judgement of this part)
-        advises to request that. The next step may be the same advice.
+        The light (judgement) of a part that is unknown without the message has such advice, and the next step may be
+        the same advice.
 
         Args:
             judgement: judgement of the flight so far.
@@ -930,22 +929,23 @@ class SessionStatus(ImmutableResult):
         """
         lights = dict(judgement.lights)
         for part, light in lights.items():
-            if self._is_request_in_vain(light):
-                # The sentence of the light then says that the message was requested, and advises something else.
+            if self._advises_unanswered_request(light):
+                # By this figure the light says that the message was requested, and advises something else.
                 lights[part] = light.replace(is_asked=True)
         if lights == judgement.lights:
             return judgement
         next_step = judgement.next_step
         advised_fact = next_step.figures.get("reason")
-        if isinstance(advised_fact, Fact) and self._is_request_in_vain(advised_fact):
+        if isinstance(advised_fact, Fact) and self._advises_unanswered_request(advised_fact):
             next_step = choose_next_step(judgement.headline, lights, model_step=None)
         return replace(judgement, next_step=next_step, lights=lights)
 
-    def _is_request_in_vain(self, fact: Fact) -> bool:
-        """Returns whether a fact advises to request a message that was requested already, and that does not come.
+    def _advises_unanswered_request(self, fact: Fact) -> bool:
+        """Returns whether a fact advises to request a message that was requested already and does not come.
 
         Args:
-            fact: any fact, such as that the vibration is unknown; ``REQUESTED_MESSAGES`` has those with such advice.
+            fact: any fact; ``REQUESTED_MESSAGES`` has those with such advice, for example that the vibration is
+                unknown, and the message that each needs.
         """
         message = REQUESTED_MESSAGES.get(fact.code)
         return message in self.absent_messages
@@ -1075,10 +1075,10 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
     def _step_after_recording(self, verdict: Fact) -> Fact:
-        """Returns the next step after a flight: what its recording advises, or to keep the log if that was tried.
+        """Returns the next step after a flight, which is the advice of its judged recording.
 
-        A recording does not show which messages were requested. So it may advise to request VIBRATION, although that
-        was requested in this session and did not come.
+        A recording does not show which messages were requested. If it advises to request one that was requested in this
+        session and did not come, such as VIBRATION, the next step is to keep the log.
 
         Args:
             verdict: what the recording of the flight shows, or that it is not judged yet.

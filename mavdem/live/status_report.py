@@ -75,7 +75,7 @@ class StatusReport:
             model_judgement=self.flight.judging.judgement,
             is_recording_judged=self.flight.judging.is_of_recording,
             margins=self.margin_review.present_margins(self.stream.now, self.stream.settled_start),
-            margins_awaited=self.margin_review.provisional_light,
+            provisional_margins=self.margin_review.provisional_light,
             learned_rows=self.flight.learning.learned_rows,
             unlearned_rows=self.flight.learning.unlearned_rows,
             latency=self.flight.latencies.latency,
@@ -226,9 +226,9 @@ class StatusReport:
         return learner.no_model_reason
 
     def update_time_account(self, now: float) -> dict[TimeUse, float]:
-        """Adds the time since the last update to the account of what the session has spent its time on.
+        """Adds the time since the last update to the use on which it was spent, such as learning or a lost link.
 
-        On what it was spent, such as learning or waiting for the link, follows from the present state of the session.
+        The use follows from the present state of the session.
 
         Args:
             now: time up to which everything that arrived is analysed, s of this computer's monotonic clock.

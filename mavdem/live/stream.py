@@ -398,7 +398,10 @@ class LiveStream:
 
     @property
     def _active_alarms(self) -> Facts:
-        """The active alarms of the followed vehicle; that of its loss also names a motor that was weak before."""
+        """The active alarms of the followed vehicle, those of the watchdog first, then those of weak motors.
+
+        The alarm that the vehicle is lost also names a motor that was weak before.
+        """
         loss = self._review.watchdog.loss
         alarms = []
         for alarm in (*self._review.watchdog.active_alarms, *self.motor_alarms.active):

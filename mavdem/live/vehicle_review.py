@@ -117,8 +117,8 @@ class VehicleReview:
         self._step_time = -inf
         # When the control was judged last between two reviews, s of the boot clock.
         self._control_time = -inf
-        # Since when reviews have followed each other, so that the vehicle has been heard without a pause, s of the boot
-        # clock.
+        # Time from which on reviews have followed each other, so that the vehicle has been heard without a pause, s of
+        # the boot clock.
         self._connection_start = inf
         # Results of a step that later steps use: messages with motor outputs, identity and parameters of the vehicle,
         # and attitude and motor outputs of the last seconds.

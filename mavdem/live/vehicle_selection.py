@@ -357,10 +357,10 @@ class VehicleSelector:
     def update(self, sender: Component) -> None:
         """Decides, after each intact message, whether its sender is the vehicle to follow, or another one to report.
 
-        Once a vehicle is followed, others are only reported. A wanted vehicle is followed as soon as it sends anything,
-        or, if only its system is given, once it is certain to be a multirotor. Without a wish, the only multirotor of
-        the link is followed; among several the user must choose. Vehicles that send attitude come first: of those
-        without, it is not known whether they fly at all.
+        Once a vehicle is followed, others are only reported. A vehicle that the user named is followed as soon as it
+        sends anything or, if only its system was named, once it is certain to be a multirotor. If the user named none,
+        the only multirotor of the link is followed; among several the user must choose. Vehicles that send attitude
+        come first, since it is not known of the others whether they fly at all.
 
         Args:
             sender: component that has just sent a message, which is counted already.

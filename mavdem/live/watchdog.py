@@ -215,7 +215,7 @@ class Watchdog:
         self._landing_report: Fact | None = None
         # Time of the latest review, s of the boot clock.
         self._review_time = -inf
-        # Since when the flight was settled at the latest review, s of the boot clock; None if it was not.
+        # Time from which on the flight was settled at the latest review, s of the boot clock; None if it was not.
         self._settled_start: float | None = None
         # Time of the latest thorough review, s.
         self._thorough_time = -inf
@@ -804,10 +804,11 @@ class Watchdog:
     def _is_search_for_drift_due(self, review: Review) -> bool:
         """Returns whether to search now for a height sensor that drifted in the latest flight.
 
-        The search begins at the landing. It ends when a drift is found, or after ``MAX_WAIT_SECONDS``.
+        The search begins at the landing, and is repeated in each review until a drift is found or ``MAX_WAIT_SECONDS``
+        have passed.
 
         Args:
-            review: the review, in which the vehicle is on the ground since ``phase_start``.
+            review: the review of a vehicle on the ground, with the time of the landing as ``phase_start``.
         """
         has_landed_after_flight = self._landed_states.flight_end is not None and self.has_landed
         seconds_on_ground = review.now - review.phase_start

@@ -524,7 +524,7 @@ def _balance_change(
         Explanation.MOTOR: float(change.motor_probabilities[motor]),
     }
     likeliest = max(Explanation, key=lambda cause: cause_probabilities[cause])
-    # As of a motor that is probably weak: it is named if, given that it is some motor, it is probably this one.
+    # A motor is named if it is probably this one, given that the cause is some motor.
     any_motor_probability = change.motor_probabilities.sum()
     is_this_motor = (
         change.motor_probabilities[motor] >= MIN_NAMED_PROBABILITY * any_motor_probability

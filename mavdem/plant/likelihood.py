@@ -430,13 +430,13 @@ class GrayBoxModel(NamedTuple):
 
         # Letters of einsum: channel c, input r, parameter vector b, window w, frequency f.
         rate_by_motors = np.empty((len(points), *windows.rate.shape), complex)
-        # With changed effects: the rate by each input is the same, and is multiplied by other effects.
+        # If the effects change, the rate by each input is the same, and is multiplied by other effects.
         rate_per_effect = np.einsum("crwf,cf->rwf", inputs, response_at_theta)
         effects = self.effect(points[effect_rows]).astype(complex)
         rate_by_motors[effect_rows] = np.tensordot(effects, rate_per_effect, axes=1)
-        # With changed wind or noise: the rate at θ, which is in row 0.
+        # If wind or noise change, the rate is that at θ, which is in row 0.
         rate_by_motors[effect_rows.stop :] = rate_by_motors[0]
-        # With a changed response: the torques of the motors are the same, and are multiplied by other responses.
+        # If the response changes, the torques of the motors are the same, and are multiplied by other responses.
         torques = np.einsum("crwf,r->cwf", inputs, effects[0])
         rate_by_motors[response_rows] = np.einsum("cwf,cbf->bwf", torques, responses_after_steps)
         return rate_by_motors

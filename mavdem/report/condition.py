@@ -277,7 +277,7 @@ def _wind_estimate_sentences(
     return render_section(
         "wind",
         wind=wind,
-        # From where to where the direction turned during the flight; None if it did not.
+        # The first and the last direction of a wind that turned during the flight; None if it did not turn.
         direction_change=wind.turn,
         # Time before and after a large attitude error for which no wind is estimated, s.
         excluded_seconds=INDEPENDENT_SECONDS,

@@ -323,7 +323,7 @@ class CommandHandler:
         """
         name = _message_name(message_id)
         if name == "AUTOPILOT_VERSION":
-            # As if it was requested by the command for that message, whose first parameter is 1.
+            # It is sent as if it was requested by the command for that message, whose first parameter is 1.
             return self._send_version(1.0, 0.0)
         if name not in self.transmitter.schedule.usual_rates:
             return DENIED

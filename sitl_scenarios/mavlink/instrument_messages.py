@@ -137,7 +137,7 @@ def instrument_fields(
                 **named_columns("xgyro ygyro zgyro", motion.gyro),
             }
         case "RAW_IMU":
-            # In mg and mrad/s, as ArduPilot fills it.
+            # ArduPilot fills it in mg and mrad/s.
             force = np.round(1000 * motion.specific_force / GRAVITY).clip(*INT16_RANGE)
             return {
                 "time_usec": boot_microseconds,

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from sitl_scenarios.section import NotNegative, Positive, Section, Share
 
-Number = Annotated[int, Field(ge=1, le=8)]  # Of a motor, as the autopilot counts
+Number = Annotated[int, Field(ge=1, le=8)]  # Number of a motor, as the autopilot counts
 Bearing = Annotated[float, Field(ge=-360, le=360)]  # Degrees clockwise from the nose
 Length = Annotated[float, Field(ge=-200, le=200)]  # Metres.
 Start = NotNegative

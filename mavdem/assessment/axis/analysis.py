@@ -134,7 +134,7 @@ def _with_trained_model(
     *,
     is_slow: bool,
 ) -> LogAnalysis:
-    """Adds a trained model to the analysis of a log: with its cautions, physical parameters and test.
+    """Adds a trained model to the analysis of a log, with its cautions, physical parameters and forecast errors.
 
     Args:
         analysis: what the log shows without a model.

@@ -149,9 +149,9 @@ def with_vehicle_made_torque_marked(learned: Learned, *, vehicle_made_torque: bo
 
 
 def _finding_lowered_by_override(finding: Finding, override: Fact) -> Finding:
-    """Lowers the grade of a model from GOOD to LIMITED if the flight that it was learned from is doubtful.
+    """Lowers the grade of a model from GOOD to LIMITED, since the flight that it was learned from is doubtful.
 
-    Any other grade is kept. The reason of the finding is made of two parts, of which one may be None:
+    Any lower grade is kept. The reason of the finding is made of two parts, of which one may be None:
 
     - The model's own reason for its grade. It is left out if the vehicle oscillates, since the estimates of the model
       then mean nothing.

@@ -37,13 +37,13 @@ def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> di
 
 
 def reductions_by_a_third(decisions: Iterable[LoopDecision]) -> list[Fact]:
-    """Returns the advice, of decisions on loops, to lower the gains of an axis by a third.
+    """Returns the actions of some decisions on loops that are to lower the gains of an axis by a third.
 
     Args:
-        decisions: decisions on the loops of some axes.
+        decisions: decisions on the loops of some axes, each with an action or None.
 
     Returns:
-        The advice (coded findings), each with the name of the ``axis`` and the ``changes`` of its gains.
+        The actions (coded findings), each with the name of the ``axis`` and the ``changes`` of its gains.
     """
     actions = [decision.action for decision in decisions if decision.action is not None]
     return [action for action in actions if action.code is LoopAction.LOWER_BY_A_THIRD]

@@ -85,7 +85,7 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     return Fact(
         HardwareFact.RECEIVER_MEASURED,
         level,
-        # Of satellites few are bad, of the other quantities large values: so this is the low quantile.
+        # Few satellites are bad, while large values of the other quantities are. So this is the low quantile.
         satellites=np.quantile(satellites, 1 - TYPICAL_FRACTION),
         satellites_usual=np.median(satellites),
         dilution=figures["dilution"],

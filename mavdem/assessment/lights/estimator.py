@@ -113,8 +113,8 @@ def estimator_light(evidence: Evidence) -> Fact:
     unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
     missing_fixes = _missing_fixes(evidence)
     if flew_without_fix(evidence):
-        # The missing fix is no finding of its own, so that the light may be good. But the other findings state the
-        # number of satellites: the pilot should know that GPS gave no position.
+        # A flight that needs no GPS may be good without a fix. But the other findings state the number of satellites,
+        # since the pilot should know that GPS gave no position.
         figures_without_fix = _figures_without_fix(evidence, missing_fixes[0])
         innovation_facts = [fact.replace(**figures_without_fix) for fact in innovation_facts]
         unmeasured_fact = unmeasured_fact.replace(**figures_without_fix)
@@ -242,14 +242,16 @@ def _innovation_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
 def _durations_of_rejection(rejection: Rejection, failsafe_limit: float) -> dict[str, float]:
     """Returns the figures of a fact that say for how long an innovation exceeded its limit.
 
+    There are two limits: that of the filter's own test, and that of ArduCopter's failsafe. The second one is stated
+    only if the innovation was beyond the first one too briefly to doubt the filter.
+
     Args:
         rejection: the worst innovation of a flight, and for how long it exceeded the limits.
         failsafe_limit: innovation ratio from which on ArduCopter's failsafe counts the time.
 
     Returns:
-        ``duration``, s, without a break. If only ArduCopter's failsafe doubts the filter, that of the failsafe's
-        condition, with the ``failsafe_limit``. Otherwise that above the limit of the filter's test, with the
-        ``total_duration``, s, if the interruptions make a difference.
+        The longest time without a break as ``duration``, s. For the failsafe also its ``failsafe_limit``; for the
+        filter's test also the sum of all times as ``total_duration``, s, if that is longer.
     """
     is_doubted_by_failsafe_only = rejection.triggers_failsafe and not rejection.is_rejected_long
     if is_doubted_by_failsafe_only:

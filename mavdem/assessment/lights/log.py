@@ -151,12 +151,16 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
 
 
 def _rate_of_replaced_outputs(evidence: Evidence, model_inputs: MotorOutputs) -> float | None:
-    """Returns the rate of motor outputs that were too slow for a model, Hz; None if they are what it uses.
+    """Returns the rate of motor outputs that a model does not use, since they came too slowly, Hz.
+
+    It uses the controller's demand in their place.
 
     Args:
         evidence: flights and motor outputs of the vehicle.
-        model_inputs: what the model uses: the motor outputs, or the controller's demand in their place. The rate is 0
-            if only the demand was recorded.
+        model_inputs: what the model uses.
+
+    Returns:
+        The rate; 0 if no motor outputs were recorded. None if the model uses the motor outputs.
     """
     motors = evidence.signals.motors
     if model_inputs is motors:

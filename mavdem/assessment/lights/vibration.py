@@ -58,20 +58,15 @@ def vibration_light(evidence: Evidence) -> Fact:
     """
     signals = evidence.signals
     telemetry = signals.telemetry
-    unknown_vibration = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
-    if not measures_acceleration(telemetry):
-        return unknown_vibration.replace(is_of_velocity=True)
     vibration = reported_vibration(signals)
-    if vibration is None:
-        if _is_zero_throughout(telemetry):
-            return unknown_vibration.replace(is_zero=True)
-        return unknown_vibration
+    if vibration is None or not measures_acceleration(telemetry):
+        return _unknown_vibration(telemetry)
     levels = vibration.levels
     settled_segments = settled_flight(signals)
     free_flight = evidence.flight_segments(levels.boot)
     is_in_segment = in_segments(levels, *(settled_segments or free_flight))
     if not is_in_segment.any():
-        return unknown_vibration
+        return _unknown_vibration(telemetry)
     limits = vibration_limits(telemetry)
     # The columns are the axes of the first IMU, then the axes of the second.
     mean_levels = levels.values[is_in_segment].mean(axis=0)
@@ -105,6 +100,24 @@ def vibration_light(evidence: Evidence) -> Fact:
         fact = fact.replace(imu_levels=levels_of_imus)
     if has_clipped_unsettled:
         fact = fact.replace(has_clipped_unsettled=True)
+    return fact
+
+
+def _unknown_vibration(telemetry: Telemetry) -> Fact:
+    """Returns the fact that the vibration is unknown, with what the log shows of the reason.
+
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        The fact, with ``is_of_velocity`` if an old firmware reported increments of the velocity instead, or ``is_zero``
+        if the reported vibration is always 0, so that it was not measured.
+    """
+    fact = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
+    if not measures_acceleration(telemetry):
+        return fact.replace(is_of_velocity=True)
+    if _is_zero_throughout(telemetry):
+        return fact.replace(is_zero=True)
     return fact
 
 

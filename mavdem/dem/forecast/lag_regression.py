@@ -302,7 +302,7 @@ def regress(
     noise = squared_errors / row_count + noise_floor * np.eye(k)
     noise_precision = np.linalg.inv(noise)
     squared_deviation = np.sum(noise_precision * (deviation.T @ precision @ deviation))
-    # ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
+    # This is ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
     log_precision_ratio = (
         2 * np.log(factor.diagonal()).sum()
         - k * np.linalg.slogdet(prior_precision)[1]

@@ -59,7 +59,7 @@ class FrameStream:
         # Read once, since they may have to be read from the file.
         stamps = self.stamps
         rows = np.arange(len(stamps))
-        # For stamped frames their own row, for the others that of the last stamped frame before them.
+        # A stamped frame has its own row here, any other frame the row of the last stamped frame before it.
         last_stamped_row = np.maximum.accumulate(np.where(stamps > 0, rows, 0))
         known_stamps = stamps[last_stamped_row].tolist()
         frame_starts = self.frames.start.tolist()

@@ -566,7 +566,7 @@ class DensityModel:
         """
         # The products of each pair of quantities (C, C, J, F).
         products = response[:, None] * conjugate_response * self._alias_phases
-        # As matrices (F, C²), one for each of the J frequencies.
+        # They are arranged as matrices (F, C²), one for each of the J frequencies.
         frequencies_and_aliases = products.shape[2:]
         products_by_frequency = products.reshape(QUANTITIES**2, *frequencies_and_aliases).transpose(
             1, 2, 0

@@ -179,7 +179,7 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     for initial in INITIAL_PLANTS:
         start = _initial_parameters(posterior, initial)
         first_ascents.append(_ascend(posterior, start, INITIAL_STEPS))
-    # In the order of rising posterior: the best come last.
+    # The best come last.
     first_ascents.sort(key=lambda ascent: ascent.value)
 
     # If every cycle of the controller is logged, no step is between messages: the time has no effect, and one value

@@ -160,7 +160,7 @@ class AxisPosterior:
         root_counts = np.sqrt(self._counts)
         whitening = np.einsum("j,jab,jdc->jbcad", root_counts, whitener, whitener.conj())
         whitening_matrices = whitening.reshape(bands, entries, entries)
-        # In each band, the product (k, C²) @ (C², C²).
+        # This is the product (k, C²) @ (C², C²) in each band.
         whitened_derivatives = derivatives.reshape(bands, k, entries) @ whitening_matrices
         # The bands of each entry of θ are put side by side: (J, k, C²) becomes (k, J C²).
         return whitened_derivatives.swapaxes(0, 1).reshape(k, -1).view(float)

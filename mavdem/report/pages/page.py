@@ -249,7 +249,7 @@ class PageEvent(NamedTuple):
         is_on_live_page = bool(self.moment)
         if is_on_live_page or not self.has_time:
             return sentence
-        # For example " at 114.1 s".
+        # The sentence has it as " at 114.1 s", for example.
         time_in_sentence = re.escape(period(self.seconds))
         # A time within a list of times, such as " at 3.2 s and 4.0 s", stays.
         return re.sub(f"{time_in_sentence}(?=[,.:;])", "", sentence, count=1)

@@ -212,7 +212,7 @@ def _control_parameter_tables(telemetry: Telemetry) -> Blocks:
         if axis_in_name is None:
             rows_of_no_axis.append([_linked_name(telemetry, name), value_with_unit(name, value)])
         else:
-            # Of ATC_RAT_RLL_P: the name for all axes is "ATC_RAT_…_P", and "R" is the column of roll.
+            # For ATC_RAT_RLL_P the name for all axes is "ATC_RAT_…_P", and "R" is the column of roll.
             name_for_all_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
             column = axis_in_name[0][0]
             names_of_axes.setdefault(name_for_all_axes, {})[column] = name
