@@ -183,6 +183,7 @@ def diff_command(
         a=before,
         b=after,
         parameters=reviewed.parameters,
+        common_files=list(reviewed.common_files),
         headlines={side.lower(): headline for side, headline in headlines.items()},
         motor_health={
             side.lower(): review.get("motor_health") for side, review in reviewed.reviews.items()

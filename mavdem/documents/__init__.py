@@ -40,7 +40,7 @@ DOCUMENTS = {
     "tune": Published("loops.Tune", 7, "`--json` of tune"),
     "compare": Published("comparison.CompareReport", 6, "`--json` of compare"),
     "order": Published("comparison.Order", 4, "`--json` of order"),
-    "diff": Published("fleet.Diff", 9, "`--json` of diff"),
+    "diff": Published("fleet.Diff", 10, "`--json` of diff"),
     "track": Published("fleet.Track", 9, "`--json` of track"),
     "live": Published("session.Live", 8, "`--json` of live"),
     "convert": Published("others.Convert", 2, "`--json` of convert"),

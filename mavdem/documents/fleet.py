@@ -147,7 +147,9 @@ class Diff(Difference):
     headlines: dict[str, str | None]
     """headline of the latest flight of a and of b, its motors judged beside other flights; null where it has none"""
     motor_health: dict[str, MotorHealthOfFlight | None]
-    """motors of the latest flight of a and of b beside the vehicle's others; of two logs, beside each other"""
+    """motors of the latest flight of a and of b, judged by the flights of both"""
+    common_files: list[str]
+    """files of the flights that A and B have in common; they count on one side alone"""
     a: str
     """A as on the command line"""
     b: str

@@ -18,7 +18,7 @@ import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import CONFIDENCE_LEVEL, Interval, coverage_factor
-from mavdem.containers import group_by
+from mavdem.containers import Numbers, group_by
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.quantities import (
@@ -134,6 +134,12 @@ class QuantityChange(NamedTuple):
 
     freedom: float = inf
     """Degrees of freedom of the standard deviation that the interval is made of."""
+
+    flights_before: Numbers = ()
+    """Value in each flight of the first state that has one, as the mean ``before``, in order of date."""
+
+    flights_after: Numbers = ()
+    """Value in each flight of the second state, likewise."""
 
     @property
     def difference(self) -> float:
@@ -312,6 +318,8 @@ def quantity_change(
     half_width = coverage_factor(freedom=freedom) * sd
     mean_before, mean_after = (mean.value for mean in state_means)
     difference = mean_after - mean_before
+    flights_before = [estimate.value for estimate in before]
+    flights_after = [estimate.value for estimate in after]
     # Two-sided probability of such a difference if nothing changed.
     p_value = float(2 * scipy.special.stdtr(freedom, -abs(difference) / sd))
     if quantity.kind in LOGARITHMIC_KINDS:
@@ -320,6 +328,8 @@ def quantity_change(
         reference = 1.0 if quantity.is_of_motor else 0.0
         mean_before = exp(mean_before) - reference
         mean_after = exp(mean_after) - reference
+        flights_before = [exp(value) - reference for value in flights_before]
+        flights_after = [exp(value) - reference for value in flights_after]
     return QuantityChange(
         quantity,
         before=mean_before,
@@ -329,6 +339,8 @@ def quantity_change(
         p=p_value,
         allowance=allowance,
         freedom=freedom,
+        flights_before=tuple(flights_before),
+        flights_after=tuple(flights_after),
     )
 
 

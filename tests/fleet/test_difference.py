@@ -419,7 +419,14 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     inner = reason_by_quantity[quantity].figures.get("reasons", (reason_by_quantity[quantity],))
     assert [fact.code for fact in inner] == [reason]
     sides = {"a": None, "b": None}
-    values = {"a": "A", "b": "B", "parameters": [], "headlines": sides, "motor_health": sides}
+    values = {
+        "a": "A",
+        "b": "B",
+        "parameters": [],
+        "headlines": sides,
+        "motor_health": sides,
+        "common_files": [],
+    }
     document = complete_document("diff", Diff.from_results(difference, **values))
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 

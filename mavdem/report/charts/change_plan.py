@@ -5,10 +5,22 @@ equivalence limit: within ±1 nothing of note changed.
 """
 
 from collections.abc import Collection
+from enum import StrEnum
 from typing import NamedTuple
 
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.quantities import (
+    ATTITUDE_GAIN_MARGIN,
+    ATTITUDE_PHASE_MARGIN,
+    EFFECT,
+    GAIN_MARGIN,
+    LAG,
+    MAX_SENSITIVITY,
+    OVERSHOOT,
+    PHASE_MARGIN,
+    SHARE,
+)
 from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import figure_as_svg
@@ -16,15 +28,47 @@ from mavdem.report.difference.quantity_texts import change_text, equivalence_lim
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
 
-OUTCOME_LEVELS = {
-    QuantityOutcome.CHANGED: "bad",
-    QuantityOutcome.UNCERTAIN: "unknown",
-    QuantityOutcome.SAME: "good",
-}
-"""Class by which each outcome is coloured, in the order in which changes are listed."""
+OUTCOMES_IN_ORDER = (QuantityOutcome.CHANGED, QuantityOutcome.UNCERTAIN, QuantityOutcome.SAME)
+"""Order in which changes are listed."""
 
-EVIDENCE_LEVEL = "watch"
-"""Class of a change that is uncertain alone and agrees with the motor that the headline names."""
+KINDS_WORSE_IF_LARGER = (SHARE, LAG, MAX_SENSITIVITY, OVERSHOOT)
+"""Kinds of quantities of which an increase is for the worse."""
+
+KINDS_WORSE_IF_SMALLER = (
+    EFFECT,
+    PHASE_MARGIN,
+    GAIN_MARGIN,
+    ATTITUDE_PHASE_MARGIN,
+    ATTITUDE_GAIN_MARGIN,
+)
+"""Kinds of quantities of which a decrease is for the worse."""
+
+KINDS_OF_ONE_MOTOR = (SHARE, EFFECT)
+"""Kinds of figures beside the median motor's. One that seems better may be that of a sound motor beside a weak one."""
+
+
+class Shape(StrEnum):
+    """Shape by which an outcome is drawn."""
+
+    SQUARE = "square"
+    """Changed."""
+
+    DIAMOND = "diamond"
+    """Uncertain alone, but it agrees with the motor that the headline names."""
+
+    RING = "ring"
+    """Too uncertain to tell."""
+
+    DOT = "dot"
+    """The same."""
+
+
+SHAPES = {
+    QuantityOutcome.CHANGED: Shape.SQUARE,
+    QuantityOutcome.UNCERTAIN: Shape.RING,
+    QuantityOutcome.SAME: Shape.DOT,
+}
+"""Shape of each outcome."""
 
 EVIDENCE_REMARK = "agrees with the weak motor"
 """What stands below such a change in the drawing."""
@@ -44,8 +88,10 @@ class DrawnChange(NamedTuple):
 
     text: str
     """Quantity, change and interval in words."""
-    level: str
-    """Class that colours it."""
+    shape: Shape
+    """Shape of the estimate."""
+    colour: str
+    """Name of its colour in the style sheet of pages, such as "bad"."""
     low: float
     """Position of the lower end of the interval."""
     middle: float
@@ -72,11 +118,10 @@ def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
         First the quantities that changed, then the uncertain ones. In each group, changes whose interval excludes "no
         change" come first.
     """
-    outcomes_in_order = list(OUTCOME_LEVELS)
 
     def sort_key(change: QuantityChange) -> tuple[int, bool]:
         """Returns the position of the outcome, and whether "no change" is possible."""
-        return outcomes_in_order.index(change.outcome), change.interval_contains_zero
+        return OUTCOMES_IN_ORDER.index(change.outcome), change.interval_contains_zero
 
     changes = []
     for change in difference.changes:
@@ -124,15 +169,16 @@ def change_plan(
             beyond = 1
         elif relative.difference < -extent:
             beyond = -1
-        level = OUTCOME_LEVELS[change.outcome]
+        shape = SHAPES[change.outcome]
         remark = ""
         if is_uncertain_evidence(change, evidence):
-            level = EVIDENCE_LEVEL
+            shape = Shape.DIAMOND
             remark = EVIDENCE_REMARK
         rows.append(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
-                level=level,
+                shape=shape,
+                colour=_colour(change, shape),
                 low=position(relative.low),
                 middle=position(relative.difference),
                 high=position(relative.high),
@@ -154,6 +200,30 @@ def is_uncertain_evidence(change: QuantityChange, evidence: Collection[QuantityC
         evidence: changes that agree with a weak motor, which the judgement of one of the states names.
     """
     return change in evidence and change.outcome is not QuantityOutcome.CHANGED
+
+
+def _colour(change: QuantityChange, shape: Shape) -> str:
+    """Returns the colour of a drawn change: red for the worse, green for the better, and others without a judgement.
+
+    Args:
+        change: change of one quantity between two states.
+        shape: shape by which it is drawn.
+
+    Returns:
+        Name of a colour in the style sheet of pages.
+    """
+    if shape is Shape.DIAMOND:
+        return "watch"
+    if shape is not Shape.SQUARE:
+        return "unknown"
+    kind = change.quantity.kind
+    is_larger = change.difference > 0
+    if kind not in (*KINDS_WORSE_IF_LARGER, *KINDS_WORSE_IF_SMALLER):
+        return "link"
+    is_worse = is_larger == (kind in KINDS_WORSE_IF_LARGER)
+    if is_worse:
+        return "bad"
+    return "link" if kind in KINDS_OF_ONE_MOTOR else "good"
 
 
 class _RelativeChange(NamedTuple):

@@ -103,6 +103,11 @@ class Axis(NamedTuple):
     has_gaps: bool = False
     """Whether a long step between two values means that samples are missing, as over the time of a flight."""
 
+    @property
+    def is_time(self) -> bool:
+        """Whether it is a time in seconds."""
+        return self.label.endswith("(s)")
+
     def as_json(self) -> JsonValues:
         """Returns the axis as JSON for ``charts.js``, the script that draws the charts of a page.
 

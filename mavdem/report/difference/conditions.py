@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
+from mavdem.facts.lights import Light
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.flight_conditions import Conditions
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
@@ -69,7 +70,8 @@ def condition_table(reviewed: ReviewedDifference) -> list[Table]:
         rows.append([f"{condition.name} ({condition.unit})", *condition.cells])
     if not rows:
         return []
-    return [Table(["flown with", *STATE_NAMES], rows)]
+    are_means = max(reviewed.difference.flights) > 1
+    return [Table(["flown with (mean)" if are_means else "flown with", *STATE_NAMES], rows)]
 
 
 def condition_sentence(reviewed: ReviewedDifference) -> list[Sentence]:
@@ -83,7 +85,8 @@ def condition_sentence(reviewed: ReviewedDifference) -> list[Sentence]:
     texts = [row.text for row in condition_rows(reviewed) if row.name in BRIEF_CONDITIONS]
     if not texts:
         return []
-    return [Sentence(f"{'; '.join(texts)}.", "Flown with:")]
+    are_means = max(reviewed.difference.flights) > 1
+    return [Sentence(f"{'; '.join(texts)}.", "Flown with (mean):" if are_means else "Flown with:")]
 
 
 def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
@@ -122,13 +125,17 @@ def wind_rows(reviews_by_side: Mapping[str, Review]) -> list[ConditionRow]:
             two fleets it is empty, since wind belongs to a single flight.
     """
     winds = []
+    bounds = []
     for side in STATE_NAMES:
         # A missing review or wind is empty: then the cells say that the wind is not known.
         review = reviews_by_side.get(side) or {}
         winds.append(review.get("wind") or {})
+        bounds.append(value_at(review, f"lights.{Light.WIND}.figures.reason") or {})
     before, after = winds
+    bounds_before, bounds_after = bounds
+    speeds = (_wind_speed_cell(before, bounds_before), _wind_speed_cell(after, bounds_after))
     return [
-        ConditionRow(WIND, "m/s", (_wind_speed_cell(before), _wind_speed_cell(after))),
+        ConditionRow(WIND, "m/s", speeds),
         ConditionRow("wind from", "°", (_wind_direction_cell(before), _wind_direction_cell(after))),
     ]
 
@@ -193,7 +200,7 @@ def _lean_cell(conditions: Conditions) -> str:
     return " and ".join(angles).replace("-", "−").replace("+0", "0")
 
 
-def _wind_speed_cell(wind: JsonValues) -> str:
+def _wind_speed_cell(wind: JsonValues, bounds: JsonValues) -> str:
     """Returns the table cell of a flight's mean wind speed, m/s, with its 90 % interval, such as "5.2 (4.6 to 5.9)".
 
     It is the mean of the speeds, as the light on the wind has it. Documents of earlier versions have only the speed of
@@ -202,13 +209,20 @@ def _wind_speed_cell(wind: JsonValues) -> str:
 
     Args:
         wind: the wind in a review document; empty without a wind.
+        bounds: what the light on the wind says of a speed that is not identifiable: its ``low`` and ``high`` bound,
+            m/s; empty without.
 
     Returns:
-        The text; a dash if the speed is not identifiable.
+        The text. For a speed that is not identifiable, between which bounds it is, as the light on the wind has it; a
+        dash if these are not known either.
     """
     status = wind.get("status", {})
     if status.get("speed") == NOT_IDENTIFIABLE:
-        return UNKNOWN_FIGURE
+        if not bounds.get("high"):
+            return UNKNOWN_FIGURE
+        if not bounds.get("low"):
+            return f"below {rounded_up(bounds['high'], 1)}"
+        return f"{bounds['low']:.1f} to {bounds['high']:.1f}"
     if wind.get("calm"):
         _, upper_end = wind["speed_interval"]
         return f"below {rounded_up(upper_end, 1)}"

@@ -367,7 +367,12 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
             rows.append([name, *_light_cells(first_light, second_light)])
     blocks: Blocks = []
     if rows:
-        blocks.append(Table(["light", *reviews], rows, words=True))
+        # Of a fleet the motors alone have a light, that of the last flight.
+        titles = []
+        for side, lights in lights_by_side.items():
+            is_of_several = any(len(light.get("levels", ())) > 1 for light in lights.values())
+            titles.append(f"{side}, last flight" if is_of_several else side)
+        blocks.append(Table(["light", *titles], rows, words=True))
     blocks += render_section("difference_lights", names_by_level=equal_names_by_level)
     return blocks
 

@@ -197,8 +197,15 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
             change_of_motor = changes_by_kind[kind].get(motor)
             row.append("" if change_of_motor is None else change_with_interval(change_of_motor))
         rows.append(row)
-    titles = [SHOWN_QUANTITIES[kind].name for kind in shown_kinds]
-    return [Table(["", *STATE_NAMES, *titles], rows, words=True)]
+    side_titles = []
+    for side, flight_count in zip(STATE_NAMES, difference.flights, strict=True):
+        # Warnings are those of one flight, and figures the means of all.
+        side_titles.append(f"{side}, last flight" if flight_count > 1 else side)
+    titles = []
+    for kind in shown_kinds:
+        name = SHOWN_QUANTITIES[kind].name
+        titles.append(f"mean {name}" if max(difference.flights) > 1 else name)
+    return [Table(["", *side_titles, *titles], rows, words=True)]
 
 
 def _motor_warnings(review: Review) -> dict[int, JsonValues]:

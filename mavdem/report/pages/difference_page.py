@@ -7,6 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.facts.fleet import QuantityOutcome
@@ -14,6 +15,7 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
+from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
 from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
@@ -74,7 +76,8 @@ SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 
 CHANGES_CAPTION = """\
 Each change from A to B with its own 90 % interval. Within the shaded band a change is called the same. A square \
-changed, a ring is too uncertain to tell, a dot stayed the same. An arrow lies outside the drawing."""
+changed: red for the worse, green for the better, blue where neither can be said. A ring is too uncertain to tell, a \
+dot stayed the same. An arrow lies outside the drawing."""
 """What stands below the drawing of all changes."""
 
 EVIDENCE_CAPTION = """\
@@ -82,9 +85,19 @@ EVIDENCE_CAPTION = """\
 """What is added to it where the drawing has such a change."""
 
 TRIMS_CAPTION = """\
-The output of each motor over that of the median motor. What lean in wind asks for is in it; the light of the motors \
-leaves that out. The bars include how much flights of one vehicle usually differ, half of that variance on each side."""
+The mean output of each motor over that of the median motor. What lean in wind asks for is in it; the light of the \
+motors leaves that out. The bars include how much flights of one vehicle usually differ, half of that variance on \
+each side."""
 """What stands below the chart of trims."""
+
+FLIGHT_DOTS_DISTANCE = 0.16
+"""Distance of the dots of single flights from the motor's mean, in distances of two motors: a choice."""
+
+FLIGHT_DOTS_WIDTH = 0.14
+"""Room of the dots of single flights beside each other, in distances of two motors: a choice."""
+
+MAX_FLIGHT_DOTS = 40
+"""Flights of a side up to which each has a dot of its own: more would hide each other."""
 
 MOTORS_CAPTION = f"""\
 Means over {MEAN_SECONDS:g} s, all on one scale. The charts begin at take-off, or \
@@ -755,7 +768,8 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
         difference: comparison of both flights, quantity by quantity.
 
     Returns:
-        The chart, with motors on the horizontal axis and a line at 0; without dots if no trims were compared.
+        The chart, with motors on the horizontal axis and a line at 0; without dots if no trims were compared. Of
+        several flights, each has a dot of its own beside their mean.
     """
     # Of all compared quantities, such as margins and motor time constants, the chart has the trims ("share").
     trim_changes = [change for change in difference.changes if change.quantity.kind == SHARE]
@@ -771,12 +785,90 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
         }
         half_widths_of_changes = 100 * np.array([change.half_width for change in trim_changes])
         whiskers = half_widths_of_changes / sqrt(2)
+        flight_counts = dict(zip(STATE_NAMES, difference.flights, strict=True))
         for side, trims in trims_by_side.items():
+            name = f"{legend[side]}, mean" if flight_counts[side] > 1 else legend[side]
             dots = Line.with_band(
-                legend[side], SIDE_COLOURS[side], positions, trims, whiskers, LineStyle.DOTS
+                name, SIDE_COLOURS[side], positions, trims, whiskers, LineStyle.DOTS
             )
             lines.append(dots)
+        # Flights of A stand on the left of both means, those of B on the right.
+        lines = [
+            *_flight_dots("A", legend["A"], trim_changes),
+            *lines,
+            *_flight_dots("B", legend["B"], trim_changes),
+        ]
+        if len(lines) > len(legend):
+            lines = [*_with_common_abscissae(lines)]
     motor_count = max(motor_numbers, default=0)
     motor_axis = Axis("motor", names=tuple(str(number) for number in range(1, motor_count + 1)))
     trim_axis = Axis("relative trim (%)")
     return Chart("Relative trim (%)", motor_axis, trim_axis, tuple(lines), levels=(0.0,))
+
+
+def _flight_dots(side: str, name: str, trim_changes: Sequence[QuantityChange]) -> list[Line]:
+    """Returns the relative trim of each flight of a side, %, as dots beside the mean of the motor.
+
+    Args:
+        side: "A", whose flights stand on the left of the motor, or "B", on the right.
+        name: name of the side in the legend.
+        trim_changes: the compared trims, with their values in all flights.
+
+    Returns:
+        A list with a line of dots, those of a motor in order of date from left to right. It is empty of a single
+        flight, and of so many that their dots would hide each other.
+    """
+    distance = -FLIGHT_DOTS_DISTANCE if side == "A" else FLIGHT_DOTS_DISTANCE
+    positions: list[float] = []
+    trims: list[float] = []
+    for change in trim_changes:
+        values = change.flights_before if side == "A" else change.flights_after
+        if 1 < len(values) <= MAX_FLIGHT_DOTS:
+            offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, len(values))
+            positions += list(change.quantity.motor - 1.0 + distance + offsets)
+            trims += [100 * value for value in values]
+    if not trims:
+        return []
+    return [
+        Line(
+            f"{name}, each flight",
+            SIDE_COLOURS[side],
+            np.array(positions),
+            np.array(trims),
+            style=LineStyle.DOTS,
+        )
+    ]
+
+
+def _with_common_abscissae(lines: Sequence[Line]) -> tuple[Line, ...]:
+    """Puts lines of dots on the abscissae of all of them, with NaN where a line has no dot, so that none is resampled.
+
+    Args:
+        lines: lines with different abscissae, such as means at the motors and single flights beside them.
+
+    Returns:
+        The same lines, all with the same ascending abscissae.
+    """
+    abscissae = np.unique(np.concatenate([line.x for line in lines]))
+
+    def extended(values: Array | None, line: Line) -> Array | None:
+        """Returns the values of a line at all abscissae; None of a line without them."""
+        if values is None:
+            return None
+        extended_values = np.full(len(abscissae), np.nan)
+        extended_values[np.searchsorted(abscissae, line.x)] = values
+        return extended_values
+
+    extended_lines = []
+    for line in lines:
+        y = np.full(len(abscissae), np.nan)
+        y[np.searchsorted(abscissae, line.x)] = line.y
+        extended_lines.append(
+            line._replace(
+                x=abscissae,
+                y=y,
+                lower_edge=extended(line.lower_edge, line),
+                upper_edge=extended(line.upper_edge, line),
+            )
+        )
+    return tuple(extended_lines)

@@ -24,6 +24,9 @@ _UNSAFE_CHARACTERS = re.compile(
 _JSON_ESCAPE = re.compile(r"\\(?:u([0-9a-f]{4})|.)")
 """An escape in a JSON text; that of a character by its number has the four digits as its group."""
 
+_HYPHEN_BEFORE_NUMBER = re.compile(r"(?<![^\s(])-(?=\d)")
+"""The hyphen of a negative number, such as "-4.5", and no part of a date or a name."""
+
 _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 """A percent sign after a number, with the space before it if there is one."""
 
@@ -110,7 +113,8 @@ def _safe_escape(escape: re.Match[str]) -> str:
 def _prose_as_html(text: str) -> Markup:
     """Converts text to HTML: parts between backquotes become code; numbers with "%" and shortened names stay on a line.
 
-    The text is escaped first, since it may come from a log. If a backquote has no partner, all are kept as they are.
+    Negative numbers get a minus sign. The text is escaped first, since it may come from a log. If a backquote has no
+    partner, all are kept as they are.
 
     Args:
         text: plain text of one sentence or more.
@@ -119,6 +123,9 @@ def _prose_as_html(text: str) -> Markup:
         The HTML.
     """
     text = _SPACE_BEFORE_PERCENT.sub(f"{HARD_SPACE}%", text)
+    if "`" not in text:
+        # Code, such as an option with its value, is to be copied as it is.
+        text = _HYPHEN_BEFORE_NUMBER.sub("−", text)
     html = str(escape(_ELLIPSIS_IN_NAME.sub("…\N{WORD JOINER}", text)))
     has_unpaired_backquote = html.count("`") % 2 == 1
     if has_unpaired_backquote:

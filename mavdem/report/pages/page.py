@@ -26,7 +26,7 @@ from mavdem.facts.session import SessionFact
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Rated, Sentence, Table, shortened
 from mavdem.report.brief_events import StatedEvents, count_text, short_list
-from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
+from mavdem.report.charts.chart import MAX_POINTS, Chart, Group, Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges, ParameterDownload
 from mavdem.report.gain_overview import GainOverview
@@ -143,6 +143,15 @@ class Chapter(NamedTuple):
     def has_charts(self) -> bool:
         """Whether it has anything that the script for charts draws."""
         return bool(self.groups or self.notch_trial)
+
+    @property
+    def has_time_charts(self) -> bool:
+        """Whether it has charts over time, which a user can zoom."""
+        for group in self.groups:
+            for column in group.columns:
+                if any(isinstance(panel, Chart) and panel.x.is_time for panel in column):
+                    return True
+        return False
 
     @property
     def has_content(self) -> bool:
@@ -611,6 +620,8 @@ def render_document(
     chapters_with_content = [chapter for chapter in chapters if chapter.has_content]
     # The head of a flight's page has charts over time.
     has_charts = head is not None or any(chapter.has_charts for chapter in chapters_with_content)
+    open_chapters = [chapter for chapter in chapters_with_content if not chapter.folded]
+    has_time_charts = any(chapter.has_time_charts for chapter in open_chapters)
     return render_page(
         environment().get_template("document.html"),
         title=title,
@@ -621,6 +632,7 @@ def render_document(
         head=head,
         points=max_points,
         has_charts=has_charts,
+        has_time_charts=has_time_charts,
         key=key,
     )
 

@@ -26,6 +26,26 @@ def test_what_changed_stands_first_and_every_change_is_within_the_drawing():
     assert ends[:2] == ["−6.0 %", "+6.0 %"] and len(ends) == 2 * len(texts)
 
 
+def test_better_and_worse_have_other_colours_than_what_cannot_be_judged():
+    """The margin of pitch rose and that of roll fell; the trim of motor 3 rose, and damping is neither good nor bad."""
+    margins = {"phase_margin_interval": 0.05}
+    before, after = [], []
+    for axis, lower, higher in (("roll", 1.0, 0.3), ("pitch", 0.5, 1.0)):
+        first = flight_row("quad", 1, axis, phase_margin=lower, **margins)
+        second = flight_row("quad", 2, axis, phase_margin=higher, damping=5.0, **margins, **WEAK)
+        before.append(first)
+        after.append(second)
+    svg = change_plan(vehicle_difference(before, after)).svg
+    colours = {}
+    for text, colour in re.findall(
+        r'<div style="font-size: 12px[^>]*>([^<]*)<.*?stroke: var\(--(\w+)\)', svg, re.DOTALL
+    ):
+        colours[" ".join(text.replace("&#39;", "'").split()[:4])] = colour
+    assert colours["Phase margin on roll"] == "bad" and colours["Phase margin on pitch"] == "good"
+    assert colours["Rate damping on roll"] == "link"
+    assert colours["Motor 3's relative trim"] == "bad"
+
+
 def test_without_a_common_quantity_nothing_is_drawn():
     other_vehicle_rows = rows_of(
         range(2), motors=("motor 1",), trim_share=(1.0,), effect=(1.0,), damping=None

@@ -220,6 +220,13 @@ def test_still_air_comes_from_nowhere():
     assert directions.cells == ("-", "110 ± 12")
     calm["wind"]["speed_interval"] = [0.0, 3.14]
     assert wind_rows({"A": calm})[0].cells == ("below 3.2", "-")
+    # A speed that is not identifiable has the bounds that the light on the wind states.
+    status = {"speed": "not identifiable", "direction": "not identifiable"}
+    unsure = {"wind": {"status": status, "calm": False}}
+    for low, text in ((0.0, "below 3.6"), (1.2, "1.2 to 3.6")):
+        reason = {"low": low, "high": 3.58}
+        review = {**unsure, "lights": {"wind": {"figures": {"reason": reason}}}}
+        assert wind_rows({"B": review})[0].cells[1].endswith(text)
 
 
 def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(difference):
@@ -228,7 +235,7 @@ def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(differ
         changes=(largest._replace(tested_difference=5.0, tested_half_width=0.01),)
     )
     plan = change_plan(far)
-    assert plan.svg.count('d="M-11 -6') == 1 and "<rect class" not in plan.svg
+    assert plan.svg.count('d="M-11 -6') == 1 and 'width="10"' not in plan.svg
     assert 'd="M-11 -6' not in change_plan(difference).svg
 
 

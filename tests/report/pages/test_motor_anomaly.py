@@ -191,7 +191,7 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     (step,) = texts(next_blocks(reviewed_difference(difference, reviews)))
     assert step == "Next: Inspect motor 1 and its propeller before the next flight."
     page = comparison_page(("a", "b"), reviewed_difference(difference, reviews))
-    assert page.count('<path class="watch" d="M0 -7') == 1
+    assert page.count('<path style="fill: var(--watch)" d="M0 -7') == 1
     # A motor that became stronger is no evidence that it is weak.
     stronger = " ".join(
         texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), reviews)))
@@ -242,6 +242,10 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     assert description.endswith("4 flights (figures are their means), 2026-01-06 to 2026-01-09")
     page = comparison_page(("fleet", "log"), reviewed)
     assert "its motors are good in 2 of 4 flights" in page
+    for part in ("A, each flight", "A, mean", "A, last flight", "flown with (mean)"):
+        assert part in page
+    # No chart of this page is over time.
+    assert "Drag over a plot" not in page
     common = reviewed._replace(common_files=("a.bin",), counting_side="B")
     assert "1 flight of B is in A too (a.bin): it counts for B alone." in plain_text(
         flight_cautions(common)
