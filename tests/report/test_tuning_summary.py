@@ -1,11 +1,15 @@
 """What stands first in the report of ``mavdem tune``: its headline, and what to do next."""
 
+import numpy as np
 from hover import Hover
+from partial_records import partial_record
 from pytest import mark
 
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
+from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.judgement import Judgement
+from mavdem.confidence import IntervalEstimate
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
@@ -13,8 +17,10 @@ from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.loops.advice import Gain
+from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import outcome_sentences, tune_blocks, tune_summary, tuning_result
+from mavdem.report.pages.tune_page import attitude_fit_sentences
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 FLY_DOUBLETS = Fact(LoopAction.FLY_DOUBLETS, axis="roll", is_biased=False)
@@ -114,3 +120,15 @@ def test_lowered_gains_are_one_set_for_headline_report_and_files():
     files = tuning.files(Hover().telemetry())
     assert sorted(files) == [".lower.param", ".lower.params"]
     assert "ATC_RAT_PIT_P,0.1333" in files[".lower.param"]
+
+
+def test_an_attitude_that_rings_more_than_predicted_has_its_fit_beside_the_chart():
+    step = np.array([0.0, 1.0, 1.3, 1.0])
+    overshoot = IntervalEstimate(0.3, 0.2, 0.4)
+    measured = partial_record(StepResponse, step=step, overshoot=overshoot)
+    predicted_step = np.array([0.0, 1.0, 1.0, 1.0])
+    responses = {"roll": {"attitude": LoopResponse(measured, predicted_step)}, "pitch": {}}
+    [sentence] = attitude_fit_sentences(responses)
+    # The RMS of the difference is 0.15, the standard deviation of the step 0.49.
+    assert sentence.text.startswith("roll 70 % (overshoot 30 %, predicted 0 %). 100 % is")
+    assert not attitude_fit_sentences({"roll": {"attitude": LoopResponse(measured)}})

@@ -2,7 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
+from typing import NamedTuple
 
+import numpy as np
+
+from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import (
     LoopResponse,
@@ -175,6 +179,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
         }
     reasons = sentences_without_response(responses_without_note)
     reasons += _sentences_on_identified_steps(responses)
+    reasons += attitude_fit_sentences(responses)
     caption = _caption_of_step_chapter(charts_and_notes, responses, tuning)
     groups = _groups_of_columns(charts_and_notes, assessment, caption)
     return Chapter("Step response", reasons, groups)
@@ -230,6 +235,46 @@ def _sentences_on_identified_steps(responses: Responses) -> list[Sentence]:
         names=loop_names,
         rise_times=(min(rise_times), max(rise_times)),
         least_messages=MIN_RISE_MESSAGES,
+    )
+
+
+class _StepAgreement(NamedTuple):
+    """How well the measured step of one axis' attitude agrees with the predicted one; all as fractions."""
+
+    fit: float
+    """1 less the RMS of their difference relative to the standard deviation of the measured step; at least 0."""
+    overshoot: float
+    """Overshoot of the measured step."""
+    predicted_overshoot: float
+    """Overshoot of the predicted step."""
+
+
+def attitude_fit_sentences(responses: Responses) -> list[Sentence]:
+    """Returns the sentence that says how well the measured steps of the attitude agree with the predicted ones.
+
+    Args:
+        responses: by axis and loop, the measured response, with the predicted step of an axis whose loop is known.
+
+    Returns:
+        A list with the sentence; empty if no axis has both steps.
+    """
+    agreements = {}
+    for axis, responses_of_axis in responses.items():
+        response = responses_of_axis.get("attitude")
+        if response is None or not isinstance(response.measured, StepResponse):
+            continue
+        if response.predicted_step is not None:
+            agreements[axis] = _step_agreement(response.measured, response.predicted_step)
+    return render_section("step_agreement", steps=agreements) if agreements else []
+
+
+def _step_agreement(measured: StepResponse, predicted_step: Array) -> _StepAgreement:
+    """Compares a measured step response with a predicted one, (K,) at the same times."""
+    error = np.sqrt(np.mean((measured.step - predicted_step) ** 2))
+    return _StepAgreement(
+        fit=max(0.0, 1 - float(error / measured.step.std())),
+        overshoot=max(0.0, measured.overshoot.value),
+        predicted_overshoot=max(0.0, float(predicted_step.max()) - 1),
     )
 
 
