@@ -41,6 +41,10 @@ Without a position the vehicle may have flown anywhere, so that the rest is no d
 """
 
 
+MAX_FLIGHT_SECONDS = 86_400.0
+"""Longest time in the air, s: a battery lasts for hours at most, so after a day the clock has jumped."""
+
+
 @dataclass(frozen=True)
 class FlownFlight:
     """One flight of a log, from take-off to landing, as far as it was recorded."""
@@ -113,8 +117,11 @@ def _is_hop(flight: FlownFlight) -> bool:
 
 
 def total_time(flights: Sequence[FlownFlight]) -> float | None:
-    """Returns the sum of the durations of flights, s; None without a flight."""
-    return sum(flight.duration for flight in flights) if flights else None
+    """Returns the sum of the durations of flights, s; None without a flight, and if the clock jumped during one."""
+    durations = [flight.duration for flight in flights]
+    if not durations or max(durations) > MAX_FLIGHT_SECONDS:
+        return None
+    return sum(durations)
 
 
 def total_distance(flights: Sequence[FlownFlight]) -> float | None:

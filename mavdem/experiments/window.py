@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -180,7 +181,8 @@ def windows(
         test = default_test
     window_length = train + test
     if hop is None:
-        hop = max(1, window_length // 2)
+        # Rounded up, so that every second window overlaps none before it, also where the length is odd.
+        hop = ceil(window_length / 2)
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
     last_start = len(flight) - window_length

@@ -21,7 +21,7 @@ from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
 from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
-from mavdem.report.numbers import display_unit, with_unit
+from mavdem.report.numbers import display_unit, rounded, with_unit
 from mavdem.report.templates import render_section
 
 LONG_RUN = 20.0
@@ -44,7 +44,7 @@ class _TestedMethod(NamedTuple):
     """Squared error of the first method over that of this one, as text."""
 
     p_value: str
-    """p-value of the paired test, as text."""
+    """p-value of the paired test with its sign, such as "= 0.04"."""
 
     is_significant: bool
     """Whether the test shows a difference."""
@@ -236,8 +236,8 @@ def _tested_method(name: str, test: Paired) -> _TestedMethod:
     """
     return _TestedMethod(
         name,
-        _short_number(test.ratio),
-        f"{test.p_value:.2g}",
+        rounded(test.ratio),
+        f"< {MIN_DECIMAL}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}",
         test.result is not TestResult.NOT_DISTINGUISHABLE,
     )
 
@@ -351,7 +351,7 @@ def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
     if test is None:
         row += ["", ""]
     else:
-        row += [_short_number(test.ratio), f"{test.p_value:.2g}"]
+        row += [_short_number(test.ratio), _short_number(test.p_value)]
     return [*row, str(summary["unstable"]), _coverage(summary)]
 
 

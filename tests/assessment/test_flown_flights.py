@@ -8,6 +8,7 @@ from pytest import approx, mark
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.flown_flights import (
+    FlownFlight,
     flights_and_hops,
     flown_flights,
     largest_height,
@@ -167,3 +168,9 @@ def test_a_short_time_just_off_the_ground_is_a_hop_and_no_flight():
         assert [flight.duration for flight in flights] == approx(durations, abs=1.0)
         # A hop is time in the air too.
         assert total_time(flights_and_hops(Signals(telemetry))) == approx(end - 7.0, abs=1.0)
+
+
+def test_a_flight_in_which_the_clock_jumps_by_more_than_a_day_has_no_time_in_the_air():
+    before = FlownFlight(boot=0, start=10.0, end=70.0, distance=None, height=None)
+    assert total_time([before, replace(before, start=100.0, end=130.0)]) == 90.0
+    assert total_time([before, replace(before, start=100.0, end=1e7)]) is None

@@ -7,7 +7,7 @@ from refusals import refused
 from simulated import simulated
 
 from mavdem.assessment.axis.training import flights_after_start
-from mavdem.experiments.window import no_test_window, too_short
+from mavdem.experiments.window import disjoint_windows, no_test_window, too_short, windows
 from mavdem.facts.forecasts import ForecastFact
 
 FLIGHT = replace(simulated(samples=600), provenance={"segment": {"boot": 0}})
@@ -27,6 +27,12 @@ def test_parts_that_are_too_long_are_refused_with_those_that_fit(start, train, o
     remaining_samples = 600 - round(100 * start)
     assert fact.code is ForecastFact.FLIGHT_TOO_SHORT
     assert (fact.figures["left"], fact.figures["options"]) == (remaining_samples, options)
+
+
+def test_every_second_window_overlaps_none_also_where_their_length_is_odd():
+    parts = windows("flight", FLIGHT, 100, 25)
+    assert [part.start for part in parts[:3]] == [0, 63, 126]
+    assert len(disjoint_windows(parts)) == 4
 
 
 def test_a_window_that_fits_into_no_part_is_refused_with_one_that_does():
