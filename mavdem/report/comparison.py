@@ -203,7 +203,7 @@ def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Senten
         method_count=len(tests),
         losses=[_tested_method(method, tests[method]) for method in better_methods],
         benchmarks=[_tested_method(method, tests[method]) for method in benchmarks],
-        baselines=(HOLD_LAST, CONSTANT_MEAN),
+        trivial_methods=(HOLD_LAST, CONSTANT_MEAN, "zero"),
         lower=methods_by_result[TestResult.LOWER],
         similar=methods_by_result[TestResult.NOT_DISTINGUISHABLE],
         failed_methods=failed_methods,
@@ -236,7 +236,7 @@ def _tested_method(name: str, test: Paired) -> _TestedMethod:
     """
     return _TestedMethod(
         name,
-        rounded(test.ratio),
+        _short_number(test.ratio) if test.ratio < MIN_DECIMAL else rounded(test.ratio),
         f"< {MIN_DECIMAL}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}",
         test.result is not TestResult.NOT_DISTINGUISHABLE,
     )

@@ -97,6 +97,13 @@ def test_a_window_without_a_unit_of_error_fails_for_all_and_our_own_fault_is_rai
         assert "vary" in str(evaluate_window(method, window).failure)
 
 
+def test_a_first_method_that_fails_everywhere_is_said_to_have_failed():
+    headline, *_ = comparison_report(compare(WINDOWS[:1], [REFUSES, MEAN]))
+    assert (
+        headline.lead == "Forecasts of 1.5 s, inputs known: refuses made no forecast in any window."
+    )
+
+
 @mark.slow
 def test_a_summary_is_the_median_of_its_windows(compared):
     """The summary of three windows of a flight, by a good, a trivial, a failing and a diverging method."""
