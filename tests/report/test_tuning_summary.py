@@ -1,5 +1,7 @@
 """What stands first in the report of ``mavdem tune``: its headline, and what to do next."""
 
+from unittest.mock import Mock
+
 import numpy as np
 from hover import Hover
 from partial_records import partial_record
@@ -10,6 +12,7 @@ from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.judgement import Judgement
 from mavdem.confidence import IntervalEstimate
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
@@ -20,7 +23,7 @@ from mavdem.loops.advice import Gain
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import outcome_sentences, tune_blocks, tune_summary, tuning_result
-from mavdem.report.pages.tune_page import attitude_fit_sentences
+from mavdem.report.pages.tune_page import attitude_fit_sentences, fast_step_sentences
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 FLY_DOUBLETS = Fact(LoopAction.FLY_DOUBLETS, axis="roll", is_biased=False)
@@ -132,3 +135,16 @@ def test_an_attitude_that_rings_more_than_predicted_has_its_fit_beside_the_chart
     # The RMS of the difference is 0.15, the standard deviation of the step 0.49.
     assert sentence.text.startswith("roll 70 % (overshoot 30 %, predicted 0 %). 100 % is")
     assert not attitude_fit_sentences({"roll": {"attitude": LoopResponse(measured)}})
+
+
+@mark.parametrize("message_rate, is_too_fast", [(50.0, True), (400.0, False)])
+def test_a_measured_step_that_is_too_fast_for_its_messages_has_a_warning(message_rate, is_too_fast):
+    """At 50 Hz twelve messages take 240 ms, at 400 Hz 30 ms."""
+    rise_time = IntervalEstimate(0.06, 0.05, 0.07)
+    measured = partial_record(StepResponse, is_identified=False, rise_time=rise_time)
+    time = np.arange(0.0, 5.0, 1 / message_rate)
+    series = TimeSeries(time, np.zeros(len(time), int), np.zeros(len(time)))
+    assessment = Mock()
+    assessment.evidence.signals.for_axis().rate_and_setpoint = (series, series)
+    sentences = fast_step_sentences({"pitch": {"rate": LoopResponse(measured)}}, assessment)
+    assert [sentence.lead for sentence in sentences] == ["Pitch rate:"] * is_too_fast

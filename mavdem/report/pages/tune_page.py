@@ -17,6 +17,7 @@ from mavdem.assessment.axis.responses import (
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import GainTrial, try_gains
 from mavdem.assessment.evidence import Evidence
+from mavdem.dataset.signals import rate_between_outages
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
@@ -179,6 +180,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
         }
     reasons = sentences_without_response(responses_without_note)
     reasons += _sentences_on_identified_steps(responses)
+    reasons += fast_step_sentences(responses, assessment)
     reasons += attitude_fit_sentences(responses)
     caption = _caption_of_step_chapter(charts_and_notes, responses, tuning)
     groups = _groups_of_columns(charts_and_notes, assessment, caption)
@@ -236,6 +238,35 @@ def _sentences_on_identified_steps(responses: Responses) -> list[Sentence]:
         rise_times=(min(rise_times), max(rise_times)),
         least_messages=MIN_RISE_MESSAGES,
     )
+
+
+def fast_step_sentences(responses: Responses, assessment: Assessment) -> list[Sentence]:
+    """Returns the sentence that warns of measured steps of the rate that are too fast for the messages of the log.
+
+    Such a step is shown if no identified loop can take its place.
+
+    Args:
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+        assessment: assessment of the log, with the messages of body rates and their setpoints.
+
+    Returns:
+        A list with the sentence, which names these steps; empty without any.
+    """
+    assert assessment.evidence is not None
+    names = []
+    for axis, responses_of_axis in responses.items():
+        response = responses_of_axis.get("rate")
+        rate_and_setpoint = assessment.evidence.signals.for_axis(axis).rate_and_setpoint
+        if response is None or rate_and_setpoint is None:
+            continue
+        step = response.measured
+        message_rate = min(rate_between_outages(series) for series in rate_and_setpoint)
+        if isinstance(step, StepResponse) and not step.is_identified:
+            if step.rise_time.value < MIN_RISE_MESSAGES / message_rate:
+                names.append(f"{axis} rate")
+    if not names:
+        return []
+    return render_section("step_too_fast", names=names, least_messages=MIN_RISE_MESSAGES)
 
 
 class _StepAgreement(NamedTuple):
