@@ -316,6 +316,12 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     text = plain_text(parameter_sentences(equal))
     assert "are equal, beside one that the autopilot counts or learns by itself." in text
     assert "Calibrated anew: radio; calibrated or learned in flight: compass." in text
+    # A few parameters that are no gains are named.
+    wind = [ParameterChange("SIM_WIND_SPD", 2.0, 5.0)]
+    without_gains = reviewed_difference(vehicle_difference(before, after, wind), {}, wind)
+    assert "SIM_WIND_SPD 2 → 5; no gain of the rate controllers differs." in plain_text(
+        headline_of_comparison(without_gains)
+    )
     # The gains are the cause, and what follows from them is neither doubtful nor tested.
     sentences = headline_of_comparison(reviewed_difference(difference, {}, gains))
     headline = plain_text(sentences)

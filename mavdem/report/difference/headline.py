@@ -201,7 +201,8 @@ def _sentences_on_gains(
     """Returns the sentence of the headline on changed gains and their effects, such as a smaller phase margin.
 
     It names the first gains of the rate controllers that changed and how many other parameters did, and then the
-    quantities of the same axes that changed because of them.
+    quantities of the same axes that changed because of them. Without such gains it names the other parameters, if they
+    are few.
 
     Args:
         reviewed: comparison of the two states, with the changed parameters.
@@ -233,9 +234,13 @@ def _sentences_on_gains(
             effect = change_text(change, difference)
             if effect not in texts_above:
                 effects.append(effect)
+    other_parameters = []
+    if not gains and len(changed_parameters) <= MAX_HEADLINE_GAINS:
+        other_parameters = [parameter_text(parameter) for parameter in changed_parameters]
     return render_section(
         "difference_gains",
         gains=shown_gains,
+        other_parameters=other_parameters,
         further_count=len(changed_parameters) - len(shown_gains),
         effects=effects[:MAX_HEADLINE_EFFECTS],
         renamed_gain=reviewed.renamed_gain,
