@@ -142,7 +142,8 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
     steps_towards_gains = _steps_towards_gains(tuning)
     if steps_towards_gains:
-        return [*summary, *_sentences_towards_gains(steps_towards_gains)]
+        is_after_repair = not _has_next_step_on_loops(tuning.judgement)
+        return [*summary, *_sentences_towards_gains(steps_towards_gains, is_after_repair)]
     if _needs_doublets_after_next_step(tuning):
         summary += render_section("tune_doublets")
     return summary
@@ -191,11 +192,14 @@ def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
     return steps
 
 
-def _sentences_towards_gains(steps_by_axis: Mapping[str, list[str]]) -> list[Sentence]:
+def _sentences_towards_gains(
+    steps_by_axis: Mapping[str, list[str]], is_after_repair: bool
+) -> list[Sentence]:
     """Returns the sentences on what leads to gains, such as "For gains of roll and pitch: fly doublets.".
 
     Args:
         steps_by_axis: what to do by axis, in sentences (:func:`_steps_towards_gains`).
+        is_after_repair: whether the next step, such as a repair, comes before these steps.
 
     Returns:
         A sentence for all axes with the same steps, or with steps that those of another axis contain.
@@ -205,7 +209,8 @@ def _sentences_towards_gains(steps_by_axis: Mapping[str, list[str]]) -> list[Sen
     axes_by_text = group_by(
         text_by_axis, lambda axis: _most_complete(text_by_axis[axis], all_texts)
     )
-    return [Sentence(text, f"For gains of {listed(axes)}:") for text, axes in axes_by_text.items()]
+    beginning = "Then, for gains of" if is_after_repair else "For gains of"
+    return [Sentence(text, f"{beginning} {listed(axes)}:") for text, axes in axes_by_text.items()]
 
 
 def _needs_doublets_after_next_step(tuning: Tuning) -> bool:
@@ -218,16 +223,21 @@ def _needs_doublets_after_next_step(tuning: Tuning) -> bool:
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with its next step.
     """
-    next_step = tuning.judgement.next_step
-    reason = next_step.figures.get("reason")
-    is_action_on_loops = isinstance(reason, Fact) and isinstance(reason.code, LoopAction)
-    if is_action_on_loops or is_about_loops(next_step, tuning.judgement):
+    if _has_next_step_on_loops(tuning.judgement):
         return False
     for axis in tuning.axes:
         lacks_gains = _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_GAINS
         if lacks_gains and axis not in tuning.axes_without_controller:
             return True
     return False
+
+
+def _has_next_step_on_loops(judgement: Judgement) -> bool:
+    """Returns whether the next step is about the control loops, and not about a repair, say."""
+    next_step = judgement.next_step
+    reason = next_step.figures.get("reason")
+    is_action_on_loops = isinstance(reason, Fact) and isinstance(reason.code, LoopAction)
+    return is_action_on_loops or is_about_loops(next_step, judgement)
 
 
 def is_headline_of_tuning(tuning: Tuning, result: Fact) -> bool:

@@ -72,19 +72,19 @@ def test_the_headline_names_all_axes_that_lack_the_same_margin_as_much():
 
 
 @mark.parametrize(
-    "reason_of_next_step, axes_without_controller, needs_doublets",
+    "reason_of_next_step, axes_without_controller, last_lead",
     [
-        (LIMITED, (), True),
-        (LIMITED, ("roll",), True),
+        (LIMITED, (), "Then, for gains of roll and pitch:"),
+        (LIMITED, ("roll",), "Then, for gains of pitch:"),
         # No flight shows the gains of a controller that the log does not describe.
-        (LIMITED, ("roll", "pitch"), False),
+        (LIMITED, ("roll", "pitch"), "Next:"),
         # The next step leads to gains already, or lacks how fast to log.
-        (NOT_STEERED, (), False),
-        (FLY_DOUBLETS, (), True),
+        (NOT_STEERED, (), "Next:"),
+        (FLY_DOUBLETS, (), "For gains of roll and pitch:"),
     ],
 )
 def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
-    reason_of_next_step, axes_without_controller, needs_doublets
+    reason_of_next_step, axes_without_controller, last_lead
 ):
     tuning = tuning_of(
         LIMITED,
@@ -93,7 +93,7 @@ def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
         axes_without_controller=frozenset(axes_without_controller),
     )
     *_, last_sentence = tune_summary(tuning, LIMITED)
-    assert last_sentence.lead.startswith("For gains of" if needs_doublets else "Next:")
+    assert last_sentence.lead == last_lead
 
 
 def test_the_summary_says_what_each_axis_without_gains_needs():
