@@ -14,8 +14,9 @@ from mavdem.arrays import Array
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
 from mavdem.dataset.signals import global_positions, plane_positions
-from mavdem.dataset.time_series import TimeSeries, clean_series
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 
 MIN_JUMP = 2.5
 """Smallest distance, m, of a jump, from which the filters of PX4 and ArduPilot reject a position.
@@ -77,7 +78,7 @@ def position_jumps(telemetry: Telemetry) -> PositionJumps:
     # Tables with a row for each jump. The first one is empty, so that there is one to join without any jump.
     jump_tables = [np.zeros((0, 3))]
     for message in RECEIVER_MESSAGES:
-        positions = _receiver_positions(telemetry, message)
+        positions = receiver_positions(telemetry, message)
         if positions is None:
             continue
         is_recorded = True
@@ -87,7 +88,7 @@ def position_jumps(telemetry: Telemetry) -> PositionJumps:
     return PositionJumps(is_recorded, time, boot, distance)
 
 
-def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None:
+def receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None:
     """Returns the positions of one satellite receiver, relative to its first fix.
 
     Args:
@@ -106,6 +107,22 @@ def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None
         return None
     metres = plane_positions(degrees, origin=degrees[np.argmax(is_fix)])
     return clean_series(columns, metres, is_fix)
+
+
+def receiver_altitudes(telemetry: Telemetry, message: str) -> TimeSeries | None:
+    """Returns the altitudes (N,), m above sea level, of one satellite receiver's fixes; None if it recorded none.
+
+    Args:
+        telemetry: messages of the vehicle.
+        message: GPS_RAW_INT or GPS2_RAW, whose field ``alt`` is in mm.
+    """
+    columns = telemetry.messages.get(message, {})
+    if not all(field in columns for field in ("alt", "fix_type")):
+        return None
+    is_fix = has_fix_by_row(columns)
+    if not is_fix.any():
+        return None
+    return clean_series(columns, float_column(columns, "alt") / MILLIMETRES_PER_METRE, is_fix)
 
 
 def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:

@@ -44,6 +44,7 @@ from mavdem.report.live import (
     statement_of_headline,
     states_unrepaired_fault,
     status_line_text,
+    unrepaired_fault_beside_next_step,
     unrepaired_fault_text,
     unwatched_quantities_text,
     vehicle_text,
@@ -714,8 +715,8 @@ def _status_block(status: SessionStatus) -> Group:
     if texts.next_step:
         # A line of its own, so that a pilot finds at the same place what to do.
         parts.append(Text(texts.next_step, f"bold {headline_style}"))
-    unrepaired_fault = escape_unprintable(unrepaired_fault_text(status))
-    if unrepaired_fault and not states_unrepaired_fault(status.session_judgement.next_step):
+    unrepaired_fault = escape_unprintable(unrepaired_fault_beside_next_step(status))
+    if unrepaired_fault:
         parts.append(Text(unrepaired_fault, LEVEL_STYLES[Level.WATCH]))
     if status.vehicle is not None:
         table_width = min(STDERR.width, MAX_COLUMNS)

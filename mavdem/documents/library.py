@@ -60,6 +60,8 @@ class Flight(Stage):
     """what was written about it"""
     tags: CommaSeparated
     """words that were given to it"""
+    repaired: str = ""
+    """when its fault was said to be repaired, ISO 8601, UTC; empty where it was not"""
     given_name: str = ""
     """name that was given to the flight; empty without one"""
     vehicle: str
@@ -170,6 +172,8 @@ class Change(Document):
         list[Annotated[str, Field(max_length=40, pattern="^[^,]+$")]], Field(max_length=20)
     ] = []
     """words to find it by"""
+    repaired: bool = False
+    """whether its fault was repaired, so that later flights are not warned of it"""
 
 
 class VehicleName(Document):

@@ -13,6 +13,7 @@ class EstimatorLight(Code):
     FIX_MISSING = "fix_missing"
     GPS_GLITCHED = "gps_glitched"
     GPS_DOUBTED = "gps_doubted"
+    MOTION_IMPOSSIBLE = "motion_impossible"
     COMPASS_DISTURBED = "compass_disturbed"
     ACCELEROMETER_WRONG = "accelerometer_wrong"
     ESTIMATOR_UNMEASURED = "estimator_unmeasured"

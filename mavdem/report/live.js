@@ -65,6 +65,23 @@
     plot.scrollIntoView();
   });
 
+  // The library stores that the fault of an earlier flight was repaired, which the next state of the page shows.
+  document.addEventListener("click", async ({ target }) => {
+    if (target.id !== "repaired") return;
+    if (!confirm("Was the fault of the earlier flight repaired, or the vehicle inspected? This warning then ends. The library keeps today's date, and can take it back.")) return;
+    const key = document.querySelector('meta[name="mavdem-key"]')?.content, headers = { "Content-Type": "application/json" };
+    if (key) headers.Authorization = `Bearer ${key}`;
+    const options = { method: "PATCH", headers, body: JSON.stringify({ repaired: true }) };
+    target.disabled = true;
+    try {
+      const response = await fetch(target.value.replace("/f/", "/api/flights/"), options);
+      if (response.ok) return;
+      const { error } = await response.json();
+      alert([error?.reason, error?.remedy].filter(Boolean).join(" ") || response.statusText);
+    } catch { alert("mavdem does not answer: nothing was stored."); }
+    target.disabled = false;
+  });
+
   // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to. Where a menu opens, or
   // another window has the focus, the end of the press is not reported.
   let isPressed = false;

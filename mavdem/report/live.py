@@ -435,8 +435,28 @@ def unrepaired_fault_text(status: SessionStatus) -> str:
     return "" if fault is None else fault.sentence_and_remedy
 
 
+def unrepaired_fault_beside_next_step(status: SessionStatus) -> str:
+    """Returns the line on a fault of an earlier flight for a surface that shows headline and next step of the session.
+
+    Args:
+        status: state of the session.
+
+    Returns:
+        - In flight, where the next step says to land because of the fault: what the fault is.
+        - Empty if the headline states the fault, and without one.
+        - Otherwise the fault, and what to do about it.
+    """
+    judgement = status.session_judgement
+    fault = status.unrepaired_fault
+    if fault is None or judgement.headline.code is SessionFact.UNREPAIRED_FAULT:
+        return ""
+    if states_unrepaired_fault(judgement.next_step):
+        return fault.sentence
+    return fault.sentence_and_remedy
+
+
 def states_unrepaired_fault(next_step: Fact) -> bool:
-    """Returns whether a next step says to repair the fault of an earlier flight, which then needs no line of its own.
+    """Returns whether a next step is what to do about a fault of an earlier flight that may not have been repaired.
 
     Args:
         next_step: what the pilot is to do next, such as to take off only if motor 3 was repaired.

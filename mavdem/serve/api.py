@@ -256,7 +256,7 @@ class Api:
         return JSONResponse({"flight": flight.as_dict(), "review": review})
 
     async def change_flight(self, request: HttpRequest) -> Response:
-        """Changes name, vehicle, sharing, note or tags of a flight, and answers with the changed flight."""
+        """Changes what users say of a flight, such as its name, or that its fault was repaired; answers with it."""
         self._rights.require(request, Permission.WRITE)
         change = await read_document(request, Change)
         columns = change.model_dump(mode="json", exclude_unset=True)
@@ -264,11 +264,16 @@ class Api:
             columns["tags"] = ",".join(columns["tags"])
         given_name = columns.pop("given_name", None)
         vehicle_name = columns.pop("vehicle_name", None)
+        is_repaired = columns.pop("repaired", None)
         id = request.path_params["id"]
         if vehicle_name is not None:
             entry = await run_in_threadpool(self._library.entry, id)
             await run_in_threadpool(self._library.assign_vehicle, entry, vehicle_name)
         entry = await run_in_threadpool(self._library.change, id, **columns)
+        if is_repaired is not None:
+            entry = await run_in_threadpool(
+                self._library.state_repair, entry, is_repaired=is_repaired
+            )
         if given_name is not None:
             await run_in_threadpool(self._library.name_flight, entry, given_name)
         (flight,) = await run_in_threadpool(self._visible_library.documents, [entry])

@@ -67,6 +67,8 @@ class LibraryEntry:
     """The owner's note."""
     tags: str = ""
     """The owner's tags, separated by commas."""
+    repaired: str = ""
+    """When a user stated that the fault of this flight was repaired, ISO 8601, UTC; empty where nobody did."""
     vehicle: str = ""
     """Name of the vehicle."""
     vehicle_basis: str = ""

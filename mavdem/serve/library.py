@@ -20,6 +20,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -660,6 +661,24 @@ class Library:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         with self.transaction() as db:
             store_flight_name(db, entry.content_hash, plain_name(name))
+
+    def state_repair(self, entry: LibraryEntry, *, is_repaired: bool) -> LibraryEntry:
+        """Stores with the present date that the fault of a flight was repaired, or that it was not.
+
+        Args:
+            entry: index entry of the flight. If its fault was stated to be repaired before, that date stays.
+            is_repaired: whether the fault was repaired.
+
+        Returns:
+            The changed entry.
+
+        Raises:
+            Refusal: the flight was deleted.
+        """
+        if is_repaired and entry.repaired:
+            return entry
+        repaired = datetime.now(UTC).isoformat(timespec="seconds") if is_repaired else ""
+        return self.change(entry.id, repaired=repaired)
 
     def name_vehicle(self, vehicle: str, name: str) -> str:
         """Gives a name to a vehicle; an empty one takes it away.

@@ -155,6 +155,9 @@ class _StoredFlight(NamedTuple):
     name_in_logs: str = ""
     """Name by which logs of its vehicle are recognised; empty where only its ids on the link are known."""
 
+    is_repaired: bool = False
+    """Whether a user has stated that the fault of the flight was repaired."""
+
     @classmethod
     def of_entry(
         cls, entry: LibraryEntry, vehicle: _LinkedVehicle, session: LiveSession | None = None
@@ -171,9 +174,11 @@ class _StoredFlight(NamedTuple):
 
     @property
     def forbids_flight(self) -> bool:
-        """Whether the library's verdict on it is that the vehicle must not fly before something is done."""
+        """Whether the library's verdict is that the vehicle must not fly before a repair, which nobody has stated."""
         verdict = self.verdict
-        return verdict is not None and verdict.is_bad and verdict.forbids_flight
+        if verdict is None or self.is_repaired:
+            return False
+        return verdict.is_bad and verdict.forbids_flight
 
     @property
     def is_judged_good(self) -> bool:
@@ -1053,8 +1058,9 @@ class LinkMonitor:
         """Returns the latest fault that the library found in earlier flights of a vehicle, and that still counts.
 
         A take-off repairs nothing: a fault that forbids to fly counts until a later flight was judged good as a whole
-        (:func:`_faulty_flight`). Anything else counts in the next flight only (:func:`_fault_of_flight_before`). Of
-        the flights before the start of the server, only the latest are considered.
+        (:func:`_faulty_flight`), or a user states that it was repaired. Anything else counts in the next flight only
+        (:func:`_fault_of_flight_before`). Of the flights before the start of the server, only the latest are
+        considered.
 
         Args:
             session: the session that is shown, running or over; its vehicle is meant.
@@ -1105,8 +1111,16 @@ class LinkMonitor:
             if flight is None or flight.entry_id == shown_entry_id:
                 continue
             if flight.vehicle == vehicle:
-                earlier_flights.append(flight)
+                is_repaired = self._was_stated_repaired(flight)
+                earlier_flights.append(flight._replace(is_repaired=is_repaired))
         return earlier_flights
+
+    def _was_stated_repaired(self, flight: _StoredFlight) -> bool:
+        """Returns whether a user has stated that the fault of a stored flight was repaired; False if it was deleted."""
+        try:
+            return self._library.entry(flight.entry_id).repaired != ""
+        except Refusal:
+            return False
 
     def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
         """Updates the line on the running session that the library shows: its title, and what the vehicle does.
@@ -1126,10 +1140,13 @@ class LinkMonitor:
 def _faulty_flight(flights: Sequence[_StoredFlight], name_in_logs: str) -> _StoredFlight | None:
     """Returns the latest flight that forbids the vehicle to fly, unless a later flight shows that it is sound again.
 
-    Only a flight whose whole recording was judged good shows that. It clears earlier flights
+    Only a flight whose whole recording was judged good shows that, and only of a vehicle whose logs have a name: one
+    without may have been flown by another vehicle with the same ids. It clears earlier flights
 
     - of the vehicle that has flown it, as the names by which logs are recognised show;
     - of all vehicles, if it was certainly flown by the vehicle that is followed now.
+
+    Any other fault stands until a user states that it was repaired.
 
     Args:
         flights: flights of vehicles with the same ids on the link, the latest one last.
@@ -1140,8 +1157,8 @@ def _faulty_flight(flights: Sequence[_StoredFlight], name_in_logs: str) -> _Stor
     """
     names_of_sound_vehicles = set()
     for flight in reversed(flights):
-        if flight.is_judged_good:
-            if name_in_logs and flight.name_in_logs == name_in_logs:
+        if flight.is_judged_good and flight.name_in_logs:
+            if flight.name_in_logs == name_in_logs:
                 return None
             names_of_sound_vehicles.add(flight.name_in_logs)
         elif flight.forbids_flight and flight.name_in_logs not in names_of_sound_vehicles:
@@ -1153,7 +1170,7 @@ def _flights_to_keep(flights: Sequence[_StoredFlight]) -> list[_StoredFlight]:
     """Returns the flights that must be kept, since :func:`_faulty_flight` decides by them now or later.
 
     They are those that the library has still to judge, and of each vehicle the latest one that was judged good, with
-    the flights after it that forbid to fly.
+    the flights after it that forbid to fly. Of vehicles whose logs have no name all those are kept that forbid to fly.
 
     Args:
         flights: flights of all vehicles of the link, the latest one last.
@@ -1165,11 +1182,12 @@ def _flights_to_keep(flights: Sequence[_StoredFlight]) -> list[_StoredFlight]:
     sound_vehicles = set()
     for flight in reversed(flights):
         identity = (flight.vehicle, flight.name_in_logs)
-        has_decisive_verdict = flight.is_judged_good or flight.forbids_flight
+        clears_faults = flight.is_judged_good and flight.name_in_logs != ""
+        has_decisive_verdict = clears_faults or flight.forbids_flight
         is_decisive = has_decisive_verdict and identity not in sound_vehicles
         if flight.is_unjudged or is_decisive:
             kept_flights.append(flight)
-        if flight.is_judged_good:
+        if clears_faults:
             sound_vehicles.add(identity)
     return kept_flights[::-1]
 
@@ -1177,13 +1195,16 @@ def _flights_to_keep(flights: Sequence[_StoredFlight]) -> list[_StoredFlight]:
 def _fault_of_flight_before(flight: _StoredFlight, session: LiveSession) -> Fact | None:
     """Returns what the flight before warns of: that its end was not received, or a bad fault; None for neither.
 
-    It warns until the next landing, since the next flight shows whether the fault is still there.
+    It warns until the next landing, since the next flight shows whether the fault is still there; or until a user
+    states that it was repaired.
 
     Args:
         flight: the flight before, with the library's verdict on it.
         session: the session that is shown, of the same vehicle.
     """
     verdict = flight.verdict
+    if flight.is_repaired:
+        return None
     if flight.is_end_unknown:
         end_unknown = Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=verdict)
         return _fault_for_session(end_unknown, flight, session)

@@ -155,9 +155,14 @@ class LivePages:
         self._session_pages = session_pages
 
     async def live_session(self, request: HttpRequest) -> Response:
-        """Answers with the page of the live session, which keeps itself up to date in the browser."""
+        """Answers with the page of the live session, which keeps itself up to date in the browser.
+
+        As in the library, who may read it gets the key for changes: the page can store that a fault was repaired.
+        """
         page = await self._newest_page(request, MAX_FIRST_PAGE_WAIT)
-        return HTMLResponse(page.html)
+        key = self._rights.derived_key(Permission.WRITE)
+        key_element = f'<meta name="mavdem-key" content="{key}">' if key else ""
+        return HTMLResponse(page.html.replace("</head>", f"{key_element}</head>", 1))
 
     async def live_session_update(self, request: HttpRequest) -> Response:
         """Answers with the newest content of the session's page, for a browser in which an earlier one is open.

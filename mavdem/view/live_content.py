@@ -20,7 +20,7 @@ from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.report.blocks import markdown
 from mavdem.report.live import (
     headline_and_next_step,
-    unrepaired_fault_text,
+    unrepaired_fault_beside_next_step,
     watched_quantities_text,
 )
 from mavdem.report.numbers import (
@@ -227,7 +227,7 @@ def current_value_texts(
         "live_cards",
         status=status,
         headline_lines=headline_and_next_step(judgement),
-        unrepaired_fault=unrepaired_fault_text(status),
+        unrepaired_fault=unrepaired_fault_beside_next_step(status),
         lights=judgement.lights,
         levels=LIGHT_LEVELS,
         watched=watched_quantities_text(status.watch_facts),

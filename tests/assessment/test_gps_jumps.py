@@ -68,6 +68,22 @@ def test_repeated_and_late_fixes_do_not_jump():
     assert not len(position_jumps(telemetry_with_glitch(ONE_SAMPLE, late)).time)
 
 
+@mark.parametrize(("step", "code"), [(1e6, "motion_impossible"), (40.0, "filter_agreed")])
+def test_a_step_that_nothing_flies_is_watched_without_a_flag(step, code):
+    """The receiver, and the height above the take-off; 40 m may be what the filter accepts after a gap."""
+    north = fast_flight() + np.where(TIME > 50.0, step, 0.0)
+    telemetry = telemetry_with_glitch(TIME < 0.0, north)
+    fact = estimator_light(evidence_of(Signals(telemetry)))
+    assert fact.code == code
+    if code == "motion_impossible":
+        assert str(fact).startswith("GPS jumped by 1000 km within 0.2 s in flight, at 50.2 s")
+        assert fact.is_watch_or_bad
+    still = telemetry_with_glitch(TIME < 0.0, fast_flight())
+    down = np.where(HOVER.stamps(10.0) > 30.0, -10.0 - step, -10.0)
+    fact = estimator_light(evidence_of(Signals(changed(still, "LOCAL_POSITION_NED", z=down))))
+    assert fact.code == code
+
+
 def test_a_jump_elsewhere_is_not_that_of_the_flag():
     north = fast_flight() + np.where(TIME > 50.0, 40.0, 0.0)
     fact = estimator_light(evidence_of(Signals(telemetry_with_glitch(ONE_SAMPLE, north))))

@@ -29,7 +29,12 @@ from mavdem.live.milestones import MAX_VERDICTS, Milestones
 from mavdem.live.rows import AlignedRow, RowFormat
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.plant.parameters import Physical
-from mavdem.report.live import closing_lines, headline_and_next_step, unrepaired_fault_text
+from mavdem.report.live import (
+    closing_lines,
+    headline_and_next_step,
+    unrepaired_fault_beside_next_step,
+    unrepaired_fault_text,
+)
 from mavdem.report.templates import as_clause, headline
 
 PHYSICAL = partial_record(
@@ -221,10 +226,7 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert flying.session_judgement.headline == headline
     # What the present flight advises holds only if the fault of the first one was repaired.
     next_step = str(flying.session_judgement.next_step)
-    assert next_step.startswith(
-        "If the fault of flight 1 was not repaired, land: in flight 1, motor 3"
-    )
-    assert next_step.endswith(f"Otherwise {as_clause(flying.overall_judgement.next_step)}.")
+    assert next_step == "Land unless the fault of flight 1 was repaired."
     # While the link is lost, what to do about that comes first.
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     silent = replace(flying, no_model_reason=silence, message_age=4.0)
@@ -233,6 +235,9 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
         "If that was not repaired, land."
     )
+    # Beside the next step stands only what the fault is.
+    fault_alone = unrepaired_fault_beside_next_step(flying)
+    assert text == f"{fault_alone} If that was not repaired, land."
     # The status of the first second of a flight comes before that flight has a verdict.
     assert unrepaired_fault_text(replace(flying, verdicts=milestones.verdicts[:1])) == text
     for ended in (replace(flying, is_flying=False), replace(flying, is_over=True)):

@@ -212,6 +212,17 @@ def test_a_flight_is_changed_found_and_deleted(served):
     tags = ["race", "new"]
     changes = {"note": "Gusty", "tags": tags}
     assert served.ask("PATCH", f"/api/flights/{id}", changes).json["tags"] == tags
+    assert "stated on" not in served.get(f"/f/{id}").text
+    repair = served.ask("PATCH", f"/api/flights/{id}", {"repaired": True}).json["repaired"]
+    assert repair.endswith("+00:00")
+    # It is shown with its date, which stays where it is stated again, and can be taken back.
+    assert f"stated on {repair[:10]}" in served.get(f"/f/{id}").text
+    assert f"Repaired: stated on {repair[:10]}" in served.get("/").text
+    served.library.change(id, repaired="2026-11-28T09:15:00+00:00")
+    again = served.ask("PATCH", f"/api/flights/{id}", {"repaired": True, "note": "Gusty"})
+    assert again.json["repaired"] == "2026-11-28T09:15:00+00:00"
+    taken_back = served.ask("PATCH", f"/api/flights/{id}", {"repaired": False})
+    assert taken_back.json["repaired"] == ""
     assert [
         total(served, search)
         for search in (

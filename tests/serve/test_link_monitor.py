@@ -22,6 +22,7 @@ from take_over import record_take_over, systems_in
 
 from mavdem.cli.serve import serve_command
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event as HappenedEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
@@ -454,16 +455,22 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
         assert fault_in_flight_of(copter) == fault
         # Another vehicle with the same ids has not had that fault.
         assert not fault_in_flight_of(px4)
-    assert [flight.entry_id for flight in live._earlier_stored_flights] == ["sound", "crash"]
-    # It stands until a whole flight of the vehicle was judged good, and does not come back.
+    assert [flight.entry_id for flight in live._earlier_stored_flights] == ["crash"]
+    # A flight whose log has no name may be of another vehicle with the same ids: it clears no fault.
     session.stream.followed_vehicle = copter
     for name in ("sound", "unclear"):
         live._store_recording(session, Mock(path=name))
-        assert not fault_in_flight_of(copter)
-    live._store_recording(session, Mock(path="crash"))
+        assert fault_in_flight_of(copter) == fault
+    # It stands until a user says that it was repaired; another fault stays.
+    entries["wreck"] = replace(entries["crash"], id="wreck", headline="Motor 1 lost thrust.")
+    live._store_recording(session, Mock(path="wreck"))
+    entries["wreck"] = replace(entries["wreck"], repaired="2026-11-28T10:00:00+00:00")
     assert fault_in_flight_of(copter) == fault
-    live._store_recording(session, Mock(path="sound"))
-    assert live_pages.live_page.call_args.args[3].fault_in_library is None
+    entries["crash"] = replace(entries["crash"], repaired="2026-11-28T10:00:00+00:00")
+    assert not fault_in_flight_of(copter)
+    # That can be taken back.
+    entries["crash"] = replace(entries["crash"], repaired="")
+    assert fault_in_flight_of(copter) == fault
     # A name by which logs are recognised makes it certain.
     live._earlier_stored_flights.clear()
     session.status = replace(session.status, state=VehicleState(name_in_logs="quad"))
@@ -471,6 +478,15 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
     live._store_recording(session, Mock(path="crash"))
     certain = "In an earlier flight, motor 3 lost thrust. If that was not repaired, land."
     assert fault_in_flight_of(copter) == certain
+    # It stands until a whole flight of the vehicle was judged good, and does not come back.
+    for name in ("sound", "unclear"):
+        live._store_recording(session, Mock(path=name))
+        assert not fault_in_flight_of(copter)
+    live._store_recording(session, Mock(path="crash"))
+    assert fault_in_flight_of(copter) == certain
+    live._store_recording(session, Mock(path="sound"))
+    assert live_pages.live_page.call_args.args[3].fault_in_library is None
+    live._store_recording(session, Mock(path="crash"))
     session.status = replace(session.status, state=VehicleState(name_in_logs="other"))
     assert fault_in_flight_of(copter) == fault
     # The verdict on a flight that is over is no second alarm.
@@ -508,10 +524,9 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         return status.session_judgement.next_step
 
     step = next_step("PX4", "quad")
-    assert str(step).startswith(
-        "If the fault of an earlier flight was not repaired, land: "
-        "in that flight (2026-11-28 09:15 UTC), motor 3 lost thrust. Otherwise "
-    )
+    assert str(step) == "Land unless the earlier fault was repaired."
+    hover_first = Fact(NextStep.HOVER_FIRST, reason=None)
+    assert str(step.replace(next_step=hover_first)).endswith("repaired. If it was, hover.")
     assert step.figures["reason"].figures["reason"].figures["address"] == f"/f/{entry.id}"
     # Nobody is asked to take off before that: on the ground the fault is the headline.
     waiting = shown_status("PX4", "quad", no_model_reason=Fact(SessionFact.NOT_FLYING))
@@ -533,20 +548,22 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     )
     # Where only its system id is known, the flight may be of another vehicle.
     doubtful_step = next_step("PX4", "quad", is_named=False)
-    assert str(doubtful_step).startswith(
-        "If this is the vehicle of an earlier flight, and was not repaired, land: in that"
-    )
+    assert "of a vehicle with this system id" in str(doubtful_step.figures["reason"])
     for autopilot, name in (("ARDUPILOTMEGA", "copter"), ("PX4", "other"), ("PX4", "")):
         assert "repaired" not in str(next_step(autopilot, name))
     # A fault with which the vehicle may fly counts in the next flight.
     live._flights_before_start.clear()
     library.change(entry.id, headline="Too little margin.", next_step="Lower the gain.")
-    assert "land soon: in that flight (2026-11-28 09:15 UTC), too" in str(next_step("PX4", "quad"))
+    assert str(next_step("PX4", "quad")).startswith("Land soon unless the earlier fault")
     # It is no news, and the verdict on it none of this server.
     assert told == []
     # It was stored without parameters, under its system id, and has its name only now.
     library.change(entry.id, vehicle="px4-1")
-    assert str(next_step("PX4", "calibrated")).startswith("If this is the vehicle of an")
+    stored_without_name = next_step("PX4", "calibrated").figures["reason"]
+    assert "of a vehicle with this system id" in str(stored_without_name)
+    # A user has said since that it was repaired.
+    library.state_repair(library.entry(entry.id), is_repaired=True)
+    assert "repaired" not in str(next_step("PX4", "calibrated"))
     assert link_monitor._link_to_latest_recording(library).address == f"/f/{entry.id}"
 
 

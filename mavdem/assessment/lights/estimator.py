@@ -8,6 +8,7 @@ import numpy as np
 from mavdem.arrays import Flags
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.gps_jumps import PositionJumps, position_jumps
+from mavdem.assessment.impossible_steps import impossible_steps
 from mavdem.assessment.innovations import (
     FAILSAFE_SECONDS,
     GLITCH_COLUMN,
@@ -97,7 +98,8 @@ def estimator_light(evidence: Evidence) -> Fact:
 
     1. A barometer that drifted or froze. It comes first, since it is why the filter then rejects the height.
     2. The innovations of the filter (measurements minus predictions).
-    3. Glitches of GPS, and instances of the filter that are not in use.
+    3. Glitches of GPS, steps of position or height that no multirotor flies, and instances of the filter that are not
+       in use.
     4. Poor or missing GPS fixes.
     5. A compass that the motors disturb, and an accelerometer that is wrong at rest.
     6. Events: an attitude that was not a number, a height or position that was lost, and reports of the autopilot.
@@ -124,6 +126,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         *evidence.warnings_in_flight([MotionEvent.BAROMETER_DRIFTED]),
         *innovation_facts,
         *_glitch_facts(evidence),
+        *impossible_steps(evidence),
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
         *missing_fixes,

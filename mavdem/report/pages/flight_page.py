@@ -1259,8 +1259,7 @@ def _live_head(
         brief_light_figures,
         headline_reason,
         live_alarm,
-        states_unrepaired_fault,
-        unrepaired_fault_text,
+        unrepaired_fault_beside_next_step,
         vehicle_state_cells,
     )
 
@@ -1268,8 +1267,8 @@ def _live_head(
     goes_on = not status.is_over
     # On the ground a fault of an earlier flight stands below the next step (:func:`_sentences_on_earlier_fault`).
     unrepaired_fault = ""
-    if status.is_in_flight and not states_unrepaired_fault(judgement.next_step):
-        unrepaired_fault = unrepaired_fault_text(status)
+    if status.is_in_flight:
+        unrepaired_fault = unrepaired_fault_beside_next_step(status)
     return Head(
         judgement.headline.level,
         lights_with_reason_once(judgement.lights),
@@ -1285,6 +1284,7 @@ def _live_head(
         is_lost_in_air=status.is_flying and status.loss is None,
         reasons=headline_reason(_judgement_with_reason(status)),
         unrepaired_fault=unrepaired_fault,
+        page_of_earlier_fault=_page_of_earlier_fault(status),
         vehicle_state=vehicle_state_cells(status) if goes_on else (),
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
@@ -1370,6 +1370,16 @@ def _sentences_on_earlier_fault(status: SessionStatus) -> list[Sentence]:
         Sentence(fault.sentence, level=Level.WATCH, address=address),
         Sentence(fault.remedy, level=Level.WATCH),
     ]
+
+
+def _page_of_earlier_fault(status: SessionStatus) -> str:
+    """Returns the address of the page of the flight whose fault may not have been repaired; empty without one.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    fault = status.unrepaired_fault
+    return "" if fault is None else _address_of_earlier_flight(fault)
 
 
 def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:

@@ -400,6 +400,10 @@ class Head(NamedTuple):
     """The fault of an earlier flight of that session that may not have been repaired, and what to do about it; empty
     without one."""
 
+    page_of_earlier_fault: str = ""
+    """Address of that earlier flight's page on the server, which can store that the fault was repaired; empty if no
+    page is there, or nobody can ask for that any more."""
+
     vehicle_state: Sequence[Sentence] = ()
     """Mode, height, battery, satellites and link of that vehicle, each a value and a remark, which a telephone always
     shows."""

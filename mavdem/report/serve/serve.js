@@ -360,8 +360,10 @@
     const columns = { given_name: form.given_name?.value, sharing: form.sharing.value, log_shared: form.log_shared.checked, note: form.note.value };
     const isVehicleChanged = form.flight_vehicle && form.flight_vehicle.value !== form.flight_vehicle.defaultValue;
     if (isVehicleChanged) columns.vehicle_name = form.flight_vehicle.value;
+    const isRepairChanged = form.repaired && form.repaired.checked !== form.repaired.defaultChecked;
+    if (isRepairChanged) columns.repaired = form.repaired.checked;
     columns.tags = form.tags.value.split(",").map(tag => tag.trim()).filter(Boolean);
-    try { await callApi("PATCH", `/api/flights/${id}`, columns); savedSharing = columns.sharing; if (isVehicleChanged || form.given_name && form.given_name.value !== form.given_name.defaultValue) return reloadAfterSaving("saved"); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
+    try { await callApi("PATCH", `/api/flights/${id}`, columns); savedSharing = columns.sharing; if (isVehicleChanged || isRepairChanged || form.given_name && form.given_name.value !== form.given_name.defaultValue) return reloadAfterSaving("saved"); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
   });
   // The flights of unnamed vehicles that are chosen get the name of their vehicle, one request each.
   $("assign")?.addEventListener("click", async () => {
