@@ -203,7 +203,7 @@ def written(path):
                     )
     else:
         # How a page looks, and from what it was made, are no figures.
-        page = STYLE.sub("", path.read_text())
+        page = STYLE.sub("", path.read_text()).replace("−", "-")
         for number, part in enumerate(page.split("<section")):
             values_by_name[f"{path.name} {number}"] += map(
                 float, filter(None, NUMBER.findall(part))
