@@ -9,6 +9,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.gps_jumps import receiver_altitudes, receiver_positions
+from mavdem.dataset.flight_states import SURFACE_VEHICLES
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
@@ -50,6 +51,8 @@ class _Step(NamedTuple):
 def impossible_steps(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each measured place that steps in flight farther than any multirotor flies in that time.
 
+    Vehicles that stay on the ground or below the water are not judged: their barometer may measure the water.
+
     Args:
         evidence: signals and flights of the vehicle.
 
@@ -57,6 +60,8 @@ def impossible_steps(evidence: Evidence) -> Iterator[Fact]:
         Facts on the largest step of each place in each flight: its time, s since boot, the ``place``, the ``distance``,
         m, and the time for it as ``duration``, s.
     """
+    if evidence.signals.telemetry.vehicle in SURFACE_VEHICLES:
+        return
     for place, samples in _measured_places(evidence):
         for flight in evidence.in_flight(samples):
             step = _largest_impossible_step(flight)

@@ -52,6 +52,9 @@ GLITCH_FLAGS = {
 INNOVATION_LIMIT = 1.0
 """Innovation ratio at which the filters of PX4 and ArduPilot reject a measurement."""
 
+MAX_RATIO = 1000.0
+"""Innovation ratio to which larger ones are limited, also infinite ones: a choice; the filter is lost long before."""
+
 ARDUPILOT_FAILSAFE_LIMIT = 0.8
 """Innovation ratio from which ArduCopter's ``ekf_check.cpp`` doubts the filter: the default of FS_EKF_THRESH."""
 
@@ -112,8 +115,7 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
         columns = telemetry.messages.get(message, {})
         if not all(field in columns for field in fields):
             continue
-        # A ratio that is not known is NaN, and becomes 0.
-        ratios = np.nan_to_num(float_columns(columns, fields))
+        ratios = finite_ratios(float_columns(columns, fields))
         is_filter_running = ratios.any()
         if not is_filter_running:
             continue
@@ -123,6 +125,11 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
         is_glitching = flags.astype(np.int64) & GLITCH_FLAGS[message] > 0
         return clean_series(columns, np.column_stack([ratios, is_glitching]))
     return None
+
+
+def finite_ratios(ratios: Array) -> Array:
+    """Returns innovation ratios with 0 in the place of ones that are not known (NaN), and at most ``MAX_RATIO``."""
+    return np.minimum(np.nan_to_num(ratios, posinf=MAX_RATIO, neginf=0.0), MAX_RATIO)
 
 
 def failsafe_innovation_limit(telemetry: Telemetry) -> float:

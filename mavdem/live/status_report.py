@@ -203,7 +203,17 @@ class StatusReport:
             # The user need not check the link's address or router. With the name, the fact says that this vehicle alone
             # is silent.
             return silence_fact.replace(name=vehicle.name)
+        if not is_all_missing and self._has_unusable_attitudes(now):
+            return silence_fact.replace(has_wrong_stamps=True)
         return silence_fact
+
+    def _has_unusable_attitudes(self, now: float) -> bool:
+        """Returns whether attitudes of the only vehicle come, none of which has a time on its clock.
+
+        Args:
+            now: time up to which every received byte has been analysed, s of the monotonic clock.
+        """
+        return self.silence.has_attitudes(now) and not self.stream.other_vehicles
 
     def _no_learning_reason(self, *, is_flying: bool) -> Fact | None:
         """Returns the reason why there is no new model of a vehicle whose rows arrive.

@@ -313,6 +313,9 @@ def test_the_failsafe_may_doubt_a_filter_that_rejects_nothing():
     below_limit = (ARDUPILOT_FAILSAFE_LIMIT + INNOVATION_LIMIT) / 2
     single = estimator_light(evidence(telemetry_with_innovations(compass=(below_limit, seconds))))
     assert single.is_good and single.figures["ratio"] == approx(below_limit)
+    # An innovation that overflowed has a ratio that can be printed.
+    infinite = estimator_light(evidence(telemetry_with_innovations(velocity=(np.inf, seconds))))
+    assert infinite.is_bad and "innovation 1000 or more times its limit" in str(infinite)
     pair = dict.fromkeys(("compass", "velocity"), (below_limit, seconds))
     fact = estimator_light(evidence(telemetry_with_innovations(**pair)))
     assert fact.is_bad and fact.figures["failsafe_limit"] == ARDUPILOT_FAILSAFE_LIMIT

@@ -646,6 +646,11 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
     is_named = vehicle is None and is_sending
     assert report.status.no_model_reason == (two_vehicles if is_named else no_motion)
     assert report.status.overall_judgement.headline == report.status.no_model_reason
+    if vehicle and is_sending:
+        # It comes from the only vehicle, with stamps that the clock does not take, such as ones that fall.
+        alone = Mock(now=1.0, status=lambda: status, other_vehicles={})
+        reason = replace(report, stream=alone).status.no_model_reason
+        assert str(reason).startswith("The time stamps of ATTITUDE do not rise: for 3 s and more")
 
 
 @mark.slow

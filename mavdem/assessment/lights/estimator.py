@@ -15,6 +15,7 @@ from mavdem.assessment.innovations import (
     INNOVATIONS,
     Rejection,
     failsafe_innovation_limit,
+    finite_ratios,
     innovation_ratios,
     instance_name,
     is_low_passed,
@@ -307,7 +308,7 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
     if not columns or not columns["is_primary"].any():
         return
     failsafe_limit = failsafe_innovation_limit(telemetry)
-    ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
+    ratios = finite_ratios(float_columns(columns, INNOVATIONS))
     for number in np.unique(columns["instance"]).tolist():
         # An instance may be the primary one for some time, and a spare for the rest.
         is_spare = (columns["instance"] == number) & (columns["is_primary"] == 0)
