@@ -1,7 +1,8 @@
 """Chromium without a screen, driven over its DevTools protocol: what a person does, a page's policy notwithstanding.
 
 Tests take it from the fixture ``browser``: its start takes as long as most of them, so that one serves all tests of a
-process, each with tabs of profiles of its own.
+process. What a test opens from a server has tabs of profiles of their own. Pages that are only shown have one tab: a
+new one takes longer than a page.
 """
 
 import asyncio
@@ -28,6 +29,9 @@ class Connection:
         self._line = line
         self._numbers = itertools.count(1)
         self.said = []
+
+    def close(self):
+        self._loop.run_until_complete(self._line.close())
 
     def command(self, method, **given):
         return self._loop.run_until_complete(self._command(method, given))
@@ -125,6 +129,7 @@ class Browser:
         )
         self._loop = asyncio.new_event_loop()
         self._session = None
+        self._tab_of_shown_pages = None
         try:
             port_file = folder / "DevToolsActivePort"
             until(lambda: port_file.is_file() and port_file.read_text().count("\n"))
@@ -147,28 +152,39 @@ class Browser:
         """A line to the browser or to a tab, by its path."""
         return self._loop.run_until_complete(_line(self._session, f"{self._address}{path}"))
 
+    def _new_tab(self, **context):
+        """Opens a tab in a profile, or in the browser's own one."""
+        target = self._connection.command("Target.createTarget", url="about:blank", **context)
+        return Page(self._loop, self._line(f"/devtools/page/{target['targetId']}"))
+
     @contextmanager
     def tab(self):
         """A tab of a new profile, in a window of its own."""
         context = self._connection.command("Target.createBrowserContext")
-        target = self._connection.command("Target.createTarget", url="about:blank", **context)
-        line = self._line(f"/devtools/page/{target['targetId']}")
+        tab = self._new_tab(**context)
         try:
-            yield Page(self._loop, line)
+            yield tab
         finally:
-            self._loop.run_until_complete(line.close())
+            tab.close()
             self._connection.command("Target.disposeBrowserContext", **context)
 
     def shown(self, page, script, folder, width=1600, dark=False):
         """The title of a page and what an expression is on it; the browser may not complain of anything."""
         path = folder / "page.html"
         path.write_text(page)
-        with self.tab() as tab:
-            tab.size(width, dark)
-            tab.open(path.as_uri())
-            result = tab.run(script)
-            assert tab.said == []
-            return tab.run("document.title"), result
+        if self._tab_of_shown_pages is None:
+            self._tab_of_shown_pages = self._new_tab()
+        tab = self._tab_of_shown_pages
+        tab.said.clear()
+        tab.size(width, dark)
+        tab.open(path.as_uri())
+        result = tab.run(script)
+        assert tab.said == []
+        title = tab.run("document.title")
+        # What this page has stored is not for the next one, nor is its end.
+        tab.run("localStorage.clear()")
+        tab.open("about:blank")
+        return title, result
 
 
 async def _session():
