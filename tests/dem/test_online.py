@@ -266,17 +266,38 @@ def fed(bands, errors):
 def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
     errors = default_rng(0).standard_normal(3000)
     errors[1000:1200] *= 1e6
-    half = fed(ErrorBands(1, 1, DT), errors)
+    half = fed(ErrorBands((1,), 1, DT), errors)
     assert half[1000:].max() < 20
     after = 1200 + round(BAND_SECONDS / DT) + 10
     assert_allclose(half[after:], norm.ppf(0.95), rtol=0.2)
+
+
+@mark.slow
+def test_a_band_has_its_level_from_the_first_one_on():
+    """Errors 25 steps ahead are sums of 25 innovations: those of 100 outputs, in the first 6 s and after."""
+    ahead, outputs = 25, 100
+    innovations = default_rng(1).standard_normal((1400 + ahead, outputs))
+    sums = innovations.cumsum(axis=0)
+    errors = sums[ahead:] - sums[:-ahead]
+    bands = ErrorBands((ahead,), outputs, DT)
+    coverage = []
+    for sample, error in enumerate(errors):
+        half_widths = bands.half_widths[1]
+        coverage.append(np.where(np.isnan(half_widths), np.nan, abs(error) <= half_widths).mean())
+        bands.add(error, error[None])
+        if sample % 25 == 24:
+            bands.update()
+    # Nine independent errors are needed.
+    assert np.isnan(coverage[:140]).all() and np.isfinite(coverage[200:]).all()
+    assert np.mean(coverage[200:600]) == approx(0.9, abs=0.04)
+    assert np.mean(coverage[600:]) == approx(0.9, abs=0.02)
 
 
 @mark.parametrize("share", [0.99, 1.01, 2.0])
 def test_a_band_and_the_unit_of_surprise_end_at_their_limits(share):
     """A fifth of the errors, and a tenth of F(t), lie ``share`` of the limit away, where the others are one away."""
     size = share * MAX_MEDIANS
-    half = fed(ErrorBands(1, 1, DT), np.where(np.arange(1000) % 5, 1.0, size))[-1]
+    half = fed(ErrorBands((1,), 1, DT), np.where(np.arange(1000) % 5, 1.0, size))[-1]
     assert half == approx(min(size, MAX_MEDIANS))
     low = share * MAX_QUARTILES
     values = np.resize([-low, -1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0], 2000)

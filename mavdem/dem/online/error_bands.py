@@ -1,4 +1,15 @@
-"""Bands of predictions from their latest errors: the half width that contains 90 % of these errors."""
+"""Bands of predictions from their latest errors: the half width that contains the next error with 90 % probability.
+
+The next error is below the k-th smallest of n independent errors with probability k / (n + 1). Errors of predictions
+h steps ahead are not independent: each is a sum of the innovations of h steps, and errors j steps apart have h − j of
+these in common. The squares of such sums have the correlation (1 − j/h)², so that
+
+    1 + 2 Σⱼ (1 − j/h)² = (2 h² + 1) / (3 h),    j = 1 … h − 1,
+
+consecutive errors count as one independent error. With fewer than nine independent errors no band has 90 %.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -32,20 +43,23 @@ class ErrorBands:
             samples before it, the others at each horizon; NaN where there are too few errors.
     """
 
-    def __init__(self, horizons: int, outputs: int, dt: float) -> None:
+    def __init__(self, horizons: Sequence[int], outputs: int, dt: float) -> None:
         """Begins without errors.
 
         Args:
-            horizons: Number of horizons, H.
+            horizons: Steps ahead of the predictions, H of them.
             outputs: Number of outputs, m.
             dt: Sampling step, s.
         """
         capacity = max(round(BAND_SECONDS / dt), MIN_ERRORS)
         # Ring buffer over the last axis; NaN where there is no error. Row 0 has the errors of predictions from the
         # samples before, the other rows at each horizon.
-        self._errors = np.full((1 + horizons, outputs, capacity), np.nan)
+        self._errors = np.full((1 + len(horizons), outputs, capacity), np.nan)
         self._next_slot = 0
-        self.half_widths = np.full((1 + horizons, outputs), np.nan)
+        self.half_widths = np.full((1 + len(horizons), outputs), np.nan)
+        # Number of consecutive errors that count as one independent error (1 + H, 1, 1), in each row.
+        steps_ahead = np.array([1, *horizons], dtype=float)
+        self._errors_per_independent = _errors_per_independent_one(steps_ahead)[:, None, None]
 
     def add(self, one_step_error: Array, horizon_errors: Array) -> None:
         """Adds the errors of the predictions of one sample; those that are not finite are ignored.
@@ -65,19 +79,26 @@ class ErrorBands:
 
         The next error is smaller than the half width with a probability of 90 %. This follows from the order statistics
         of the errors, without an assumption about their distribution. A half width is at most ``MAX_MEDIANS`` times the
-        median size of the errors. This function sorts all errors, and is therefore called once for each block of
-        samples.
+        median size of the errors, and NaN for too few independent errors. This function sorts all errors, and is
+        therefore called once for each block of samples.
         """
         # Sorting puts infinity and NaN last, so that the first ``count`` sizes are the finite ones. Sizes have the
         # shape (1 + H, m, capacity), counts and quantiles (1 + H, m, 1).
         sizes = np.sort(abs(self._errors))
         count = np.isfinite(sizes).sum(axis=-1, keepdims=True)
-        # The next error is below the k-th smallest of n with probability k / (n + 1). So k is CONFIDENCE_LEVEL times
-        # n + 1, rounded up, and at most n.
-        k = np.ceil(CONFIDENCE_LEVEL * (count + 1)).astype(int)
-        index_of_quantile = np.clip(k, 1, np.maximum(count, 1)) - 1
+        # The next error is below the k-th smallest of n independent errors with probability k / (n + 1), so that k is
+        # CONFIDENCE_LEVEL times n + 1. Among all errors, which are more, it has that rank times their ratio.
+        independent_count = count / self._errors_per_independent
+        independent_rank = CONFIDENCE_LEVEL * (independent_count + 1)
+        rank = np.ceil(independent_rank * self._errors_per_independent).astype(int)
+        index_of_quantile = np.clip(rank, 1, np.maximum(count, 1)) - 1
         quantile = np.take_along_axis(sizes, index_of_quantile, axis=-1)
         median = np.take_along_axis(sizes, count // 2, axis=-1)
         half_widths = np.minimum(quantile, MAX_MEDIANS * median)
-        has_enough_errors = count >= MIN_SAMPLES_FOR_STATISTICS
+        has_enough_errors = (count >= MIN_SAMPLES_FOR_STATISTICS) & (rank <= count)
         self.half_widths = np.where(has_enough_errors, half_widths, np.nan)[:, :, 0]
+
+
+def _errors_per_independent_one(steps_ahead: Array) -> Array:
+    """Returns how many errors in a row count as one independent error, for predictions (N,) steps ahead."""
+    return (2 * steps_ahead**2 + 1) / (3 * steps_ahead)

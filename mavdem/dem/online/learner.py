@@ -204,7 +204,7 @@ class OnlineLearner:
         self._monitor: FreeEnergyMonitor | None = None
 
         self._memory = SampleMemory(dt, block_size, max_blocks, directions)
-        self._error_bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
+        self._error_bands = ErrorBands(self.horizons, n_outputs, self._dt)
         axis_mixer = known_axis_mixer(n_inputs, directions)
         self._forecaster = OnlineForecaster(self._dt, self.horizons, n_outputs, axis_mixer)
         self._surprise = Surprise(self._dt)
