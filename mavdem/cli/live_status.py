@@ -332,10 +332,13 @@ class StatusLines:
             self._no_vehicle_event = event
             self._no_vehicle_time = monotonic()
             return
+        # Whether a vehicle on the ground may take off depends on its earlier flights, which the next step considers.
+        has_remedy = fact.code is not SessionFact.NOT_FLYING
         # The next step is not printed again where the event has just advised the same.
-        self._advised_text = fact.remedy
+        self._advised_text = fact.remedy if has_remedy else ""
         if fact.code not in UNPRINTED_STATES:
-            self._print(event_line(event, ends_alarm=ends_alarm), style_of_facts(fact))
+            line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+            self._print(line, style_of_facts(fact))
 
     def _print_event_above_status(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event above the status on the terminal, with a bell if it is an alarm.

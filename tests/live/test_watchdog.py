@@ -1298,6 +1298,10 @@ def test_what_forbids_to_fly_since_an_earlier_flight_stands_on_terminal_lines_an
                 is_line = surface == "lines"
                 advice = "not repaired, land" if is_line else "Land unless the fault of flight 1"
             assert advice in words, surface
+    # On the ground no event asks for a take-off.
+    StatusLines(None).print_event(Event(12.0, Fact(SessionFact.NOT_FLYING), reception=0.0))
+    event_text = capsys.readouterr().out
+    assert "on the ground" in event_text and "Take off" not in event_text
 
 
 def test_plain_lines_say_that_a_loss_of_thrust_is_not_watched_until_it_is(capsys, monkeypatch):

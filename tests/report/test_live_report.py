@@ -37,6 +37,9 @@ from mavdem.report.pages.flight_page import live_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import headline
 
+NOT_JUDGED_LEVELS = dict.fromkeys(Light, "")
+"""Levels of the lights of a recording of which nothing is judged."""
+
 
 def test_the_table_of_time_adds_up():
     """Uses of less than a second have no row."""
@@ -232,22 +235,28 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
     landed = SessionStatus("1:1", flight_number=1, is_over=True, motor_alarms_of_flight=(loss,))
     account = dict.fromkeys(TimeUse, 0.0)
 
-    def page_with_verdict(text):
+    def page_with_verdict(text, levels=NOT_JUDGED_LEVELS):
         verdict = Fact(
             SessionFact.RECORDING_JUDGED,
             Level.BAD,
             headline=text,
             next_step="Do not fly: check the load.",
-            levels=dict.fromkeys(Light, ""),
+            levels=levels,
             light_sentences={},
         )
         status = replace(landed, recording_verdict=verdict)
         return live_page("udp", "roll", LiveHistory(), status, account, None)
 
     page = page_with_verdict(headline(loss.fact))
+    # Headline and reasons are the whole sentence, which the light of the motors does not repeat.
+    assert page.count("its thrust") == 1 and "(see the headline)" in page
     assert '<section id="reasons">' in page
     assert "<strong>Next:</strong> Do not fly.</p>" in page and "Check the load." in page
     assert '<section id="reasons">' not in page_with_verdict("Another fault.")
+    # Lights that change after the landing say why.
+    basis = "These are of the whole recording."
+    assert basis not in page
+    assert basis in page_with_verdict("Another fault.", dict.fromkeys(Light, "good"))
 
 
 def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are():

@@ -1255,6 +1255,7 @@ def _live_head(
         timeline: charts over time; None without any.
     """
     # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.live.session_status import cause_of_alarm
     from mavdem.report.live import (
         brief_light_figures,
         headline_reason,
@@ -1265,6 +1266,8 @@ def _live_head(
 
     judgement = status.session_judgement
     goes_on = not status.is_over
+    judgement_with_reason = _judgement_with_reason(status)
+    reasons = headline_reason(judgement_with_reason)
     # On the ground a fault of an earlier flight stands below the next step (:func:`_sentences_on_earlier_fault`).
     unrepaired_fault = ""
     if status.is_in_flight:
@@ -1282,7 +1285,9 @@ def _live_head(
         is_in_flight=status.is_in_flight,
         flight_number=history.flight.number,
         is_lost_in_air=status.is_flying and status.loss is None,
-        reasons=headline_reason(_judgement_with_reason(status)),
+        reasons=reasons,
+        fault_in_full=cause_of_alarm(judgement_with_reason.headline).sentence if reasons else "",
+        are_lights_of_recording=_are_lights_of_recording(judgement.lights),
         unrepaired_fault=unrepaired_fault,
         page_of_earlier_fault=_page_of_earlier_fault(status),
         vehicle_state=vehicle_state_cells(status) if goes_on else (),
@@ -1370,6 +1375,11 @@ def _sentences_on_earlier_fault(status: SessionStatus) -> list[Sentence]:
         Sentence(fault.sentence, level=Level.WATCH, address=address),
         Sentence(fault.remedy, level=Level.WATCH),
     ]
+
+
+def _are_lights_of_recording(lights: NamedFacts) -> bool:
+    """Returns whether the lights of a session, facts by name, are those of its recording, where that has judged any."""
+    return any(light.code is SessionFact.LIGHT_OF_RECORDING for light in lights.values())
 
 
 def _page_of_earlier_fault(status: SessionStatus) -> str:

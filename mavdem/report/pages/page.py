@@ -396,6 +396,12 @@ class Head(NamedTuple):
     reasons: Sequence[Block] = ()
     """What shows the headline of a live session, below its lights: what to do and the lights are read before it."""
 
+    are_lights_of_recording: bool = False
+    """Whether the lights of a live session are those of its recording, which was judged as a whole after the flight."""
+
+    fault_in_full: str = ""
+    """The fault that the headline of a live page and the reasons state in two parts; empty without such reasons."""
+
     unrepaired_fault: str = ""
     """The fault of an earlier flight of that session that may not have been repaired, and what to do about it; empty
     without one."""
