@@ -41,7 +41,10 @@ from mavdem.report.difference.headline import (
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
-from mavdem.report.difference.parameters import parameter_sentences
+from mavdem.report.difference.parameters import (
+    changed_parameter_sentences,
+    parameter_count_sentences,
+)
 from mavdem.report.difference.reviewed import (
     ComparedState,
     ReviewedDifference,
@@ -239,11 +242,12 @@ def _print_comparison(
         *identity_remarks(reviewed),
         *flight_cautions(reviewed),
         *condition_sentence(reviewed),
+        *parameter_count_sentences(reviewed),
     ]
     summary: list[Block] = [
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),
-        *parameter_sentences(reviewed, headline),
+        *changed_parameter_sentences(reviewed, headline),
         *undetected_change_table(reviewed.difference),
     ]
     details = [

@@ -4,6 +4,7 @@ A person starts a calibration, so that it is news beside what the autopilot coun
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
@@ -18,8 +19,14 @@ class CalibrationChanges(NamedTuple):
     calibrated: Names
     """What a person calibrated, such as "accelerometers" and "radio"."""
 
+    calibrated_count: int
+    """Number of changed parameters that hold the calibration of these."""
+
     calibrated_or_learned: Names
     """What was either calibrated or learned in flight, such as the offsets of the compass."""
+
+    calibrated_or_learned_count: int
+    """Number of changed parameters of these."""
 
     other_count: int
     """Number of all other changed parameters: counters, and what the autopilot measures or learns by itself."""
@@ -34,25 +41,29 @@ def calibration_changes(changes: Iterable[ParameterChange]) -> CalibrationChange
     Args:
         changes: the changed parameters (``parameters_changed_by_autopilot``).
     """
-    calibrated = set[str]()
-    calibrated_or_learned = set[str]()
+    # Numbers of changed parameters, by what they calibrate.
+    certain_counts = Counter[str]()
+    possible_counts = Counter[str]()
     other_count = 0
     for change in changes:
         certain_subject = _subject_of(change.name, CALIBRATION_PARAMETERS)
         possible_subject = _subject_of(change.name, CALIBRATED_OR_LEARNED_PARAMETERS)
         if certain_subject:
-            calibrated.add(certain_subject)
+            certain_counts[certain_subject] += 1
         elif possible_subject:
-            calibrated_or_learned.add(possible_subject)
+            possible_counts[possible_subject] += 1
         else:
             other_count += 1
+    # What was calibrated for certain has its other parameters from that calibration, too.
+    for subject in certain_counts:
+        certain_counts[subject] += possible_counts.pop(subject, 0)
     return CalibrationChanges(
-        calibrated=tuple(name for name in CALIBRATION_PARAMETERS if name in calibrated),
+        calibrated=tuple(name for name in CALIBRATION_PARAMETERS if name in certain_counts),
+        calibrated_count=certain_counts.total(),
         calibrated_or_learned=tuple(
-            name
-            for name in CALIBRATED_OR_LEARNED_PARAMETERS
-            if name in calibrated_or_learned - calibrated
+            name for name in CALIBRATED_OR_LEARNED_PARAMETERS if name in possible_counts
         ),
+        calibrated_or_learned_count=possible_counts.total(),
         other_count=other_count,
     )
 

@@ -461,8 +461,8 @@ def test_what_a_person_calibrated_is_told_from_what_the_autopilot_learns():
         )
 
     calibrated = ("accelerometers", "level", "compass", "radio")
-    assert changes([*certain, *autopilot]) == (calibrated, (), len(autopilot))
-    assert changes(["COMPASS_OFS2_Z"]) == ((), ("compass",), 0)
+    assert changes([*certain, *autopilot]) == (calibrated, len(certain), (), 0, len(autopilot))
+    assert changes(["COMPASS_OFS2_Z"]) == ((), 0, ("compass",), 1, 0)
     px4 = [
         "CAL_ACC0_XSCALE",
         "CAL_ACC0_XOFF",
@@ -470,7 +470,7 @@ def test_what_a_person_calibrated_is_told_from_what_the_autopilot_learns():
         "CAL_MAG1_XOFF",
         "CAL_GYRO0_XOFF",
     ]
-    assert changes(px4) == (("accelerometers", "level"), ("gyros", "compass"), 0)
+    assert changes(px4) == (("accelerometers", "level"), 3, ("gyros", "compass"), 2, 0)
 
 
 def test_the_document_states_where_the_steps_of_each_axis_come_from():

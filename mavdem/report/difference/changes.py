@@ -285,7 +285,7 @@ def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:
     subjects = [family for family in FAMILIES if family not in compared_families]
     if reviewed.sides_without_parameters or reviewed.renamed_gain is not None:
         subjects.append("gains")
-    if not reviewed.compared_parameter_count:
+    if not reviewed.common_parameter_count:
         subjects.append("other parameters" if "gains" in subjects else "parameters")
     return subjects
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
+from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.difference import VehicleDifference
-from mavdem.fleet.parameter_changes import axes_of_parameter
+from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.fleet.quantities import (
     ATTITUDE_GAIN_MARGIN,
     ATTITUDE_PHASE_MARGIN,
@@ -35,6 +36,7 @@ from mavdem.report.difference.lights import (
     vibrations_of_same_imu,
 )
 from mavdem.report.difference.motors import MotorVerdict
+from mavdem.report.difference.parameter_groups import parameter_group_texts
 from mavdem.report.difference.parameters import changed_rate_gains, parameter_text
 from mavdem.report.difference.quantity_texts import change_text
 from mavdem.report.difference.reviewed import ReviewedDifference
@@ -200,7 +202,7 @@ def _sentences_on_gains(
 ) -> list[Sentence]:
     """Returns the sentence of the headline on changed gains and their effects, such as a smaller phase margin.
 
-    It names the first gains of the rate controllers that changed and how many other parameters did, and then the
+    It names the gains of the rate controllers that changed most, what the other changed parameters set, and then the
     quantities of the same axes that changed because of them. Without such gains it names the other parameters, if they
     are few.
 
@@ -222,7 +224,8 @@ def _sentences_on_gains(
     if not gains:
         # Without axes this returns the gains of all of them.
         gains = changed_rate_gains(changed_parameters, ())
-    shown_gains = [parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
+    shown_gains = sorted(gains[:MAX_HEADLINE_GAINS], key=_axis_and_term)
+    further_parameters = [change for change in changed_parameters if change not in shown_gains]
     axes_of_gains = set[str]()
     for gain in gains:
         axes_of_gains.update(axes_of_parameter(gain.name))
@@ -239,13 +242,24 @@ def _sentences_on_gains(
         other_parameters = [parameter_text(parameter) for parameter in changed_parameters]
     return render_section(
         "difference_gains",
-        gains=shown_gains,
+        gains=[parameter_text(gain) for gain in shown_gains],
+        further_groups=parameter_group_texts(further_parameters),
         other_parameters=other_parameters,
-        further_count=len(changed_parameters) - len(shown_gains),
+        further_count=len(further_parameters),
         effects=effects[:MAX_HEADLINE_EFFECTS],
         renamed_gain=reviewed.renamed_gain,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
+
+
+def _axis_and_term(gain: ParameterChange) -> tuple[int, int]:
+    """Returns the key that sorts gains of rate control by axis, and on each axis in the order P, I, D.
+
+    Args:
+        gain: a changed gain whose name ends with its term, such as "ATC_RAT_RLL_P".
+    """
+    (axis,) = axes_of_parameter(gain.name)
+    return AXES.index(axis), "KPID".index(gain.name[-1])
 
 
 def _sentences_on_bad_lights(

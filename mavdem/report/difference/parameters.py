@@ -15,9 +15,20 @@ from mavdem.report.templates import render_section
 def parameter_sentences(
     reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
 ) -> list[Sentence]:
-    """Returns the sentences on changed parameters, or that none changed, and on what was calibrated between A and B.
+    """Returns the sentences on parameters: those that changed, how many are equal, and what is not known of them.
 
-    Sentences on sides whose parameters are not known follow.
+    Args:
+        reviewed: comparison of two states, with the changed parameters.
+        headline: sentences shown above; parameters that they name are left out.
+    """
+    changed = changed_parameter_sentences(reviewed, headline)
+    return [*changed, *parameter_count_sentences(reviewed)]
+
+
+def changed_parameter_sentences(
+    reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
+) -> list[Sentence]:
+    """Returns the sentence that names the changed parameters with both values; empty where the headline names all.
 
     Args:
         reviewed: comparison of two states, with the changed parameters.
@@ -29,40 +40,39 @@ def parameter_sentences(
         text = parameter_text(parameter)
         if text not in texts_above:
             parameters.append(text)
-    calibrations = calibration_changes(reviewed.parameters_set_by_autopilot)
-    sentences = render_section(
+    return render_section(
         "difference_parameters",
         parameters=parameters,
         are_two_vehicles=reviewed.are_two_vehicles,
+    )
+
+
+def parameter_count_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns how many parameters are equal, and who set the others: a person, a calibration, or the autopilot itself.
+
+    Args:
+        reviewed: comparison of two states, with the changed parameters of both kinds.
+
+    Returns:
+        The sentence with these numbers, which add up to all parameters that both sides have, and a sentence on
+        parameters that could not be compared; empty if neither side has parameters.
+    """
+    calibrations = calibration_changes(reviewed.parameters_set_by_autopilot)
+    changed_count = len(reviewed.parameters)
+    set_by_autopilot_count = len(reviewed.parameters_set_by_autopilot)
+    common_count = reviewed.common_parameter_count
+    return render_section(
+        "difference_parameter_counts",
+        common_count=common_count,
+        equal_count=common_count - changed_count - set_by_autopilot_count,
+        changed_count=changed_count,
+        calibrations=calibrations,
+        are_two_vehicles=reviewed.are_two_vehicles,
         sides_without_parameters=reviewed.sides_without_parameters,
-        changed_count=len(reviewed.parameters),
-        compared_count=reviewed.compared_parameter_count,
-        learned_count=calibrations.other_count,
         has_two_autopilots=reviewed.has_two_autopilots,
         are_of_control=reviewed.has_only_control_parameters,
         tracked_sides=reviewed.tracked_sides,
         outdated_sides=reviewed.outdated_sides,
-    )
-    return [*sentences, *calibration_sentences(reviewed)]
-
-
-def calibration_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentence on what was calibrated between two states of a vehicle, such as its compass.
-
-    Args:
-        reviewed: comparison of two states, with the parameters that the autopilot itself set to other values.
-
-    Returns:
-        A list with the sentence. It is empty if nothing was calibrated, and for two vehicles, of which each has its own
-        calibration.
-    """
-    if reviewed.are_two_vehicles:
-        return []
-    calibrations = calibration_changes(reviewed.parameters_set_by_autopilot)
-    return render_section(
-        "difference_calibration",
-        calibrated=calibrations.calibrated,
-        calibrated_or_learned=calibrations.calibrated_or_learned,
     )
 
 

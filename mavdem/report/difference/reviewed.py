@@ -10,7 +10,6 @@ from mavdem.fleet.parameter_changes import (
     ParameterChange,
     RenamedGain,
     changed_parameters,
-    compared_parameters,
     parameters_changed_by_autopilot,
     renamed_gain,
     states_without_gains,
@@ -53,8 +52,8 @@ class ReviewedDifference(NamedTuple):
     sides_without_parameters: Names = ()
     """Sides, "A" or "B", whose parameters are not known."""
 
-    compared_parameter_count: int = 0
-    """Number of parameters that both sides have, and that the autopilot does not set by itself."""
+    common_parameter_count: int = 0
+    """Number of parameters that both sides have; 0 where they cannot be compared."""
 
     parameters_set_by_autopilot: Sequence[ParameterChange] = ()
     """Parameters that the autopilot itself set to other values, such as the learned throttle of hover."""
@@ -123,11 +122,11 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
     # Names that ArduPilot and PX4 have in common by chance, such as RC1_DZ, need not mean the same.
     has_two_autopilots = have_different_autopilots(before.rows, after.rows)
     parameter_changes: list[ParameterChange] = []
-    parameters_to_compare: list[str] = []
+    common_parameter_count = 0
     parameters_set_by_autopilot: list[ParameterChange] = []
     if not has_two_autopilots:
         parameter_changes = changed_parameters(before.parameters, after.parameters)
-        parameters_to_compare = compared_parameters(before.parameters, after.parameters)
+        common_parameter_count = len(before.parameters.keys() & after.parameters.keys())
         parameters_set_by_autopilot = parameters_changed_by_autopilot(
             before.parameters, after.parameters
         )
@@ -145,7 +144,7 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
         parameters=parameter_changes,
         # The next ones say which parameters could be compared at all, since logs need not hold all of them.
         sides_without_parameters=states_without_gains(before.parameters, after.parameters),
-        compared_parameter_count=len(parameters_to_compare),
+        common_parameter_count=common_parameter_count,
         renamed_gain=renamed_gain(before.parameters, after.parameters),
         has_two_autopilots=has_two_autopilots,
     )
@@ -157,7 +156,7 @@ def reviewed_difference(
     reviews: Mapping[str, Review] = NO_REVIEWS,
     parameters: Sequence[ParameterChange] = (),
     sides_without_parameters: Names = (),
-    compared_parameter_count: int = 0,
+    common_parameter_count: int = 0,
     renamed_gain: RenamedGain | None = None,
     *,
     has_two_autopilots: bool = False,
@@ -169,7 +168,7 @@ def reviewed_difference(
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
         parameters: parameters of the autopilot that changed.
         sides_without_parameters: sides, "A" or "B", whose parameters are not known.
-        compared_parameter_count: number of parameters that both sides have.
+        common_parameter_count: number of parameters that both sides have.
         renamed_gain: a gain of the rate controllers that both sides name differently; None if there is none.
         has_two_autopilots: whether both sides have different autopilots, whose parameters are not compared.
     """
@@ -179,7 +178,7 @@ def reviewed_difference(
         reviews=reviews,
         parameters=parameters,
         sides_without_parameters=sides_without_parameters,
-        compared_parameter_count=compared_parameter_count,
+        common_parameter_count=common_parameter_count,
         renamed_gain=renamed_gain,
         has_two_autopilots=has_two_autopilots,
     )

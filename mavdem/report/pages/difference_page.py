@@ -51,7 +51,7 @@ from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import Review, light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
-from mavdem.report.difference.parameters import calibration_sentences, parameter_sentences
+from mavdem.report.difference.parameters import parameter_count_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
@@ -192,9 +192,7 @@ def _parameter_remarks(reviewed: ReviewedDifference) -> list[Sentence]:
     Args:
         reviewed: comparison of both flights, with the changed parameters.
     """
-    if reviewed.parameters:
-        return calibration_sentences(reviewed)
-    return parameter_sentences(reviewed)
+    return parameter_count_sentences(reviewed)
 
 
 def _chapters(
@@ -600,7 +598,7 @@ def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
     """
     rows = _parameter_rows(reviewed.parameters)
     changed_count = len(reviewed.parameters)
-    header = f"{changed_count} of {counted(reviewed.compared_parameter_count, 'parameter')} changed"
+    header = f"{changed_count} of {counted(reviewed.common_parameter_count, 'parameter')} changed"
     if changed_count > len(rows):
         header += f", the first {len(rows)}"
     return _table_chapter("Parameters", header, rows)._replace(
