@@ -14,7 +14,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import RowsFact, SessionFact, TimeUse
+from mavdem.facts.session import MissingMessages, RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import LiveHistory
@@ -205,6 +205,12 @@ def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
     assert last_seen.text.startswith(
         "12 m above the take-off, 5 m from it, battery 11.1 V; no latitude and longitude"
     )
+    # On the page it comes before the lights, which a telephone would show in its place.
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=12.0)
+    silent = SessionStatus("1:1", is_flying=True, message_age=12.0, no_model_reason=silence)
+    account = dict.fromkeys(TimeUse, 0.0)
+    page = live_page("udp", "roll", LiveHistory(), silent, account, None)
+    assert page.index("Last seen:") < page.index('<section id="lights">')
     # The verdict on the flight keeps the place, by which the vehicle is searched.
     assert "12 m above the take-off" in headline(loss.replace(is_over=True))
 

@@ -1285,6 +1285,7 @@ def _live_head(
         is_in_flight=status.is_in_flight,
         flight_number=history.flight.number,
         is_lost_in_air=status.is_flying and status.loss is None,
+        is_link_lost=status.link_loss is not None,
         reasons=reasons,
         fault_in_full=cause_of_alarm(judgement_with_reason.headline).sentence if reasons else "",
         are_lights_of_recording=_are_lights_of_recording(judgement.lights),

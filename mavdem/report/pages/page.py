@@ -393,6 +393,9 @@ class Head(NamedTuple):
     is_lost_in_air: bool = False
     """Whether the link of that vehicle was lost in the air, so that its flight may go on."""
 
+    is_link_lost: bool = False
+    """Whether its messages have ended in flight, so that where it was seen last comes before its lights."""
+
     reasons: Sequence[Block] = ()
     """What shows the headline of a live session, below its lights: what to do and the lights are read before it."""
 
