@@ -6,6 +6,7 @@ import os
 import pickle
 from contextlib import closing
 from dataclasses import fields, is_dataclass
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from unittest.mock import Mock
@@ -264,4 +265,29 @@ def fits_once(once_in_a_run):
             (wind_estimation, "identify_drag"),
         ):
             patch.setattr(module, name, once_in_a_run(getattr(module, name)))
+        yield
+
+
+@fixture(scope="session", autouse=True)
+def sample_logs_once():
+    """Forty tests read the same telemetry log of the repository: each process of the run does so once."""
+    from recorded_flights import LOGS
+
+    from mavdem.ingest import tlog
+
+    read_tlog = tlog.read_tlog
+
+    @cache
+    def read_sample_log(name, target):
+        return read_tlog(name)
+
+    def read(name):
+        # A log has the name by which it was read, which may be that of a link.
+        target = Path(name).resolve()
+        if target.parent == LOGS.resolve():
+            return read_sample_log(name, target)
+        return read_tlog(name)
+
+    with MonkeyPatch.context() as patch:
+        patch.setattr(tlog, "read_tlog", read)
         yield

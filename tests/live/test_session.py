@@ -557,7 +557,8 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     page = html.unescape(
         live_page("udp", "roll", session.history, session.status, session.time_account(), model)
     ).replace("\u00a0", " ")
-    assert plus_minus(*np.degrees([physical.effect[0], physical.interval().effect[0]])) in page
+    effect = plus_minus(*np.degrees([physical.effect[0], physical.interval().effect[0]]))
+    assert effect.replace("-", "\N{MINUS SIGN}") in page
     assert all(str(purpose.reason) in page for purpose in session.flight.judging.findings.purposes)
     assert "`mavdem 'my flight.tlog'`" in lights["motors"].remedy, "no hover shows the trim"
     assert "Not judged in flight." in page and "not logged" not in page
