@@ -24,6 +24,7 @@ class RefusalReason(Code):
     DISK_FULL = "disk_full"
     QUOTA_REACHED = "quota_reached"
     BAD_REQUEST = "bad_request"
+    SEARCH_NOT_UNDERSTOOD = "search_not_understood"
     NOT_STARTED = "not_started"
     SESSION_FAILED = "session_failed"
     ANSWER_FAILED = "answer_failed"

@@ -45,7 +45,7 @@ from mavdem.serve.requests import (
     read_document,
     valid_unicode,
 )
-from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
+from mavdem.serve.search import UNFINISHED_SQL, SqlCondition, search_hints
 from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form, require_log_file
 from mavdem.serve.viewers import RecordingViewer
 from mavdem.serve.visible_library import VisibleLibrary
@@ -108,7 +108,7 @@ class Api:
     def __init__(
         self,
         visible: VisibleLibrary,
-        log_added: Callable[[], None],
+        work_requested: Callable[[], None],
         viewer: RecordingViewer | None,
         fields: FieldStore,
     ) -> None:
@@ -116,14 +116,15 @@ class Api:
 
         Args:
             visible: the library, with the access rights.
-            log_added: function that is called after logs were added to the library, or recordings were requested.
+            work_requested: function that is called after logs were added to the library, recordings were requested, or
+                a baseline was changed.
             viewer: shows recordings in a viewer on this machine; None if that is not possible.
             fields: the columns of the logs whose fields are plotted.
         """
         self._visible_library = visible
         self._library = visible.library
         self._rights = visible.rights
-        self._log_added = log_added
+        self._work_requested = work_requested
         self._viewer = viewer
         self._fields = fields
         self._uploads = 0
@@ -211,7 +212,7 @@ class Api:
             first_reason = refused_files[0][1]
             raise Refusal(first_reason)
         # This wakes the background reading.
-        self._log_added()
+        self._work_requested()
         refused_logs = [{"name": name, "error": error_values(fact)} for name, fact in refused_files]
         return Added(flights=self._visible_library.documents(flights), refused=refused_logs)
 
@@ -242,9 +243,16 @@ class Api:
     # Flights
 
     def list_flights(self, request: HttpRequest) -> Response:
-        """Answers with the flights that a search finds, ``limit`` of them from ``offset``."""
+        """Answers with the flights that a search finds, ``limit`` of them from ``offset``.
+
+        Raises:
+            Refusal: a word of the search has a wrong value, or names no known property and nothing is found.
+        """
         limit = min(query_number(request, "limit", FLIGHTS_PER_PAGE), MAX_FILES)
         result = self._visible_library.search(request, limit)
+        hints = search_hints(result.query, is_nothing_found=not result.total)
+        if hints:
+            raise Refusal(RefusalReason.SEARCH_NOT_UNDERSTOOD, reason="; ".join(hints))
         flights = self._visible_library.documents(result.entries)
         return _json(Flights(total=result.total, flights=flights))
 
@@ -307,7 +315,7 @@ class Api:
         """Has the recordings of a flight made, unless they exist or are being made; answers with how far they are."""
         entry = self._visible_library.entry(request, request.path_params["id"])
         entry = RecordingRequests(self._library).request(entry)
-        self._log_added()
+        self._work_requested()
         return recordings_answer(self._visible_library.recordings(entry))
 
     def fields(self, request: HttpRequest) -> Response:
@@ -415,6 +423,7 @@ class Api:
         self._rights.require(request, Permission.WRITE)
         baseline = await read_document(request, Baseline)
         await run_in_threadpool(self._library.set_baseline, baseline.flights)
+        self._work_requested()
         return _json(baseline)
 
     async def remove_baseline(self, request: HttpRequest) -> Response:
@@ -422,6 +431,7 @@ class Api:
         self._rights.require(request, Permission.WRITE)
         vehicle = request.query_params.get("vehicle", "")
         await run_in_threadpool(self._library.remove_baseline, vehicle)
+        self._work_requested()
         return Response(status_code=204)
 
     async def name_vehicle(self, request: HttpRequest) -> Response:

@@ -15,7 +15,7 @@ from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.facts.serve import ListingOrder
 from mavdem.facts.urgency import Urgency
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow
 from mavdem.fleet.workers import KEY_HASH_DIGITS
 from mavdem.report.fleet import (
     HEALTH_LEVELS,
@@ -50,6 +50,28 @@ select flight, health, reason, suspect_motor, min(iif(health = '{MotorHealth.FAU
 from ({ROWS_WITH_ANOMALY_SQL}) group by flight
 """
 """SQL query of the worst anomaly of each flight; SQLite takes the other columns from the row that has the minimum."""
+
+
+HAS_BALANCE_SQL = (
+    "json_extract(iif(json_valid({table}.row), {table}.row, '{{}}'), '$.balance') is not null"
+)
+"""SQL condition of a row of the fleet, in the named table, with the figures by which its motors are compared."""
+
+BASELINE_VEHICLES_SQL = (
+    "select distinct json_extract(row, '$.vehicle') from healthy where json_valid(row)"
+)
+"""SQL query of the vehicles of which a user marked flights as healthy."""
+
+IS_COMPARABLE_SQL = f"""
+({HAS_BALANCE_SQL.format(table="flights")} and (vehicle in ({BASELINE_VEHICLES_SQL})
+or vehicle <> '{UNKNOWN}' and json_extract(row, '$.vehicle_basis') is not '{SYSTEM_ID_BASIS}'
+and exists (select 1 from flights other where other.vehicle = flights.vehicle and other.log <> flights.log
+and {HAS_BALANCE_SQL.format(table="other")})))
+"""
+"""SQL condition of a row of the fleet whose motors can be compared: with a baseline, or with other flights.
+
+Flights that only have a system id in common, which several vehicles may have, are compared with a baseline alone.
+"""
 
 
 def has_anomaly_sql(condition: str) -> str:

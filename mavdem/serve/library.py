@@ -54,6 +54,8 @@ from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.results import PAGE_FILE
 from mavdem.serve.compared_motors import (
     ANOMALIES_INDEX_SQL,
+    BASELINE_VEHICLES_SQL,
+    IS_COMPARABLE_SQL,
     entry_compared_with_fleet,
     order_sql,
 )
@@ -563,7 +565,11 @@ class Library:
         # Asked before the verdicts are read: a comparison that ends in between is in them, and the flight counts as one
         # that is still to be compared. In the other order its milder verdict would be taken for the final one.
         uncompared_ids = self._uncompared_ids(entries)
-        anomalous_rows = self.rows_with_motor_anomaly(entries)
+        anomalous_rows = {}
+        for id, row in self.rows_with_motor_anomaly(entries).items():
+            # A former verdict, such as that beside a former baseline, does not count any more.
+            if id not in uncompared_ids:
+                anomalous_rows[id] = row
         compared_entries = []
         for entry in entries:
             anomalous_row = anomalous_rows.get(entry.id)
@@ -573,8 +579,9 @@ class Library:
     def _uncompared_ids(self, entries: Iterable[LibraryEntry]) -> set[str]:
         """Returns the ids of those flights whose motors have not been compared with the vehicle's other flights yet.
 
-        A log is compared a moment after it was read, once no other log waits; until then a loss of thrust that only the
-        comparison shows is not known.
+        A log is compared a moment after it was read, once no other log waits, and again with a new baseline; until then
+        a loss of thrust that only the comparison shows is not known. Flights that cannot be compared, such as the only
+        one of a vehicle (``IS_COMPARABLE_SQL``), are not among them.
 
         Args:
             entries: index entries of the flights to examine.
@@ -582,8 +589,8 @@ class Library:
         ids_by_path = {str(self.log_path(entry)): entry.id for entry in entries}
         # The column "judged" is empty until the vehicle is judged. Logs that the fleet does not track never are; "file"
         # does not tell them apart, since it too is empty until then.
-        query = """select distinct path from flights join logs using (log)
-            where tracked and judged is null and path in (select value from json_each(?))"""
+        query = f"""select distinct path from flights join logs using (log)
+            where tracked and judged is null and path in (select value from json_each(?)) and {IS_COMPARABLE_SQL}"""
         paths = json.dumps([utf8_text(path) for path in ids_by_path])
         return {ids_by_path[path] for (path,) in self.db.execute(query, [paths])}
 
@@ -782,6 +789,10 @@ class Library:
         widest_sharing = max(entry.sharing, sharing, key=narrow_to_wide.index)
         return self.change(entry.id, sharing=widest_sharing, note=entry.note or note)
 
+    def baseline_vehicles(self) -> set[str]:
+        """Returns the names in the logs of the vehicles of which a user marked flights as healthy."""
+        return {vehicle for (vehicle,) in self.db.execute(BASELINE_VEHICLES_SQL)}
+
     def baseline_rows(self, vehicle: str) -> FlightRows:
         """Returns the rows of a vehicle's baseline, one for each axis of its flights that were marked as healthy.
 
@@ -830,7 +841,7 @@ class Library:
         self._replace_baseline({vehicle}, [])
 
     def _replace_baseline(self, vehicles: set[str], healthy_rows: FlightRows) -> None:
-        """Replaces the baselines of some vehicles; those of others stay.
+        """Replaces the baselines of some vehicles, whose flights are then to be compared again; those of others stay.
 
         Args:
             vehicles: names of the vehicles in their logs.
@@ -839,9 +850,13 @@ class Library:
         Raises:
             Refusal: the disk is full.
         """
-        with self.transaction():
+        with self.transaction() as db:
             kept_rows = [row for row in self.store.healthy if row.vehicle not in vehicles]
             self.store.healthy = [*kept_rows, *healthy_rows]
+            db.execute(
+                "update flights set judged = null where vehicle in (select value from json_each(?))",
+                [json.dumps([*vehicles])],
+            )
         # The thread that reads logs then writes the table of the fleet anew, with the new comparisons.
         self.table_is_outdated.set()
 

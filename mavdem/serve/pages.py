@@ -61,12 +61,7 @@ from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
-from mavdem.serve.search import (
-    half_typed_terms,
-    needs_complete_entries,
-    search_problems,
-    unknown_terms,
-)
+from mavdem.serve.search import needs_complete_entries, search_hints
 from mavdem.serve.stored_parameters import read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
@@ -123,18 +118,6 @@ def _changes_from_baseline(name: str, rows: FlightRows, healthy_rows: FlightRows
     assert difference is not None
     # The page itself says that several vehicles may have the name.
     return baseline_blocks(latest_row, difference, has_identity_cautions=False)
-
-
-def _search_hints(result: SearchResult) -> list[str]:
-    """Returns hints for the user on what may be wrong with a search, such as a value that is no number.
-
-    Args:
-        result: the search with what it found. Only if it found nothing, unknown properties are among the hints.
-    """
-    hints = half_typed_terms(result.query) + search_problems(result.query)
-    if not result.entries:
-        hints += unknown_terms(result.query)
-    return hints
 
 
 def _with_reasons_for_missing_parameters(
@@ -217,7 +200,7 @@ class Pages:
             "library",
             total=result.total,
             query=result.query,
-            problems=_search_hints(result),
+            problems=search_hints(result.query, is_nothing_found=not result.entries),
             order=result.order,
             offset=result.offset,
             page=FLIGHTS_PER_PAGE,
@@ -259,7 +242,7 @@ class Pages:
         """Returns the values of a template with a table of flights, which shows the verdict on each flight.
 
         The verdict is by the log of the flight. If a comparison with other flights of the vehicle shows a fault or
-        drift of the motors, it says that too, and a link compares the flight with a healthy one.
+        drift of the motors, it says that too, and a link compares the flight with the one that suits this best.
 
         Args:
             entries: index entries of the flights, whose verdicts are by their logs alone.
@@ -268,7 +251,8 @@ class Pages:
         Returns:
             ``entries`` with the verdicts that are shown; ``anomalous_rows``, the row in the fleet's table of each
             flight whose motors have a fault or drift, by the entry's id; ``uncompared_ids`` of flights whose motors are
-            still to be compared; and ``flights_to_compare``, the entry of the healthy flight, by the same id.
+            still to be compared; ``baseline_vehicles``, names of the vehicles that have a baseline; and
+            ``flights_to_compare``, the entry of the other flight, by the same id.
         """
         compared = self._library.compared_entries(entries)
         flights_to_compare = {}
@@ -278,13 +262,14 @@ class Pages:
             "entries": compared.entries,
             "anomalous_rows": compared.anomalous_rows,
             "uncompared_ids": compared.uncompared_ids,
+            "baseline_vehicles": self._library.baseline_vehicles(),
             "flights_to_compare": flights_to_compare,
         }
 
     def _flights_to_compare(
         self, entries: Sequence[LibraryEntry], anomalous_rows: Mapping[str, FlightRow]
     ) -> dict[str, LibraryEntry]:
-        """Finds for each flight with a motor anomaly the healthy flight that its link "Compare" compares it with.
+        """Finds for each flight with a motor anomaly the flight that its link "Compare" compares it with.
 
         Args:
             entries: index entries of all flights of a list.
@@ -292,17 +277,17 @@ class Pages:
                 entry's id.
 
         Returns:
-            A healthy flight of the same vehicle, by the id of the flight with a motor anomaly; flights for which there
-            is none are left out.
+            Another flight of the same vehicle, by the id of the flight with a motor anomaly; flights for which there is
+            none are left out.
         """
-        healthy_flights = {}
+        flights_to_compare = {}
         for entry in entries:
             if entry.id not in anomalous_rows:
                 continue
-            healthy_entry = self._visible_library.healthy_flight(entry)
-            if healthy_entry is not None:
-                healthy_flights[entry.id] = healthy_entry
-        return healthy_flights
+            other_entry = self._visible_library.flight_to_compare_with(entry, has_anomaly=True)
+            if other_entry is not None:
+                flights_to_compare[entry.id] = other_entry
+        return flights_to_compare
 
     def flight(self, request: HttpRequest) -> Response:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
@@ -344,13 +329,13 @@ class Pages:
             anomaly = motor_anomaly(compared.anomalous_rows.get(entry.id))
             (values["flight"],) = compared.entries
             if values["may_read"]:
-                healthy_entry = None
-                if anomaly is not None:
-                    healthy_entry = self._visible_library.healthy_flight(entry)
-                if anomaly is not None and healthy_entry is not None:
-                    link = self._comparison_link(entry, healthy_entry)
+                suggested_entry = self._visible_library.flight_to_compare_with(
+                    entry, has_anomaly=anomaly is not None
+                )
+                if anomaly is not None and suggested_entry is not None:
+                    link = self._comparison_link(entry, suggested_entry)
                     anomaly = anomaly._replace(comparison=link)
-                values |= self._flights_beside(entry, healthy_entry)
+                values |= self._flights_beside(entry, suggested_entry)
         has_recording = RECORDING_FILE in entry.file_names
         return HTMLResponse(
             with_toolbar(
@@ -358,6 +343,7 @@ class Pages:
                 given_name=values["given"].flights.get(entry.content_hash, ""),
                 anomaly=anomaly,
                 is_compared=is_compared,
+                has_baseline=entry.vehicle in self._library.baseline_vehicles(),
                 follows_verdict=not vehicle,
                 files=entry.file_names if is_stored else [],
                 missing=RecordingRequests(self._library).missing_names(entry),
@@ -367,36 +353,35 @@ class Pages:
         )
 
     def _flights_beside(
-        self, entry: LibraryEntry, healthy_entry: LibraryEntry | None
+        self, entry: LibraryEntry, suggested_entry: LibraryEntry | None
     ) -> JsonValues:
         """Returns the other flights to which the page of a flight has links.
 
         Args:
             entry: index entry of the flight.
-            healthy_entry: a healthy flight to compare it with; None to compare it with the most similar one.
+            suggested_entry: the flight that it is best compared with; None if there is none.
 
         Returns:
             Values by the names in the template: the ``previous`` flight of the vehicle, its flights that are
             ``comparable``, and those ``of_other_vehicles``.
         """
         previous_entry = self._visible_library.previous_flight(entry)
-        suggested_entry = healthy_entry or self._visible_library.most_similar_flight(entry)
         return {
             "previous": previous_entry,
             "comparable": self._visible_library.comparable_flights(entry, suggested_entry),
             "of_other_vehicles": self._visible_library.flights_of_other_vehicles(entry),
         }
 
-    def _comparison_link(self, entry: LibraryEntry, earlier_entry: LibraryEntry) -> PageLink:
-        """Returns the link from a flight with a motor anomaly to its comparison with an earlier healthy flight.
+    def _comparison_link(self, entry: LibraryEntry, other_entry: LibraryEntry) -> PageLink:
+        """Returns the link from a flight with a motor anomaly to its comparison with another flight.
 
         Args:
             entry: index entry of the flight with the anomaly.
-            earlier_entry: index entry of the earlier flight.
+            other_entry: index entry of the other flight.
         """
         given_names = self._library.names.flights
-        name = given_names.get(earlier_entry.content_hash, earlier_entry.name)
-        return PageLink(f"Compare with {name}", f"/compare?a={earlier_entry.id}&b={entry.id}")
+        name = given_names.get(other_entry.content_hash, other_entry.name)
+        return PageLink(f"Compare with {name}", f"/compare?a={other_entry.id}&b={entry.id}")
 
     def _page_without_results(self, entry: LibraryEntry, template_values: JsonValues) -> Response:
         """Returns the page of a flight that has no results (yet): how far its log is read, or why it cannot be.

@@ -169,6 +169,23 @@ def search_condition(text: str) -> SqlCondition:
     return SqlCondition(expression, tuple(values))
 
 
+def search_hints(text: str, *, is_nothing_found: bool) -> list[str]:
+    """Returns hints on what may be wrong with a search, such as a value that is no number.
+
+    Args:
+        text: words of the search.
+        is_nothing_found: whether no flight meets it. Only then are unknown properties among the hints, since such a
+            word may also be a text that flights contain.
+
+    Returns:
+        A phrase on each, for the user.
+    """
+    hints = half_typed_terms(text) + search_problems(text)
+    if is_nothing_found:
+        hints += unknown_terms(text)
+    return hints
+
+
 def search_problems(text: str) -> list[str]:
     """Finds wrong values in a search, such as a word that compares a number, a level or a choice with something else.
 

@@ -1,53 +1,124 @@
-"""Which flight of a vehicle is most like another one: a comparison of both shows the vehicle, and not the weather."""
+"""Which flight of a vehicle another one is best compared with: one without a finding, flown in like conditions.
 
-from collections.abc import Sequence
+A comparison of both then shows what changed of the vehicle, and not a fault of the other flight, or the weather.
+"""
 
+from collections.abc import Collection, Sequence
+from math import log
+from typing import NamedTuple
+
+from mavdem.facts import Level
 from mavdem.serve.index import LibraryEntry
 
-MAX_DURATION_RATIO = 2.0
-"""Ratio of the settled times of two similar flights, at most: a choice.
+LEVEL_RANKS = {Level.GOOD: 0, Level.UNKNOWN: 1, Level.WATCH: 2, Level.BAD: 3}
+"""Order in which the levels of the light "motors" recommend a flight for a comparison of the motors."""
 
-The intervals of what is estimated in both then differ by a factor of about √2 at most.
-"""
+MIN_SPEED = 1.0
+"""Speed, m/s, below which speeds count as alike: the 90 % interval of a wind speed is rarely narrower."""
+
+MIN_DISTANCE = 10.0
+"""Distance, m, below which distances count as alike: a vehicle that holds its position drifts as far."""
+
+MIN_FLIGHT_TIME = 1.0
+"""Time in the air, s, below which times count as alike."""
+
+UNKNOWN_DIFFERENCE = log(2)
+"""How much a condition differs that is not known of both flights: as much as if one value were twice the other."""
+
+
+class _Suitability(NamedTuple):
+    """How well a flight suits a comparison; the smallest one, compared item by item, suits best."""
+
+    motors: int
+    """Rank of its motors by ``LEVEL_RANKS``."""
+    findings: int
+    """1 if another of its lights is watch, 2 if one is bad, else 0."""
+    difference: float
+    """Difference of the conditions, 0 for equal ones."""
 
 
 def most_similar_flight(
-    flight: LibraryEntry, others: Sequence[LibraryEntry]
+    flight: LibraryEntry, others: Sequence[LibraryEntry], baseline: Collection[str] = ()
 ) -> LibraryEntry | None:
-    """Returns the flight that agrees with another one in most of three conditions: wind, duration, and simulator.
+    """Returns the flight with which another one is best compared.
+
+    A flight with sound motors is preferred, of these one without any finding, and of these the one in the most similar
+    conditions: wind, distance, mean speed and time in the air. A simulated flight is compared with a real one only if
+    there is no other.
 
     Args:
         flight: the flight that is to be compared.
-        others: further flights of its vehicle. Of several that agree in equally many conditions, the first is returned.
+        others: further flights of its vehicle, with the verdicts that are shown. Of several that suit equally well, the
+            first is returned.
+        baseline: content hashes of the flights that a user marked as healthy; these count as flights without a finding.
 
     Returns:
         The flight; None if there are no others.
     """
-    return max(others, key=lambda other: _shared_conditions(flight, other), default=None)
+
+    def suitability(other: LibraryEntry) -> _Suitability:
+        """Returns how well another flight suits the comparison."""
+        difference = condition_difference(flight, other)
+        if other.content_hash in baseline:
+            return _Suitability(motors=0, findings=0, difference=difference)
+        motors_rank = LEVEL_RANKS[Level(other.motors or Level.UNKNOWN)]
+        return _Suitability(motors_rank, _worst_finding(other), difference)
+
+    same_kind = [other for other in others if other.simulated == flight.simulated]
+    return min(same_kind or others, key=suitability, default=None)
 
 
-def _shared_conditions(first: LibraryEntry, second: LibraryEntry) -> int:
-    """Returns in how many conditions two flights agree, 0 to 3."""
-    conditions = (
-        have_similar_wind(first, second),
-        have_similar_duration(first, second),
-        first.simulated == second.simulated,
+def _worst_finding(flight: LibraryEntry) -> int:
+    """Returns 2 if a light of a flight is bad, 1 if the worst one is watch, and 0 if nothing was found."""
+    levels = {*flight.lights.values(), flight.level}
+    if Level.BAD in levels:
+        return 2
+    return 1 if Level.WATCH in levels else 0
+
+
+def condition_difference(first: LibraryEntry, second: LibraryEntry) -> float:
+    """Returns how much the conditions of two flights differ: the sum of the logarithms of four ratios.
+
+    The four are wind speed, distance, mean speed over ground and time in the air. A flight at twice the speed and
+    another one at half of it differ equally from a third one.
+
+    Args:
+        first: a flight.
+        second: another flight.
+
+    Returns:
+        The sum, at least 0; a quantity that is not known of both flights counts as ``UNKNOWN_DIFFERENCE``.
+    """
+    return (
+        _log_ratio(_wind_speed(first), _wind_speed(second), MIN_SPEED)
+        + _log_ratio(first.distance, second.distance, MIN_DISTANCE)
+        + _log_ratio(_mean_speed(first), _mean_speed(second), MIN_SPEED)
+        + _log_ratio(first.flight_time, second.flight_time, MIN_FLIGHT_TIME)
     )
-    return sum(conditions)
 
 
-def have_similar_wind(first: LibraryEntry, second: LibraryEntry) -> bool:
-    """Returns whether the 90 % intervals of the wind speeds in two flights overlap; False if one is not known."""
-    if first.wind_low is None or first.wind_high is None:
-        return False
-    if second.wind_low is None or second.wind_high is None:
-        return False
-    return first.wind_low <= second.wind_high and second.wind_low <= first.wind_high
+def _log_ratio(first: float | None, second: float | None, resolution: float) -> float:
+    """Returns the absolute logarithm of the ratio of two values; ``UNKNOWN_DIFFERENCE`` if one is not known.
+
+    Args:
+        first: a value, at least 0.
+        second: the other value.
+        resolution: added to both, so that values which are small beside it count as alike.
+    """
+    if first is None or second is None:
+        return UNKNOWN_DIFFERENCE
+    return abs(log((first + resolution) / (second + resolution)))
 
 
-def have_similar_duration(first: LibraryEntry, second: LibraryEntry) -> bool:
-    """Returns whether one flight was settled for at most ``MAX_DURATION_RATIO`` times as long as the other."""
-    if not first.duration or not second.duration:
-        return False
-    shorter, longer = sorted((first.duration, second.duration))
-    return longer <= MAX_DURATION_RATIO * shorter
+def _wind_speed(flight: LibraryEntry) -> float | None:
+    """Returns the middle of the 90 % interval of the wind speed in a flight, m/s; None if it is not known."""
+    if flight.wind_low is None or flight.wind_high is None:
+        return flight.wind_speed
+    return (flight.wind_low + flight.wind_high) / 2
+
+
+def _mean_speed(flight: LibraryEntry) -> float | None:
+    """Returns the mean speed over ground in a flight, m/s; None if distance or time in the air are not known."""
+    if flight.distance is None or not flight.flight_time:
+        return None
+    return flight.distance / flight.flight_time

@@ -15,6 +15,7 @@ from mavdem.errors import Refusal
 from mavdem.facts import Level
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing, Stage
 from mavdem.fleet.names import content_hash
+from mavdem.machine import LOOPBACK_HOSTS
 from mavdem.report.pages.library_page import interface_words
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
@@ -33,7 +34,7 @@ ORDER_COOKIE = "order"
 """Name of the cookie by which a browser remembers the order of the list that was chosen last."""
 
 MAX_FIRST_FLIGHTS = 20
-"""First flights of a vehicle among which a sound one to compare an anomalous flight with is looked for: a choice."""
+"""First flights of a vehicle among which the one to compare an anomalous flight with is looked for: a choice."""
 
 MAX_COMPARABLE_FLIGHTS = 100
 """Flights that the page of a flight offers to be compared with: a choice, since nobody looks through more."""
@@ -145,19 +146,39 @@ class VisibleLibrary:
         earlier_flights = self._earlier_flights(entry, limit=1)
         return earlier_flights.entries[0] if earlier_flights.entries else None
 
-    def most_similar_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
-        """Returns the flight of the same vehicle with which one without an anomaly of the motors is best compared.
+    def flight_to_compare_with(
+        self, entry: LibraryEntry, *, has_anomaly: bool
+    ) -> LibraryEntry | None:
+        """Returns the flight of the same vehicle with which one is best compared.
+
+        Earlier flights and those of the baseline come into question; all flights if there are none of these. Which one
+        suits best is decided by :func:`most_similar_flight`.
 
         Args:
             entry: index entry of the flight.
+            has_anomaly: whether its motors have a fault or a drift. It is then compared with the first flights of the
+                vehicle: in later ones a motor may have lost a part of its thrust that was too small to be found.
 
         Returns:
-            Of the earlier flights the one in the most similar conditions, of several the latest; of a vehicle's first
-            flight a later one. None if the library has no other flight that is known to be of this vehicle.
+            The flight; None if the library has no other flight that is known to be of this vehicle or, for a flight
+            with an anomaly, if the motors have one in all of them.
         """
-        earlier_flights = self._earlier_flights(entry, MAX_COMPARABLE_FLIGHTS).entries
-        candidates = earlier_flights or self.comparable_flights(entry, best_entry=None)
-        return most_similar_flight(entry, candidates)
+        if has_anomaly:
+            candidates = self._first_flights(entry)
+        else:
+            candidates = self._earlier_flights(entry, MAX_COMPARABLE_FLIGHTS).entries
+        baseline = {content_hash(row.key) for row in self.library.baseline_rows(entry.vehicle)}
+        if baseline or not candidates:
+            other_entries = self.comparable_flights(entry, best_entry=None)
+            baseline_entries = [other for other in other_entries if other.content_hash in baseline]
+            candidates = [*candidates, *baseline_entries] or other_entries
+        compared = self.library.compared_entries(candidates)
+        suitable_entries = []
+        for other in compared.entries:
+            has_weak_motors = other.motors == Level.BAD or other.id in compared.anomalous_rows
+            if other.content_hash in baseline or not (has_anomaly and has_weak_motors):
+                suitable_entries.append(other)
+        return most_similar_flight(entry, suitable_entries, baseline)
 
     def _first_flights(self, entry: LibraryEntry) -> list[LibraryEntry]:
         """Returns the first flights of the vehicle, as far as they were before this one, in order of date.
@@ -199,8 +220,8 @@ class VisibleLibrary:
 
         Args:
             entry: index entry of the flight.
-            best_entry: the flight that it is best compared with: the most similar one or, if its motors have an
-                anomaly, a healthy one. None if there is no such flight.
+            best_entry: the flight that it is best compared with (:meth:`flight_to_compare_with`); None if there is no
+                such flight.
 
         Returns:
             The best one, then the others by date, the latest first, of which there are at most
@@ -234,32 +255,6 @@ class VisibleLibrary:
         return self.library.find(
             condition, values, MAX_COMPARABLE_FLIGHTS, order=ListingOrder.FLIGHT
         ).entries
-
-    def healthy_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
-        """Returns the healthy flight with which a flight with a motor anomaly is best compared.
-
-        Of a vehicle with a baseline it is the latest other flight of this. Otherwise it is the vehicle's first flight
-        in which the motors had no anomaly and were not bad by the log alone: in later ones a motor may have lost a part
-        of its thrust that was too small to be found.
-
-        Args:
-            entry: index entry of the given flight.
-
-        Returns:
-            The entry of the healthy flight; None if none is known.
-        """
-        baseline = {content_hash(row.key) for row in self.library.baseline_rows(entry.vehicle)}
-        if baseline:
-            for other_entry in self.comparable_flights(entry, best_entry=None):
-                if other_entry.content_hash in baseline:
-                    return other_entry
-        first_entries = self._first_flights(entry)
-        anomalous_rows = self.library.rows_with_motor_anomaly(first_entries)
-        for first_entry in first_entries:
-            has_bad_motors = first_entry.motors == Level.BAD
-            if first_entry.id not in anomalous_rows and not has_bad_motors:
-                return first_entry
-        return None
 
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
         """Returns flights of the library as JSON documents, with the names that users gave to them and their vehicles.
@@ -365,7 +360,8 @@ class VisibleLibrary:
         Returns:
             Values by the names in the templates: ``may_read``, whether the visitor may read all flights; ``key`` for
             changes; ``has_token``, whether visitors can sign in with a token; ``has_library``; ``address`` of the
-            server, and the address for uploads (``upload``); the names that were ``given`` to vehicles; the names of
+            server, whether it leads here on this machine only (``is_loopback``), and the address for uploads
+            (``upload``); the names that were ``given`` to vehicles; the names of
             all ``vehicles`` in logs, empty for those who may not read; and the type of each vehicle's frame
             (``frames``).
         """
@@ -388,6 +384,7 @@ class VisibleLibrary:
             "has_token": bool(self.rights.token),
             "has_library": True,
             "address": address,
+            "is_loopback": request.url.hostname in LOOPBACK_HOSTS,
             "upload": upload_address,
             "given": given_names,
             "vehicles": vehicle_names,

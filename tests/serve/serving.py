@@ -51,6 +51,7 @@ def read_made_up(path, key, page):
         "headline": headline,
         "headline_level": "bad",
         "date": "2026-11-20",
+        "balance": (0.0, 0.0, 0.0),
     }
     if "by id" in headline:
         columns |= {"vehicle": "ardupilotmega-1", "vehicle_basis": "system id"}

@@ -256,6 +256,15 @@ def test_a_flight_is_changed_found_and_deleted(served):
         0,
     ]
     assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0
+    # A program is told what a browser shows; a word with a colon may be in a note, such as a time of day.
+    unknown = served.get("/api/flights?q=foo:bar")
+    assert unknown.refusal == (400, RefusalReason.SEARCH_NOT_UNDERSTOOD)
+    shown_hint = served.get("/?q=foo:bar").text.partition('id="problems"')[2]
+    for sentence in ("No such term: foo. Terms are vehicle, mode,", "and gains."):
+        assert sentence in unknown.text and sentence in shown_hint
+    assert served.get("/api/flights?q=motors:").status == 400
+    served.ask("PATCH", f"/api/flights/{id}", {"note": "Gusty at 12:30"})
+    assert total(served, "12:30") == 1
     assert len(served.get("/api/flights?offset=1").json["flights"]) == 1
     assert served.ask("DELETE", f"/api/flights/{id}").status == 204
     assert served.get(f"/f/{id}").status == 404
@@ -366,8 +375,8 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
 
 @mark.slow
 def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served, monkeypatch):
-    """The page then waits for it."""
-    flight = served.add("weak.ulg", "A weak motor.")
+    """The page then waits for it. So it does for a new baseline; the verdict beside the former one is not shown."""
+    other, flight = served.add("other.ulg", "One."), served.add("weak.ulg", "A weak motor.")
     read_verdicts = Library.rows_with_motor_anomaly
 
     def read_before_the_end(library, entries):
@@ -385,9 +394,24 @@ def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served,
     begin_again()
     entry = served.library.entry(flight)
     assert served.library.compared_entries([entry]).uncompared_ids == {flight}
-    for path, note in (("/", "Motors still to be compared"), (f"/f/{flight}", 'id="comparing"')):
+    for path, note in (("/", "the vehicle’s other flights …"), (f"/f/{flight}", 'id="comparing"')):
         begin_again()
         assert note in served.get(path).text
+    monkeypatch.undo()
+    served.work.run()
+    assert "Motor 3 lost thrust." in served.get("/").text
+    served.library.set_baseline([other])
+    listed = served.get("/").text
+    assert listed.count("being compared with the baseline …") == 2
+    assert "Motor 3 lost thrust." not in listed
+    assert "being compared with the baseline …" in served.get("/vehicle?name=quad%207").text
+    served.work.run()
+    assert "Motor 3 lost thrust." in served.get("/").text
+    # The only flight of a vehicle is compared with none, nor is one without a name, or without figures.
+    served.library.remove_baseline("quad 7")
+    begin_again()
+    served.library.delete(other)
+    assert "being compared" not in served.get("/").text
 
 
 @mark.slow

@@ -898,17 +898,31 @@ def test_the_link_of_a_fleet_s_page_to_its_index_is_what_the_server_takes_out():
     assert page.count(LINK_TO_FLEET_HTML) == 1
 
 
-def test_the_most_similar_flight_is_the_latest_in_like_wind_and_of_like_duration():
-    def flight(name, wind_low, wind_high, duration):
-        return LibraryEntry(name, name, wind_low=wind_low, wind_high=wind_high, duration=duration)
+def test_a_flight_is_best_compared_with_a_sound_one_in_like_conditions():
+    """A hover is compared with a hover, and a straight flight with a straight one; a finding counts for more."""
 
-    calm, windy, short = (
-        flight("calm", 0.0, 2.0, 60.0),
-        flight("windy", 7.0, 9.0, 70.0),
-        flight("short", 0.5, 2.5, 8.0),
-    )
-    alike = flight("alike", 1.0, 3.0, 90.0)
-    assert most_similar_flight(calm, [windy, short, alike]) is alike
-    # Where nothing is known of the flight, the first of the others is taken, which is the latest.
-    assert most_similar_flight(LibraryEntry("x", "x"), [windy, alike]) is windy
-    assert most_similar_flight(calm, []) is None
+    def flight(name, distance, wind_speed=2.0, **columns):
+        columns = {"flight_time": 60.0, "level": "good", "motors": "good"} | columns
+        wind = {"wind_low": wind_speed - 1, "wind_high": wind_speed + 1}
+        return LibraryEntry(name, name, distance=distance, content=name, **wind | columns)
+
+    hover = flight("hover", 5.0)
+    straight, windy = flight("straight", 300.0), flight("windy", 300.0, wind_speed=9.0)
+    watched = flight("watched", 305.0, level="watch", vibration="watch")
+    weak = flight("weak", 305.0, motors="watch", level="watch")
+    others = [hover, straight, windy, watched, weak]
+    assert most_similar_flight(flight("x", 310.0), others) is straight
+    assert most_similar_flight(flight("x", 310.0, wind_speed=8.0), others) is windy
+    assert most_similar_flight(flight("x", 4.0), others) is hover
+    assert most_similar_flight(flight("x", 310.0), [hover, watched, weak]) is hover
+    assert most_similar_flight(flight("x", 310.0), [watched, weak]) is watched
+    # What a user marked as healthy counts as sound.
+    assert most_similar_flight(flight("x", 305.0), others, {"watched"}) is watched
+    # A simulated flight is no partner of a real one, nor is one in a wind that is not known if another's is.
+    simulated = replace(straight, simulated=1)
+    assert most_similar_flight(straight, [simulated, hover]) is hover
+    unknown_wind = replace(straight, wind_low=None, wind_high=None)
+    assert most_similar_flight(flight("x", 310.0), [unknown_wind, straight]) is straight
+    # Where nothing is known of the flight, the first of the sound ones is taken, which is the latest.
+    assert most_similar_flight(LibraryEntry("x", "x"), [windy, straight]) is windy
+    assert most_similar_flight(hover, []) is None

@@ -389,10 +389,12 @@ def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_
     library.db.execute(
         "insert into logs (path, log, tracked) values (?, ?, 1)", [row.file, entry.digest]
     )
-    library.db.execute(
-        "insert into flights (log, vehicle, file, brief) values (?, ?, ?, ?)",
-        [entry.digest, "quad", row.file, brief_json(row)],
-    )
+    # The motors are compared with those of another flight.
+    for digest in (entry.digest, "of another log"):
+        library.db.execute(
+            "insert into flights (log, vehicle, file, row, brief) values (?, ?, ?, ?, ?)",
+            [digest, "quad", row.file, '{"balance": [0, 0, 0]}', brief_json(row)],
+        )
     flight = link_monitor._StoredFlight(Mock(), entry.id, PageLink("a.tlog", "/f/abc"))
     flight = live._with_verdict(flight)
     assert flight.is_unjudged and told == []

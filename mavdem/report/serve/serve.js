@@ -30,6 +30,7 @@
   // The table of flights: search as one types, choice, and what is being read.
   const searchForm = $("find"), flightRows = () => $("flights")?.tBodies[0];
   const chosenIds = () => [...document.querySelectorAll('#flights input[name="id"]:checked')].map(box => box.value);
+  const rowOf = id => flightRows().querySelector(`tr[data-id="${id}"]`), nameIn = row => row.querySelector(".name").textContent;
   let baselineNote = "";
   const updateButtons = () => {
     const count = chosenIds().length;
@@ -46,6 +47,8 @@
   };
   document.addEventListener("change", event => { if (event.target.name === "id") updateButtons(); });
   updateButtons();
+  // On the way back a browser ticks the boxes as they were, after this script has run.
+  addEventListener("pageshow", updateButtons);
   let latestSearch = 0;
   const search = async () => {
     if (!flightRows()) return;
@@ -79,10 +82,14 @@
     shownQuery = query;
     updateButtons();
     watchProgress();
+    followComparisons();
   };
   // Progress changes the rows of the page, but not this: the HTML that the server sent.
   let shownQuery = searchForm?.elements.q?.value ?? "", shownRows = flightRows()?.innerHTML ?? "", timer;
   const searchAfter = wait => { clearTimeout(timer); timer = setTimeout(search, wait); };
+  // Flights whose motors are being compared with others have their new verdict a moment later.
+  const followComparisons = () => { if (document.querySelector("#flights [data-comparing]")) searchAfter(1000); };
+  followComparisons();
   searchForm?.elements.q?.addEventListener("input", () => searchAfter(150));
   $("order")?.addEventListener("change", event => {
     location = `/?${new URLSearchParams({ q: searchForm.elements.q.value, sort: event.target.value })}`;
@@ -102,14 +109,16 @@
   });
   $("baseline")?.addEventListener("click", async () => {
     const ids = chosenIds();
+    const watched = ids.map(rowOf).filter(row => row.querySelector('[aria-label="motors watch"]')).map(nameIn);
+    if (watched.length && !confirm(`The motors light is “watch” in:\n\n${watched.join("\n")}\n\nIn a baseline they count as healthy: a motor that is weak there is not found in other flights. Use as baseline all the same?`)) return;
     try { await callApi("PUT", "/api/baseline", { flights: ids }); } catch (error) { alert(error.message); return; }
     // The page of a vehicle names its baseline.
     if ($("naming")) { location.reload(); return; }
     baselineNote = `Baseline set: ${ids.length} flight${ids.length === 1 ? "" : "s"}. The page of the vehicle names it, and can remove it.`;
     for (const box of document.querySelectorAll('#flights input[name="id"]')) box.checked = false;
     updateButtons();
-    // The other flights are judged again meanwhile.
-    searchAfter(3000);
+    // The rows then say that their flights are being compared with it.
+    searchAfter(0);
   });
   $("nobaseline")?.addEventListener("click", async event => {
     const query = new URLSearchParams({ vehicle: event.target.dataset.vehicle });
@@ -118,7 +127,7 @@
   const MAX_DELETED_NAMES = 12;
   $("remove")?.addEventListener("click", async () => {
     const ids = chosenIds();
-    const names = ids.map(id => flightRows().querySelector(`tr[data-id="${id}"] .name`).textContent), more = names.length - MAX_DELETED_NAMES;
+    const names = ids.map(rowOf).map(nameIn), more = names.length - MAX_DELETED_NAMES;
     const list = names.slice(0, MAX_DELETED_NAMES).join("\n") + (more > 0 ? `\nand ${more} more` : "");
     if (!confirm(`Delete ${ids.length} flight${ids.length === 1 ? "" : "s"} with log and page?\n\n${list}`)) return;
     try { for (const id of ids) await callApi("DELETE", `/api/flights/${id}`); } catch (error) { alert(error.message); }
@@ -352,6 +361,9 @@
     status.textContent = "Saved.";
     scrollTo(0, saved.top);
   }
+  const savedStatus = sessionStorage.getItem("savedStatus");
+  sessionStorage.removeItem("savedStatus");
+  if (savedStatus && $(savedStatus)) $(savedStatus).textContent = "Saved.";
   $("toshare")?.addEventListener("click", () => { $("share").open = true; });
   let savedSharing = $("sharing")?.value;
   $("edit")?.addEventListener("submit", async event => {
@@ -369,8 +381,11 @@
   $("assign")?.addEventListener("click", async () => {
     const name = $("assigned_name").value;
     try {
-      for (const flight of chosenIds()) await callApi("PATCH", `/api/flights/${flight}`, { vehicle_name: name });
-      location = "/";
+      let vehicle = "";
+      for (const flight of chosenIds()) ({ vehicle } = await callApi("PATCH", `/api/flights/${flight}`, { vehicle_name: name }));
+      // The page of the vehicle says that it is saved.
+      sessionStorage.setItem("savedStatus", "named");
+      location = `/vehicle?${new URLSearchParams({ name: vehicle })}`;
     } catch (error) { $("assigned").textContent = error.message; }
   });
   $("naming")?.addEventListener("submit", async event => {
@@ -381,9 +396,8 @@
   $("copy")?.addEventListener("click", async () => {
     $("address").select();
     try { await navigator.clipboard.writeText($("address").value); } catch { document.execCommand("copy"); }
-    const isHere = ["localhost", "127.0.0.1", "[::1]"].includes(location.hostname);
     const isForOwner = $("bar").dataset.guarded != null && savedSharing === "private";
-    $("copied").textContent = isForOwner ? "Copied. Nobody else can open it while the flight is seen by you only: choose who sees it above, and save." : isHere ? "Copied. The address leads here on this machine only." : "Copied.";
+    $("copied").textContent = isForOwner ? "Copied. Nobody else can open it while the flight is seen by you only: choose who sees it above, and save." : "Copied.";
   });
   $("delete")?.addEventListener("click", async () => {
     if (!confirm(`Delete ${document.querySelector("h1").textContent} with log and page?`)) return;

@@ -162,8 +162,12 @@ def test_months_without_a_flight_are_marked_between_the_flights():
     dates = [START, START + timedelta(days=40), START + timedelta(days=162), None]
     rows = [flight_row("quad", number, date=date) for number, date in enumerate(dates)]
     assert [mark.x for mark in panels(rows)["Trim deviation (%)"].marks] == [1.5]
-    (*_, last_group) = vehicle_groups(group_into_flights(rows))
+    motors_group, *_, last_group = vehicle_groups(group_into_flights(rows))
     assert "Grey dashed lines: 4 months without a flight." in last_group.caption
+    # How much harder a suspected motor works is stated over its own output, and drawn over the mean of all.
+    assert motors_group.caption == ""
+    rows = [replace(row, suspect_motor=2) for row in rows]
+    assert "over the mean of all" in vehicle_groups(group_into_flights(rows))[0].caption
 
 
 def test_vehicles_are_sorted_by_what_needs_work_first():
