@@ -197,6 +197,19 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
         texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), reviews)))
     )
     assert "agrees" not in stronger
+    # Nor is a motor that both flights warn of: the change then shows only which of them is worse.
+    both = {side: reviews["B"] for side in "AB"}
+    lights = {"motors": reviews["B"]["lights"]["motors"] | {"level": "bad"}}
+    both["A"] = {**reviews["B"], "lights": lights}
+    assert "agrees" not in " ".join(
+        texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), both)))
+    )
+    # Means over good flights and others agree with neither.
+    mixed = {"motors": reviews["A"]["lights"]["motors"] | {"levels": ["watch", "good"]}}
+    reviews["A"] = {**reviews["A"], "lights": mixed}
+    assert "agrees" not in " ".join(
+        texts(headline_of_comparison(reviewed_difference(difference, reviews)))
+    )
 
 
 def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
