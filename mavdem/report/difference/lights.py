@@ -186,10 +186,18 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
     else:
         levels = f"{_level_text(first_side, first)}, {_level_text(second_side, second)}"
     do_both_warn = first["level"] in WARNING_LEVELS and second["level"] in WARNING_LEVELS
+    worse_level = next(
+        level for level in WARNING_LEVELS if level in (first["level"], second["level"])
+    )
     if do_both_warn or first["level"] == second["level"]:
         if first["sentence"] == second["sentence"]:
             return ComparedLevels(levels, [LightReason("", first["sentence"])])
-        reasons = [LightReason(side, light["sentence"]) for side, light in lights_by_side.items()]
+        reasons = []
+        for side, light in lights_by_side.items():
+            # Beside a bad light, the first sentence on what is to be watched is enough.
+            is_milder = do_both_warn and light["level"] != worse_level
+            sentence = first_sentence(light["sentence"]) if is_milder else light["sentence"]
+            reasons.append(LightReason(side, sentence))
         return ComparedLevels(levels, reasons, remark)
     # One of the lights warns, and the other one does not.
     warning_light = first if first["level"] in WARNING_LEVELS else second
