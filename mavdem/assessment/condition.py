@@ -7,6 +7,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.battery_levels import batteries_worst_first
 from mavdem.assessment.flights import segments_of_boots, settled_flight, total_duration
+from mavdem.assessment.flown_flights import MAX_FLIGHT_SECONDS
 from mavdem.assessment.mean_interval import MeanFigure, finite_or_none, mean_figure, mean_interval
 from mavdem.containers import Numbers
 from mavdem.dataset import flight_states
@@ -161,10 +162,16 @@ def measure_condition(signals: Signals, *, with_oscillation: bool = True) -> Con
 
 
 def _armed_seconds(signals: Signals) -> float | None:
-    """Returns for how long the motors were armed in all boots of a log, s; None if the log does not show it."""
+    """Returns for how long the motors were armed in all boots of a log, s.
+
+    It is None if the log does not show it, and if the clock jumped meanwhile (``MAX_FLIGHT_SECONDS``).
+    """
     if signals.armed is None:
         return None
-    return total_duration(segments_of_boots(signals, flight_states.armed_intervals))
+    armed_segments = segments_of_boots(signals, flight_states.armed_intervals)
+    if any(segment.duration > MAX_FLIGHT_SECONDS for segment in armed_segments):
+        return None
+    return total_duration(armed_segments)
 
 
 def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillation | None:

@@ -82,6 +82,7 @@ class GainFact(Code):
     ANGLE_FOLLOWS = "angle_follows"
     INTEGRAL_FALLS = "integral_falls"
     ATTITUDE_SLOWER = "attitude_slower"
+    RATE_SLOWER = "rate_slower"
     FIT_BARELY_ENOUGH = "fit_barely_enough"
     STEP_BOUND = "step_bound"
     NO_GAINS_ADVISED = "no_gains_advised"

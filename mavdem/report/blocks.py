@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from textwrap import shorten, wrap
 from typing import NamedTuple
 
@@ -125,6 +125,9 @@ class Table(NamedTuple):
 
     is_printed: bool = True
     """Whether the paper of a page has it: a long list in which things are looked up serves a screen."""
+
+    phone_tables: Sequence[Table] = ()
+    """Narrower tables with the same cells that a phone shows in its place; empty for none."""
 
     @property
     def longest_cell(self) -> int:

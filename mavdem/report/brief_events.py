@@ -311,19 +311,36 @@ def _included_in_others(events: Sequence[Fact]) -> set[int]:
     Args:
         events: events of a log, each a fact: a coded finding with a time and a subject.
     """
-    codes_and_times = {(event.code, event.time) for event in events}
     saturations = set()
     for event in events:
         if event.code is MotorWatchFact.MOTOR_SATURATED:
             saturations.add((event.subject, event.time))
     included_indices = set()
     for index, event in enumerate(events):
-        became_loss = (ENDINGS.get(event.code), event.time) in codes_and_times
         is_at_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP
         is_in_saturation = is_at_limit and (event.subject, event.time) in saturations
-        if became_loss or is_in_saturation:
+        if _became_loss(event, events) or is_in_saturation:
             included_indices.add(index)
     return included_indices
+
+
+def _became_loss(event: Fact, events: Sequence[Fact]) -> bool:
+    """Returns whether an event of the motion, such as an impact, is that with which the flight was lost.
+
+    The events then also have the loss itself, with the same time and the same evidence, and with what failed first.
+
+    Args:
+        event: the event, a coded finding.
+        events: events of the log, itself among them.
+    """
+    ending = ENDINGS.get(event.code)
+    if ending is None:
+        return False
+    boot = event.figures.get("boot")
+    return any(
+        other.code is ending and other.time == event.time and other.figures.get("boot") == boot
+        for other in events
+    )
 
 
 def is_notable(event: Fact) -> bool:
@@ -354,7 +371,21 @@ def count_text(event: Fact, event_count: int) -> str:
     return f" ({rank} of {event_count})"
 
 
-def with_saturations_counted(events: Facts) -> Iterator[Fact]:
+def distinct_events(events: Facts) -> Iterator[Fact]:
+    """Yields the events of a flight as a list shows them, each thing that happened once.
+
+    All saturations of a motor are one event. The event of the motion with which the flight was lost is left out, since
+    the loss says the same and more.
+
+    Args:
+        events: events of the flight, in the order of time.
+    """
+    for event in _with_saturations_counted(events):
+        if not _became_loss(event, events):
+            yield event
+
+
+def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
     """Yields the events of a flight, with all saturations of a motor as one event.
 
     A motor may reach its output limit hundreds of times in a flight, which would fill the list of events. So its first

@@ -20,13 +20,13 @@ from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import worst_fact
 from mavdem.containers import Names, group_by
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Figure, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
-from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis, MarginTarget
+from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis, MarginTarget, margin_rating
 from mavdem.loops.filters import gyro_delay, gyro_filters
 from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
@@ -926,7 +926,7 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool)
 
         - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
         - otherwise the rating of the margins, what to do with the gains, why the new gains are not other ones, and that
-          they make the attitude loop slower if they do. A good rating is left out where the margins may be wrong: the
+          they make a loop slower if they do. A good rating is left out where the margins may be wrong: the
           table beside it calls them doubtful.
     """
     advice = tuning.axes[axis]
@@ -941,7 +941,30 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool)
     if not is_page:
         # Only a rating that the axis does not follow its setpoint has the figure "follows".
         ratings = [rating for rating in ratings if "follows" in rating.figures]
-    return [*ratings, *facts_on_gains, *_facts_on_slower_attitude(advice)]
+    slower_steps = [*_facts_on_slower_rate(advice), *_facts_on_slower_attitude(advice)]
+    return [*ratings, *facts_on_gains, *slower_steps]
+
+
+def _facts_on_slower_rate(advice: Advice) -> list[Fact]:
+    """Returns the fact that with the new gains the rate follows its setpoint more slowly, and for which margin.
+
+    Args:
+        advice: advice on the gains of an axis.
+
+    Returns:
+        A list with the fact; empty if the rate does not become slower (:func:`_longer_rise_times`). If the rate loop
+        lacks margin with the present gains, the figure by the name of the margin that it lacks most, such as "ms", has
+        its values with the present and with the new gains.
+    """
+    rise_times = _longer_rise_times(advice, "rate")
+    if rise_times is None:
+        return []
+    rating = margin_rating(advice.before, advice.target)
+    margins: dict[str, Figure] = {}
+    if not rating.is_good and rating.subject == "rate":
+        margin = rating.figures["lacking"]
+        margins[margin] = (getattr(advice.before.rate, margin), getattr(advice.after.rate, margin))
+    return [Fact(GainFact.RATE_SLOWER, None, rise_times=rise_times, **margins)]
 
 
 def _facts_on_slower_attitude(advice: Advice) -> list[Fact]:
@@ -953,21 +976,37 @@ def _facts_on_slower_attitude(advice: Advice) -> list[Fact]:
         advice: advice on the gains of an axis.
 
     Returns:
-        A list with the fact; empty if no gains change, or if the rise time grows by less than ``MIN_GAIN_CHANGE``, a
-        factor within what batteries and weather do to a loop.
+        A list with the fact; empty if the angle does not become slower (:func:`_longer_rise_times`).
+    """
+    rise_times = _longer_rise_times(advice, "attitude")
+    if rise_times is None:
+        return []
+    return [Fact(GainFact.ATTITUDE_SLOWER, rise_times=rise_times)]
+
+
+def _longer_rise_times(advice: Advice, loop_name: str) -> tuple[float, float] | None:
+    """Returns the rise times of the predicted steps of a loop with the present and the new gains, s, if it grows.
+
+    Args:
+        advice: advice on the gains of an axis.
+        loop_name: "rate" or "attitude".
+
+    Returns:
+        Both rise times, 10 to 90 %. None if no gains change, if a step cannot be predicted, or if the rise time grows
+        by less than ``MIN_GAIN_CHANGE``, a factor within what batteries and weather do to a loop.
     """
     if not advice.parameters:
-        return []
-    duration = STEP_SECONDS["attitude"]
-    step_now = predicted_step(advice.before.attitude, duration)
-    new_step = predicted_step(advice.after.attitude, duration)
+        return None
+    duration = STEP_SECONDS[loop_name]
+    step_now = predicted_step(advice.before.open_loop(loop_name), duration)
+    new_step = predicted_step(advice.after.open_loop(loop_name), duration)
     if step_now is None or new_step is None:
-        return []
+        return None
     rise_time_now = step_now.rise_time.value
     new_rise_time = new_step.rise_time.value
     if new_rise_time < MIN_GAIN_CHANGE * rise_time_now:
-        return []
-    return [Fact(GainFact.ATTITUDE_SLOWER, rise_times=(rise_time_now, new_rise_time))]
+        return None
+    return rise_time_now, new_rise_time
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
@@ -1527,7 +1566,31 @@ def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) ->
         # The standard deviation of the angle in the wind of the flight, degrees.
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append(["error by wind torque, sd (°)", *wind_errors])
-    return [Table(["90 % interval", *_marked_headers(loops, doubtful_headers)], rows)]
+    table = Table(["90 % interval", *_marked_headers(loops, doubtful_headers)], rows)
+    return [table._replace(phone_tables=_tables_by_axis(table, [*loops]))]
+
+
+def _tables_by_axis(table: Table, headers: Iterable[str]) -> list[Table]:
+    """Divides a table of the loops of several axes into one for each axis, since a phone has room for few columns.
+
+    Args:
+        table: the table, whose columns behind the first one are of one axis each.
+        headers: headers of these columns without marks, such as "roll, now".
+
+    Returns:
+        The tables; empty if the table has a single axis.
+    """
+    columns_by_axis: dict[str, list[int]] = {}
+    for column, header in enumerate(headers, start=1):
+        axis, _, _ = header.partition(", ")
+        columns_by_axis.setdefault(axis, []).append(column)
+    if len(columns_by_axis) < 2:
+        return []
+    tables = []
+    for columns in columns_by_axis.values():
+        rows = [[row[column] for column in (0, *columns)] for row in table.rows]
+        tables.append(Table([table.header[column] for column in (0, *columns)], rows))
+    return tables
 
 
 class _ComparedLoops(NamedTuple):

@@ -178,16 +178,12 @@
   });
 
   // Paper has what is open on the screen, and also: chapters that warn, the plots and gains that the top of the page folds,
-  // and a list of all events that is not long. One line names all that stays closed.
-  const MAX_PRINTED_EVENTS = 40; // a choice: with their evidence they take less than a sheet
-  const MAX_FEW_EVENTS = 10; // a choice: so many stand above the plots in the place of a shorter list
+  // and a list of all events that is not long, in the place of the short one. One line names all that stays closed.
+  const MAX_PRINTED_EVENTS = 20; // a choice: with their evidence they take less than half a sheet
   const closedForScreen = () => {
     const parts = [...document.querySelectorAll("main :is(.fold, .gains):not([open]), #flight:not(.session) > .more:not([open]), .chapter > details:not([open]):has(> summary > .rating:is(.watch, .bad))")];
-    const allEvents = document.querySelector("#flight:not(.session) > details.events:not([open])"), eventCount = allEvents?.querySelectorAll("tr").length;
-    // The short list may already have all events; only their evidence is then closed.
-    const isLonger = eventCount > document.querySelectorAll("#flight > .events:not(details) tr").length;
-    if (isLonger && eventCount <= MAX_PRINTED_EVENTS) parts.push(allEvents);
-    if (isLonger) document.getElementById("flight").classList.toggle("few", eventCount <= MAX_FEW_EVENTS);
+    const allEvents = document.querySelector("#flight:not(.session) > details.events:not([open])");
+    if (allEvents?.querySelectorAll("tr").length <= MAX_PRINTED_EVENTS) parts.push(allEvents);
     return parts;
   };
   let openedParts = [], unprintedParts = [];
@@ -196,9 +192,11 @@
     openedParts = closedForScreen();
     for (const part of openedParts) part.open = true;
     // A closed part with a sentence on what it is about is printed as that; one without would be a heading over nothing.
+    const closedEvents = document.querySelector("#flight:not(.session) > details.events:not([open]) > summary");
     unprintedParts = [...document.querySelectorAll(".chapter:has(> details:not([open])), .chapter > details[open] > .part:not([open]):has(> summary > strong:only-child)")];
     for (const part of unprintedParts) part.classList.add("unprinted");
     const titles = unprintedParts.map(part => part.querySelector("h2, strong").textContent);
+    if (closedEvents) titles.unshift(closedEvents.textContent);
     const line = document.getElementById("unprinted"), words = `Closed, not printed: ${titles.join(", ")}. “Open all” on the page prints all but long lists.`;
     if (line) line.textContent = titles.length ? words : "";
   });

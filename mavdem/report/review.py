@@ -9,7 +9,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.assess import FirstFindings
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.loop_decision import advises_to_tune
-from mavdem.assessment.flown_flights import flown_flights
+from mavdem.assessment.flown_flights import MAX_FLIGHT_SECONDS, flown_flights
 from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights import REGISTRY
 from mavdem.assessment.simulation import simulation_fact
@@ -22,10 +22,10 @@ from mavdem.ingest import Log
 from mavdem.report.blocks import HARD_SPACE, Sentence, shortened, wrapped_lines
 from mavdem.report.brief_events import (
     count_text,
+    distinct_events,
     is_notable,
     short_list,
     stated_events,
-    with_saturations_counted,
 )
 from mavdem.report.gain_changes import changes_on_trial, gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
@@ -256,6 +256,7 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
         log=log,
         telemetry=signals.telemetry,
         condition=analysis.condition,
+        max_duration=MAX_FLIGHT_SECONDS,
         is_simulated=simulation_fact(signals) is not None,
         flight_count=len(flown_flights(signals)),
         day_in_name=day_in_file_name(Path(log.source).name),
@@ -285,7 +286,7 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
     """
     headline_fact = assessment.headline
     # The same events as on the page, so that both give the same time.
-    events = tuple(with_saturations_counted(assessment.events))
+    events = tuple(distinct_events(assessment.events))
     stated = stated_events(events, headline_fact, assessment.lights)
     listed_events = short_list(events, stated)
     is_something_wrong = headline_fact.is_watch_or_bad or any(event.is_bad for event in events)
@@ -376,8 +377,7 @@ def page_line(assessment: Assessment) -> str:
     """
     if assessment.analysis is None:
         return ""
-    # The page lists the saturations of each motor as one event.
-    page_events = list(with_saturations_counted(assessment.events))
+    page_events = list(distinct_events(assessment.events))
     event_count_text = counted(len(page_events), "event")
     return f"The page also has plots over time, all {event_count_text}, sensors and parameters."
 
@@ -471,6 +471,4 @@ def _label_and_level(label: str, fact: Fact) -> str:
     # The level of an event that is only named, such as a take-off or a change of mode, would be no judgement.
     if isinstance(fact.code, ReportedEvent | MotionEvent) and fact.is_good:
         level = ""
-    # A time of a million seconds, as of a wrong clock, is as wide as its column: a space keeps it from the level.
-    label_and_space = f"{label} "
-    return f"{label_and_space:<{LABEL_COLUMNS}}{level:<{LEVEL_COLUMNS}}"
+    return f"{label:<{LABEL_COLUMNS}}{level:<{LEVEL_COLUMNS}}"

@@ -6,9 +6,11 @@ from datetime import UTC, datetime
 import numpy as np
 from hover import Hover, changed, columns, disarmed, only, pulses, with_pulses, with_texts
 from numpy.random import default_rng
+from partial_records import partial_record
 from pytest import approx, mark
 from refusals import refused
 
+from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.condition import measure_condition
 from mavdem.assessment.identity import day_in_file_name, identify_vehicle
 from mavdem.assessment.inventory import autopilot_alarms, inventory
@@ -25,6 +27,7 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.motors.hover import hover_figures, hover_of
 from mavdem.report.condition import stream_contents
 from mavdem.report.fleet import short_name, vehicle_label
+from mavdem.report.review import vehicle_title
 
 HOVER = Hover(hovering=60.0)
 
@@ -46,6 +49,24 @@ def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
     assert not condition.lean
     assert condition.duration == approx(HOVER.end, abs=1.5)
     assert condition.battery.voltage_start > condition.battery.voltage_end
+
+
+def test_a_clock_that_jumps_by_more_than_a_day_leaves_the_armed_time_unknown():
+    """The heartbeats of the second half of a hover are four months late."""
+    telemetry = HOVER.telemetry(10.0, 10.0)
+    beats = telemetry.messages["HEARTBEAT"]
+    late = {**beats, "time": beats["time"] + 1e7 * (beats["time"] > 40.0)}
+    jumped = replace(telemetry, messages={**telemetry.messages, "HEARTBEAT": late})
+    assert measure_condition(Signals(telemetry)).armed > 50
+    signals = Signals(jumped)
+    condition = measure_condition(signals)
+    assert condition.armed is None
+    log = Log("hover.tlog", (jumped,), (), (), 0, 0, (0.0, 1e7))
+    identity = identify_vehicle(signals)
+    for duration, text in ((80.0, "80 s"), (1e7, "time unknown: the clock jumps")):
+        condition = replace(condition, duration=duration)
+        analysis = partial_record(LogAnalysis, identity=identity, condition=condition)
+        assert f"quadrotor, {text}, " in vehicle_title(log, signals, analysis).text
 
 
 def test_without_motor_outputs_the_lean_is_known_all_the_same():

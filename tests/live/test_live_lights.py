@@ -18,7 +18,7 @@ from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.log import LogLight
 from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
-from mavdem.facts.motors import MotorsLight, MotorWatchFact
+from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import (
     LinkFact,
@@ -392,9 +392,19 @@ def test_each_state_of_motors_and_log_has_its_detail_on_the_terminal(slow):
     sinking = Fact(WatchFact.SINKS_AT_LIMIT, Level.BAD, subject="", names=(), share=1.0, speed=2.0)
     two = Fact(MotorsLight.MOTOR_LIMITED, subject="", names=("motor 1", "motor 2"), share=0.9)
     gaps = Fact(LogLight.RECORDED_WITH_GAPS, Level.WATCH)
+    uneven = Fact(
+        TrimFact.TRIM_OF_SEVERAL,
+        names=(),
+        shift=(0.0, 0.0, 0.1),
+        worst="",
+        deviation=0.12,
+        half=0.02,
+    )
     for light, fact, text in (
         (Light.MOTORS, sinking, "all motors at the limit"),
         (Light.MOTORS, two, "2 motors at the limit"),
+        (Light.MOTORS, two.replace(names=("motor 1 (front right)",)), "motor 1 at the limit"),
+        (Light.MOTORS, uneven, "uneven trim"),
         (Light.LOG, gaps, "gaps"),
     ):
         status = replace(slow, no_model_reason=None, rates={}, worst_lights={light: fact})

@@ -25,7 +25,6 @@ from mavdem.report.brief_events import (
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
 from mavdem.report.pages.page import Head, PageEvent
-from mavdem.report.review import _lines_of_event
 from mavdem.witnesses.sensor_facts import supporting_fact
 
 TURNED = (supporting_fact(SensorFact.ROTATED, time=31.0, body_rate=5.0),)
@@ -83,22 +82,24 @@ def test_the_longest_event_of_a_kind_stands_for_all():
 def test_a_page_says_once_what_to_do_and_what_shows_an_event():
     assert LOST.remedy
     next_step = f"{LOST.remedy} Then look at the clips."
-    attitude_event, lost, hit = _numbered_events(EVENTS, None, next_step=next_step)[-3:]
-    assert attitude_event.why == "Why: the gyro measured 286 °/s at 31.0 s."
-    assert lost.why == hit.why == ""
+    # The event of the motion with which the flight was lost is not listed beside the loss, which has its evidence.
+    *clips, lost, hit = _numbered_events(EVENTS, None, next_step=next_step)
+    assert {clip.event.fact.code for clip in clips} == {MotionEvent.CLIPPED}
+    assert lost.why == "Why: the gyro measured 286 °/s at 31.0 s."
+    assert hit.why == ""
     # The time of an event stands beside its sentence.
     assert lost.sentence == str(LOST).replace(" at 30.0 s", "")
-    (_, first, *_) = _numbered_events((LEFT, LOST, LOST), None)
+    first, *_ = _numbered_events((LEFT, LOST, LOST), None)
     assert first.sentence == LOST.sentence_and_remedy.replace(" at 30.0 s", "")
 
 
 def test_the_event_of_the_headline_is_in_the_short_list_without_its_cause():
     caused = LOST.replace(cause=Fact(FailedFirst.ALL_OFF_FIRST))
     headline = caused.replace(weak_motor=None)
-    _, lost = _numbered_events((LEFT, caused), None, headline)
+    (lost,) = _numbered_events((LEFT, caused), None, headline)
     assert "went to idle first" in str(caused)
     assert lost.brief == "Lost control."
-    _, lost = _numbered_events((LEFT, caused), None, HIT)
+    (lost,) = _numbered_events((LEFT, caused), None, HIT)
     assert lost.brief == str(caused).replace(" at 30.0 s", "")
 
 
@@ -299,9 +300,3 @@ def test_no_event_of_a_live_page_advises_to_fly_on_where_the_next_step_is_to_lan
     judgement = replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=LOST))
     [page_event] = _numbered_live_events(history, judgement, ())
     assert page_event.sentence == str(gust)
-
-
-def test_the_time_of_a_wrong_clock_does_not_touch_the_level():
-    lost = Fact(ReportedEvent.GPS_LOST, Level.WATCH, time=1_234_567.8)
-    [line, *_] = _lines_of_event(lost, 1, 100)
-    assert line.startswith("1234567.8 s watch")

@@ -22,7 +22,13 @@ from mavdem.facts.motors import MotorsLight
 from mavdem.loops.advice import Gain
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence
-from mavdem.report.loops import outcome_sentences, tune_blocks, tune_summary, tuning_result
+from mavdem.report.loops import (
+    _facts_on_slower_rate,
+    outcome_sentences,
+    tune_blocks,
+    tune_summary,
+    tuning_result,
+)
 from mavdem.report.pages.tune_page import attitude_fit_sentences, fast_step_sentences
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
@@ -148,3 +154,39 @@ def test_a_measured_step_that_is_too_fast_for_its_messages_has_a_warning(message
     assessment.evidence.signals.for_axis().rate_and_setpoint = (series, series)
     sentences = fast_step_sentences({"pitch": {"rate": LoopResponse(measured)}}, assessment)
     assert [sentence.lead for sentence in sentences] == ["Pitch rate:"] * is_too_fast
+
+
+@mark.parametrize(
+    "lacking, margins, price",
+    [
+        ("ms", (2.3, 1.7), ": the price of Ms 1.7 instead of 2.3."),
+        ("gain_margin", (4.0, 6.5), ": the price of 6.5 dB of gain margin instead of 4.0 dB."),
+        (None, None, "."),
+    ],
+)
+def test_gains_that_slow_the_rate_have_their_price_beside_the_margin(
+    lacking, margins, price, monkeypatch
+):
+    """The advised gains let the rate rise in 90 instead of 23 ms, with or without a margin that it lacked."""
+    rise_times = {"before": 0.023, "after": 0.09}
+    steps = {
+        loop: Mock(rise_time=IntervalEstimate(time, time, time))
+        for loop, time in rise_times.items()
+    }
+    monkeypatch.setattr("mavdem.report.loops.predicted_step", lambda loop, _: steps[loop.name])
+    level = Level.BAD if lacking else Level.GOOD
+    rating = Fact(LoopFact.MARGIN_RATING, level, subject="rate", lacking=lacking)
+    monkeypatch.setattr("mavdem.report.loops.margin_rating", lambda *_: rating)
+    loops = {}
+    for index, name in enumerate(rise_times):
+        rate = Mock(**{lacking: margins[index]} if lacking else {})
+        rate.name = name
+        loops[name] = Mock(rate=rate, open_loop=lambda _, rate=rate: rate)
+    advice = Mock(parameters={"ATC_RAT_RLL_P": 0.15}, **loops)
+    (slower,) = _facts_on_slower_rate(advice)
+    assert slower.sentence == (
+        "With the new gains the rate rises in 90 ms instead of 23 ms (10 to 90 %), "
+        f"3.9 times as long{price}"
+    )
+    steps["after"] = steps["before"]
+    assert not _facts_on_slower_rate(advice)

@@ -37,10 +37,7 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
             parts.append("simulated")
         if flight_count > 1:
             parts.append(counted(flight_count, "flight") + " (figures are their means)")
-            days_text = _days_text(review)
-            # A name with the chosen days may have them already.
-            if days_text not in name:
-                parts.append(days_text)
+            parts.append(_days_text(review))
         else:
             date = value_at(review, "identity.date")
             if date:

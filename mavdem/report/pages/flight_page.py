@@ -45,9 +45,9 @@ from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, headline_sentence, warning
 from mavdem.report.brief_events import (
+    distinct_events,
     event_identity,
     stated_events,
-    with_saturations_counted,
 )
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Charts, Group
@@ -62,6 +62,7 @@ from mavdem.report.charts.timeline import (
 )
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.gain_changes import gain_changes, loading_sentences
+from mavdem.report.heading import heading_of
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
@@ -301,8 +302,13 @@ def _log_head(
         timeline: charts of the flight over time, if it has any.
         chapters: chapters of the page, to which the lights link.
     """
+    # Imported here: nothing else of a log's page needs live sessions.
+    from mavdem.report.live import recorded_light_figures
+
     return Head(
         assessment.headline.level,
+        light_figures=recorded_light_figures(assessment.lights),
+        fault_in_full=_text_of_headline(assessment),
         lights=lights_with_reason_once(assessment.lights, assessment.headline),
         events=events,
         timeline=timeline,
@@ -340,7 +346,9 @@ def _log_chapters(
         chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
     unfolded_chapters = []
     is_tuning_advised = advises_to_tune(assessment.next_step)
+    title_of_headline = _title_of_headline(assessment.headline, assessment.lights)
     for chapter in unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline):
+        chapter = chapter._replace(is_of_headline=chapter.title == title_of_headline)
         if is_tuning_advised and chapter.title == MARGINS_TITLE:
             # The next step is to load the gains in this chapter, which paper would otherwise not have.
             chapter = chapter._replace(folded=False)
@@ -355,19 +363,25 @@ def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> 
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         evidence: what sensors confirm of the headline, which comes right after it.
     """
-    sentences = judgement_sentences(assessment.judgement)
-    headline_of_page = sentences.headline
-    # If the log has several vehicles or flights, the headline says of which one it is.
-    if assessment.stated_headline != assessment.headline:
-        headline_of_page = headline_sentence(assessment.stated_headline.sentence)
+    heading = heading_of(assessment.stated_headline, _text_of_headline(assessment))
+    details = [Sentence(heading.details)] if heading.details else []
     return [
-        headline_of_page,
+        headline_sentence(heading.finding),
+        *details,
         *evidence,
         *_margin_sentences(assessment),
-        sentences.next_step,
+        judgement_sentences(assessment.judgement).next_step,
         *_sentences_on_last_position(assessment),
         *flight_sentences(assessment, has_headline_above=True),
     ]
+
+
+def _text_of_headline(assessment: Assessment) -> str:
+    """Returns the whole headline of a page; of several vehicles or flights it says which one it is about."""
+    stated_headline = assessment.stated_headline
+    if stated_headline == assessment.headline:
+        return headline(stated_headline)
+    return stated_headline.sentence
 
 
 def _sentences_on_last_position(assessment: Assessment) -> list[Sentence]:
@@ -478,6 +492,28 @@ def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
     return headline.code in codes_of_lights
 
 
+def _title_of_headline(headline: Fact, lights: NamedFacts) -> str:
+    """Returns the title of the chapter about what failed by the headline, such as "Motors"; empty without one.
+
+    A loss of the flight has its cause as a figure, which may have a cause itself. The chapter is that of the light that
+    states the innermost of these or, without one, the next. Of several lights the first one counts.
+
+    Args:
+        headline: the fact in the headline, a light or an event.
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+    """
+    codes = [headline.code]
+    cause = headline.figures.get("cause")
+    while isinstance(cause, Fact):
+        codes.insert(0, cause.code)
+        cause = cause.figures.get("cause")
+    for code in codes:
+        for name in CHAPTER_OF_LIGHT:
+            if name in lights and lights[name].code is code:
+                return chapter_of_light(name, lights[name])
+    return ""
+
+
 def chapter_of_light(light: Light, fact: Fact) -> str:
     """Returns the title of the chapter on a flight's page that explains a status light, such as "Vibration".
 
@@ -569,9 +605,9 @@ def _numbered_events(
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
 
     Returns:
-        The events in the order of ``events``, with all saturations of a motor as one event.
+        The events in the order of ``events``, each thing that happened once.
     """
-    facts = tuple(with_saturations_counted(events))
+    facts = tuple(distinct_events(events))
     page_events = _events_with_numbers(facts, timeline)
     if headline is not None:
         page_events = _events_with_mentions(page_events, headline, lights or {})

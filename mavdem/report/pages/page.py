@@ -96,6 +96,9 @@ class Chapter(NamedTuple):
     level: Level | None = None
     """Level of what it is about, which is shown beside its title; None without."""
 
+    is_of_headline: bool = False
+    """Whether it is about what the headline of the page states, so that paper has it before all other chapters."""
+
     level_scope: str = ""
     """What of the flight the level is about, where that is not all of it."""
 
@@ -337,8 +340,8 @@ class Head(NamedTuple):
     """Analysis whose vehicle, date and duration are shown; None where the log holds no flight, or of a live one."""
 
     light_figures: Mapping[str, str] = MappingProxyType({})
-    """What each light of a live session shows in a few words, such as "motor 3: −19 to −41 %", in the place of the
-    sentence that the headline has already; empty without one."""
+    """What each light shows in a few words, such as "motor 3: −19 to −41 %"; empty for a light without a figure. On a
+    live page it stands in the place of the sentence that the headline has already, on a phone in that of any."""
 
     light_anchors: Mapping[str, str] = MappingProxyType({})
     """Name of the part of the page on each light, by the light; a light without a part is left out."""
@@ -403,7 +406,8 @@ class Head(NamedTuple):
     """Whether the lights of a live session are those of its recording, which was judged as a whole after the flight."""
 
     fault_in_full: str = ""
-    """The fault that the headline of a live page and the reasons state in two parts; empty without such reasons."""
+    """What the headline and the text below it state in two parts, as one sentence: of a log always, of a live session
+    the fault that has reasons; else empty. A light that states the same refers to the headline."""
 
     unrepaired_fault: str = ""
     """The fault of an earlier flight of that session that may not have been repaired, and what to do about it; empty

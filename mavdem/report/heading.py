@@ -1,0 +1,101 @@
+"""The heading of a flight's page: what was found in few words, and its details for plain text below."""
+
+from typing import NamedTuple
+
+from mavdem.facts import Fact
+from mavdem.facts.ending import Ending
+from mavdem.report.templates import capitalize_first, headline, without_full_stop
+
+MAX_HEADING_LENGTH = 120
+"""Longest heading, characters: a choice, so that it fills at most four lines of a telephone and two of a desktop."""
+
+CLAUSE_ENDS = (": ", "; ")
+"""What ends a clause of a sentence after which its details may follow."""
+
+
+class Heading(NamedTuple):
+    """The headline of a flight in two parts."""
+
+    finding: str
+    """What was found, in one sentence of at most ``MAX_HEADING_LENGTH`` characters where it can be divided."""
+
+    details: str
+    """What that leaves out, as a sentence of its own; empty if the finding is the whole headline."""
+
+
+def heading_of(fact: Fact, text: str) -> Heading:
+    """Divides the headline of a flight's page into the finding and its details.
+
+    Args:
+        fact: the headline, a coded finding. If it is the verdict on one of several flights or vehicles, its figure
+            ``reason`` is what was found.
+        text: its sentence.
+    """
+    if len(text) <= MAX_HEADING_LENGTH:
+        return Heading(text, "")
+    reason = fact.figures.get("reason")
+    ending = reason if isinstance(reason, Fact) else fact
+    if ending.code not in Ending:
+        return _divided_at_clause(text)
+    short_ending = _without_source_of_height(ending)
+    short_text = _with_ending(fact, short_ending)
+    if len(short_text) <= MAX_HEADING_LENGTH:
+        return Heading(short_text, "")
+    finding = _with_ending(fact, _with_cause_in_short(short_ending))
+    _how_it_ended, _, causes = str(ending).partition(": ")
+    if len(finding) > MAX_HEADING_LENGTH or not causes:
+        return _divided_at_clause(short_text)
+    return Heading(finding, capitalize_first(causes))
+
+
+def _without_source_of_height(ending: Fact) -> Fact:
+    """Returns how a flight was lost without what measured its height and descent, which the list of events names.
+
+    A height that satellites contradict keeps both sources.
+
+    Args:
+        ending: how the flight was lost, a coded finding.
+    """
+    is_contradicted = ending.figures.get("satellite_height") is not None
+    if is_contradicted:
+        return ending
+    return ending.replace(height_source=None, speed_source=None)
+
+
+def _with_cause_in_short(ending: Fact) -> Fact:
+    """Returns how a flight was lost with only the headline of what failed first.
+
+    Args:
+        ending: how the flight was lost, a coded finding. Its figure ``cause`` is what failed first, or None; ``word``,
+            a report of the autopilot, and ``weak_motor`` are left out.
+    """
+    cause = ending.figures.get("cause")
+    if cause is None:
+        return ending
+    return ending.replace(cause=headline(cause), word=None, weak_motor=None)
+
+
+def _with_ending(fact: Fact, ending: Fact) -> str:
+    """Returns the sentence of a headline with another statement of how the flight was lost.
+
+    Args:
+        fact: the headline, a coded finding: the loss itself, or a verdict that has it as its figure ``reason``.
+        ending: how the flight was lost.
+    """
+    if fact.code in Ending:
+        return headline(ending)
+    return fact.replace(reason=ending).sentence
+
+
+def _divided_at_clause(text: str) -> Heading:
+    """Divides a sentence after the last of its clauses that fit into a heading; one that cannot be divided stays.
+
+    Args:
+        text: the sentence. A clause within brackets is no place to divide it.
+    """
+    for length in range(MAX_HEADING_LENGTH - 1, 0, -1):
+        beginning, rest = text[:length], text[length:]
+        is_within_brackets = beginning.count("(") > beginning.count(")")
+        if rest.startswith(CLAUSE_ENDS) and not is_within_brackets:
+            return Heading(f"{without_full_stop(beginning)}.", capitalize_first(rest[2:]))
+    return Heading(text, "")
