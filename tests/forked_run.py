@@ -142,7 +142,11 @@ def pytest_runtestloop(session):
 
 
 def start_process(session):
-    """Starts a process that runs tests, a copy of this one."""
+    """Starts a process that runs tests, a copy of this one.
+
+    Threads are not copied. No test has run yet, so that there are only those that Arrow and Rerun start when they are
+    imported, which wait for work.
+    """
     connection, connection_of_process = Pipe()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -266,7 +266,11 @@ def _print_comparison(
 def _shown_name(source: str, days: Days | None) -> str:
     """Returns the name that the page gives to a log or a fleet: that of its file, with the days that are compared."""
     name = Path(source).name
-    return name if days is None else f"{name}, {days.first} to {days.last}"
+    if days is None:
+        return name
+    if days.first == days.last:
+        return f"{name}, {days.first}"
+    return f"{name}, {days.first} to {days.last}"
 
 
 def _flight_series(state: VehicleState) -> FlightSeries:

@@ -53,6 +53,10 @@ class Change(Document):
     """standard deviation of what other conditions may do to it"""
     outcome: str
     """changed, same or uncertain"""
+    difference_without_lean: Number
+    """of a trim, the difference without the part that lean makes; null where that is not known"""
+    is_explained_by_lean: bool
+    """whether lean makes most of a changed or doubtful trim, so that it is no change of the vehicle"""
 
 
 class Incomparable(Document):

@@ -23,4 +23,6 @@ class TrackingLight(Code):
     OVERSHOOTS_SETPOINT = "overshoots_setpoint"
     AMPLIFIES_SETPOINT = "amplifies_setpoint"
     RATE_FALLS_SHORT = "rate_falls_short"
+    FOLLOWS_RATE_SETPOINT = "follows_rate_setpoint"
+    MISSES_RATE_SETPOINT = "misses_rate_setpoint"
     TRACKING_UNKNOWN = "tracking_unknown"

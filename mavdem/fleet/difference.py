@@ -35,6 +35,7 @@ from mavdem.fleet.random_effects import (
     with_outcomes,
 )
 from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
+from mavdem.fleet.trims_without_lean import trim_estimates_without_lean
 
 Value = TypeVar("Value")
 
@@ -199,6 +200,9 @@ def vehicle_difference(
             allowance = condition_allowance(quantity.kind, conditions_before, conditions_after)
             changes.append(quantity_change(quantity, values_before, values_after, allowance))
 
+    if _vehicle_names(flights_before) == _vehicle_names(flights_after):
+        changes = _with_changes_without_lean(changes, flights_before, flights_after)
+
     first_rows = [log_row(flight) for flights in states for flight in flights]
     motors = next((row.motors for row in first_rows if row.motors), ())
     shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
@@ -219,6 +223,36 @@ def vehicle_difference(
         axes_with_other_attitude_gains=attitude_axes,
         has_other_frame=has_other_frame(states),
     )
+
+
+def _with_changes_without_lean(
+    changes: Sequence[QuantityChange], before: Flights, after: Flights
+) -> list[QuantityChange]:
+    """Adds to the changes of trims what is left of them without the part that the vehicle's lean makes.
+
+    The effect of lean is estimated from the flights of both states together, which must be of one vehicle.
+
+    Args:
+        changes: changes of all quantities.
+        before: flights of the first state, each as the list of its rows.
+        after: flights of the second state.
+
+    Returns:
+        The changes in their order; those of other quantities, and of trims that are not known without lean, unchanged.
+    """
+    estimates = trim_estimates_without_lean([*before, *after])
+    estimates_before = estimates[: len(before)]
+    estimates_after = estimates[len(before) :]
+    extended_changes = []
+    for change in changes:
+        quantity = change.quantity
+        values_before = [flight[quantity] for flight in estimates_before if quantity in flight]
+        values_after = [flight[quantity] for flight in estimates_after if quantity in flight]
+        if values_before and values_after:
+            without_lean = quantity_change(quantity, values_before, values_after, allowance=0.0)
+            change = change._replace(without_lean=without_lean)
+        extended_changes.append(change)
+    return extended_changes
 
 
 def _comparable_kinds(incomparability: Fact | None) -> list[str]:

@@ -91,6 +91,9 @@ The whole interval of the difference must lie within it (an equivalence test). T
 """
 
 
+MAX_REMAINING_PART = 0.5
+"""Part of a change of a trim below which the rest without lean must be, for lean to explain most of the change."""
+
 FAMILIES = {
     "trims": (SHARE,),
     "physical parameters": (EFFECT, MEAN_EFFECT, DAMPING, LAG),
@@ -141,6 +144,9 @@ class QuantityChange(NamedTuple):
     flights_after: Numbers = ()
     """Value in each flight of the second state, likewise."""
 
+    without_lean: "QuantityChange | None" = None
+    """Of a trim, the same change without the part that lean makes; None where that is not known."""
+
     @property
     def difference(self) -> float:
         """Second state less first; relative for ``LOGARITHMIC_KINDS``."""
@@ -181,6 +187,24 @@ class QuantityChange(NamedTuple):
         That interval disregards how many quantities are tested.
         """
         return self.outcome is QuantityOutcome.UNCERTAIN and not self.interval_contains_zero
+
+    @property
+    def difference_without_lean(self) -> float | None:
+        """Of a trim, the difference without the part that lean makes; None where that is not known."""
+        return None if self.without_lean is None else self.without_lean.difference
+
+    @property
+    def is_explained_by_lean(self) -> bool:
+        """Whether a change of a trim, sure or doubtful, comes from another lean of the vehicle.
+
+        Without the part that lean makes, its interval then contains "no change", and less than half of it is left.
+        """
+        is_sign = self.outcome is QuantityOutcome.CHANGED or self.is_doubtful
+        if self.without_lean is None or not is_sign:
+            return False
+        remaining_difference = abs(self.without_lean.tested_difference)
+        is_most_explained = remaining_difference < MAX_REMAINING_PART * abs(self.tested_difference)
+        return is_most_explained and self.without_lean.interval_contains_zero
 
     @property
     def shows_weaker_motor(self) -> bool:

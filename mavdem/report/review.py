@@ -471,4 +471,6 @@ def _label_and_level(label: str, fact: Fact) -> str:
     # The level of an event that is only named, such as a take-off or a change of mode, would be no judgement.
     if isinstance(fact.code, ReportedEvent | MotionEvent) and fact.is_good:
         level = ""
-    return f"{label:<{LABEL_COLUMNS}}{level:<{LEVEL_COLUMNS}}"
+    # A time of a million seconds, as of a wrong clock, is as wide as its column: a space keeps it from the level.
+    label_and_space = f"{label} "
+    return f"{label_and_space:<{LABEL_COLUMNS}}{level:<{LEVEL_COLUMNS}}"

@@ -465,17 +465,22 @@ class Library:
             values: values of the condition.
             limit: largest number of entries that are returned.
             offset: number of entries that are skipped.
-            order: the order in which entries are returned and skipped. Logs that could not be read come last in all.
+            order: the order in which entries are returned and skipped. Logs that could not be read come last in all; by
+                urgency, those that are still being read come first.
 
         Returns:
             The entries, and the number of all matches.
         """
         id_query = f"select rowid from entries where {condition} order by {order_sql(order)}"
         matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
-        unread_query = "select rowid from entries where stage = ?"
-        unread_ids = {id for (id,) in self.db.execute(unread_query, [Stage.FAILED])}
-        # The sort is stable: both groups stay in the wanted order.
-        matching_ids.sort(key=lambda id: id in unread_ids)
+        # Logs that could not be read come last. Among urgent flights those that are still being read come first.
+        rank_while_reading = -1 if order is ListingOrder.URGENCY else 0
+        ranks = {}
+        stage_query = "select rowid, stage from entries where stage <> ?"
+        for id, stage in self.db.execute(stage_query, [Stage.DONE]):
+            ranks[id] = 1 if stage == Stage.FAILED else rank_while_reading
+        # The sort is stable: each group stays in the wanted order.
+        matching_ids.sort(key=lambda id: ranks.get(id, 0))
         returned_ids = matching_ids[offset : offset + limit]
         query = "select rowid, * from entries where rowid in (select value from json_each(?))"
         rows = self.db.execute(query, [json.dumps(returned_ids)])

@@ -11,7 +11,7 @@ from mavdem.facts import Level
 from mavdem.serve.index import LibraryEntry
 
 LEVEL_RANKS = {Level.GOOD: 0, Level.UNKNOWN: 1, Level.WATCH: 2, Level.BAD: 3}
-"""Order in which the levels of the light "motors" recommend a flight for a comparison of the motors."""
+"""Order in which levels recommend a flight for a comparison: an unknown one less than a good one."""
 
 MIN_SPEED = 1.0
 """Speed, m/s, below which speeds count as alike: the 90 % interval of a wind speed is rarely narrower."""
@@ -31,8 +31,8 @@ class _Suitability(NamedTuple):
 
     motors: int
     """Rank of its motors by ``LEVEL_RANKS``."""
-    findings: int
-    """1 if another of its lights is watch, 2 if one is bad, else 0."""
+    headline: int
+    """Rank of its headline, the worst of what was found, likewise."""
     difference: float
     """Difference of the conditions, 0 for equal ones."""
 
@@ -60,20 +60,17 @@ def most_similar_flight(
         """Returns how well another flight suits the comparison."""
         difference = condition_difference(flight, other)
         if other.content_hash in baseline:
-            return _Suitability(motors=0, findings=0, difference=difference)
-        motors_rank = LEVEL_RANKS[Level(other.motors or Level.UNKNOWN)]
-        return _Suitability(motors_rank, _worst_finding(other), difference)
+            best_rank = LEVEL_RANKS[Level.GOOD]
+            return _Suitability(best_rank, best_rank, difference)
+        return _Suitability(_level_rank(other.motors), _level_rank(other.level), difference)
 
     same_kind = [other for other in others if other.simulated == flight.simulated]
     return min(same_kind or others, key=suitability, default=None)
 
 
-def _worst_finding(flight: LibraryEntry) -> int:
-    """Returns 2 if a light of a flight is bad, 1 if the worst one is watch, and 0 if nothing was found."""
-    levels = {*flight.lights.values(), flight.level}
-    if Level.BAD in levels:
-        return 2
-    return 1 if Level.WATCH in levels else 0
+def _level_rank(level: str) -> int:
+    """Returns the rank of a level by ``LEVEL_RANKS``; an empty one, before a log is judged, is unknown."""
+    return LEVEL_RANKS[Level(level or Level.UNKNOWN)]
 
 
 def condition_difference(first: LibraryEntry, second: LibraryEntry) -> float:

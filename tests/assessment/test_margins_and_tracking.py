@@ -37,7 +37,7 @@ from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import NotLearnableReason
-from mavdem.facts.loops import GainFact, LoopFact, ResponseFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind
@@ -109,6 +109,24 @@ def test_where_no_resonance_shows_it_is_said_up_to_which_frequency():
     slow = replace(margins.response, max_frequency=19.0)
     vars(flight_evidence)["margins"] = (replace(margins, response=slow),)
     assert margins_light(flight_evidence).sentence.endswith("No resonance shows up to 19 Hz.")
+
+
+@mark.slow
+def test_a_vehicle_that_is_asked_for_rates_alone_is_judged_by_them():
+    """The type mask says that the attitude is ignored. A rate that lags by 0.04 s follows."""
+    asked_rate = 1.2 * np.sin(5.0 * TIME)
+    followed = evidence(flight(1.2 * np.sin(5.0 * (TIME - 0.04)), asked_rate))
+    light = tracking_light(followed)
+    assert (light.code, light.level) == (TrackingLight.FOLLOWS_RATE_SETPOINT, "good")
+    assert light.figures["delay"] == approx(0.04) and "no angle is asked for" in str(light)
+    missed = tracking_light(evidence(flight(-asked_rate, 0 * TIME)))
+    assert (missed.code, missed.level) == (TrackingLight.MISSES_RATE_SETPOINT, "bad")
+    assert missed.figures["rate_error_limit"] == approx(4.5 * np.radians(10.0))
+    assert str(missed).startswith("Roll rate misses its setpoint by 48 °/s (RMS")
+    # Without an angle no side of the error is known.
+    no_angle = {"angle_error": None, "offset_angle": None, "at_limit_share": None}
+    action = Fact(LoopAction.CHECK_VEHICLE, axis="roll", **no_angle)
+    assert str(action) == "Check motors, propellers and load before the next flight."
 
 
 def test_a_peak_asks_for_no_setpoint_where_one_was_logged():

@@ -5,6 +5,7 @@ from math import cos, inf, sin
 from pytest import mark
 
 from mavdem.facts import Level
+from mavdem.facts.margins import TrackingLight
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import Message
@@ -44,6 +45,22 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
     assert watch.has_setpoints(seconds)
     light = watch.judge(seconds, VEHICLE, 0.0)
     assert (None if light is None else light.level) is level
+
+
+@mark.slow
+def test_rates_are_judged_where_the_attitude_is_to_be_ignored():
+    """As of a pilot in a mode without angles, or a computer that commands rates: bit 7 of the type mask."""
+    watch = TrackingWatch(RecentMessages())
+    seconds = 2.0 * MIN_SETTLED_SECONDS
+    for row in range(round(50 * seconds)):
+        time = row / 50
+        rate = sin(3.0 * time)
+        setpoint = (128, (1.0, 0.0, 0.0, 0.0), rate, 0.0, 0.0)
+        watch.add_message(Message("ATTITUDE_TARGET", time, inf, setpoint), time)
+        attitude = (0.0, 0.0, 0.0, rate, 0.0, 0.0)
+        watch.add_message(Message("ATTITUDE", time, inf, attitude), time)
+    light = watch.judge(seconds, VEHICLE, 0.0)
+    assert light.is_good and light.code is TrackingLight.FOLLOWS_RATE_SETPOINT
 
 
 @mark.parametrize(

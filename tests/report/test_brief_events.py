@@ -25,6 +25,7 @@ from mavdem.report.brief_events import (
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
 from mavdem.report.pages.page import Head, PageEvent
+from mavdem.report.review import _lines_of_event
 from mavdem.witnesses.sensor_facts import supporting_fact
 
 TURNED = (supporting_fact(SensorFact.ROTATED, time=31.0, body_rate=5.0),)
@@ -300,3 +301,9 @@ def test_no_event_of_a_live_page_advises_to_fly_on_where_the_next_step_is_to_lan
     judgement = replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=LOST))
     [page_event] = _numbered_live_events(history, judgement, ())
     assert page_event.sentence == str(gust)
+
+
+def test_the_time_of_a_wrong_clock_does_not_touch_the_level():
+    lost = Fact(ReportedEvent.GPS_LOST, Level.WATCH, time=1_234_567.8)
+    [line, *_] = _lines_of_event(lost, 1, 100)
+    assert line.startswith("1234567.8 s watch")

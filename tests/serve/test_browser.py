@@ -75,6 +75,8 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         page.until("document.querySelector('h1')?.textContent.includes(' and ')")
         page.run("history.back()")
         page.until(f"{ROWS} === 10")
+        # The browser ticks both boxes again.
+        page.until("!document.getElementById('compare').disabled")
         page.run("document.querySelectorAll('#flights input:checked').forEach(one => one.click())")
         page.run("document.querySelector('#flights input').click()")
         page.run("document.getElementById('remove').click()")
@@ -97,6 +99,15 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         page.run("document.dispatchEvent(new Event('visibilitychange'))")
         page.until("document.querySelector('.headline').textContent === 'Motor 3 lost thrust.'")
         assert server.library.find("1", (), 1)[1] == 21
+        # Who names the vehicle of a flight is led to the page of that vehicle.
+        server.add("by_id.ulg", "Known by id.")
+        server.work.run()
+        page.open(f"{server.address}/vehicle?name=ardupilotmega-1")
+        page.run("document.querySelector('#flights input').click()")
+        page.run("document.getElementById('assigned_name').value = 'Red quad'")
+        page.run("document.getElementById('assign').click()")
+        page.until("document.getElementById('named')?.textContent === 'Saved.'")
+        assert page.run("document.querySelector('h1').textContent") == "Red quad"
         assert page.said == []
 
 

@@ -224,6 +224,12 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     # An interval that is narrow is shown as well, since searches compare it.
     narrow = replace(entry, wind_speed=6.1, wind_low=4.98, wind_high=7.37)
     assert ">5.0 to 7.4 m/s<" in library_page([narrow], {})
+    # A vehicle without a name has one line.
+    by_calibration = replace(
+        entry, vehicle="accelerometer-39ca5c6f6923", vehicle_basis="accelerometer"
+    )
+    unnamed = '<span class="wide">unnamed </span>…\N{WORD JOINER}6f6923</a>'
+    assert unnamed in library_page([by_calibration], {})
 
 
 @mark.parametrize(
@@ -601,6 +607,10 @@ def test_the_most_urgent_flights_come_first_and_unread_logs_last_in_every_order(
         ids.append(library.change(entry.id, **columns, received=float(number)).id)
     unread = stored_entry(library, "unread.")
     library.change(unread.id, stage=Stage.FAILED, received=9.0)
+    # How urgent a new log is, is not known before it was read: it is seen first.
+    new = stored_entry(library, "new.")
+    assert library.find(*ALL, 1, order=ListingOrder.URGENCY).entries[0].id == new.id
+    library.delete(new.id)
     for order, expected in (
         (ListingOrder.URGENCY, [ids[1], ids[2], ids[0], unread.id]),
         (ListingOrder.UPLOAD, [ids[2], ids[1], ids[0], unread.id]),

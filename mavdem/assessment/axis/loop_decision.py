@@ -475,8 +475,9 @@ def _action_by_tracking(observations: LoopObservations) -> Fact:
         return _action_to_remedy(swing)
     return Fact(
         LoopAction.CHECK_VEHICLE,
-        angle_error=tracking.figures["angle_error"],
-        offset_angle=tracking.figures["offset_angle"],
+        # None of both where no angle is asked for.
+        angle_error=tracking.figures.get("angle_error"),
+        offset_angle=tracking.figures.get("offset_angle"),
         axis=observations.margins.axis,
         # None if the axis did not turn fast enough to show whether motors limit it.
         at_limit_share=tracking.figures.get("at_limit_share"),

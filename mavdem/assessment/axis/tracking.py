@@ -16,7 +16,7 @@ from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flight_states import POSITION_CONTROL_MODES
 from mavdem.dataset.intervals import Intervals, complement, intersection
 from mavdem.dataset.segments import Segment, Segments, in_segments, segments_without_modes
-from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
@@ -34,6 +34,20 @@ ANGLE_ERROR_LIMITS = Limits(np.radians(3.0), np.radians(10.0))
 Sound vehicles have up to 2.5°, and 4° in steps of 45°; ArduPilot's crash check begins at 30°. An error is watched only
 where it exceeds half of the setpoint's standard deviation, and bad where it exceeds all of it: there, no response at
 all would be better. So a stick that is moved on the ground is not an error.
+"""
+
+ANGLE_GAIN = 4.5
+"""Body rate per error of the angle, 1/s, that an attitude controller asks for: the default of ATC_ANG_RLL_P."""
+
+RATE_ERROR_LIMITS = Limits(
+    watch=ANGLE_GAIN * ANGLE_ERROR_LIMITS.watch, bad=ANGLE_GAIN * ANGLE_ERROR_LIMITS.bad
+)
+"""RMS error of the body rate without the delay, rad/s: the rates that such errors of the angle ask for."""
+
+MIN_RATE_SAMPLES_PER_SECOND = 16.0
+"""Rate of body rate and its setpoint, Hz, from which they are compared.
+
+A motion of 3 Hz, the bandwidth of a rate loop, is interpolated with an error of a sixth then.
 """
 
 YAW_ERROR_LIMITS = Limits(np.radians(5.0), np.radians(15.0))
@@ -162,9 +176,13 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         - ``overshoot`` of a step as a fraction of the step, if it was measured;
         - ``rate_setpoint`` and ``reached_rate``, rad/s, and ``at_limit_share`` in turns.
 
-        Without a setpoint of the angle only ``rate_error`` is known.
+        Without a setpoint of the angle, roll and pitch are judged by their rates (:func:`_rate_tracking`).
     """
     setpoint = signals.angle_setpoint
+    if setpoint is None and signals.axis in TILT_AXES:
+        rate_tracking = _rate_tracking(signals, segments)
+        if rate_tracking is not None:
+            return rate_tracking
     rate_error = _rate_error(signals, segments)
     unknown_tracking = Fact(
         TrackingLight.TRACKING_UNKNOWN,
@@ -218,6 +236,44 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         rate_setpoint=reached_turn.setpoint,
         reached_rate=reached_turn.rate,
         at_limit_share=reached_turn.at_limit_share,
+    )
+
+
+def _rate_tracking(signals: Signals, segments: Segments) -> Fact | None:
+    """Judges how the body rate of an axis follows its setpoint, for a vehicle that is asked for rates alone.
+
+    As with an angle, the rate is compared with the setpoint at each of the ``DELAYS`` before, and the smallest RMS
+    difference is its error.
+
+    Args:
+        signals: signals of the vehicle, for the axis to judge.
+        segments: segments of the flight that are judged.
+
+    Returns:
+        A fact with the ``rate_error`` and the ``rate_error_limit`` from which it is bad, rad/s, and the ``delay``, s,
+        None if the flight does not show it; None if rates or setpoints are missing, too few or too slow.
+    """
+    rate_setpoint = _rate_setpoint(signals)
+    if signals.attitude is None or rate_setpoint is None:
+        return None
+    body_rate = signals.attitude.rate_series
+    slowest_rate = min(rate_between_outages(rate_setpoint), rate_between_outages(body_rate))
+    compared = _setpoint_errors(rate_setpoint, body_rate, segments, DELAYS)
+    too_few = len(compared.setpoints) < MIN_SAMPLES_FOR_STATISTICS
+    if too_few or slowest_rate < MIN_RATE_SAMPLES_PER_SECOND:
+        return None
+    figures = _error_figures(compared)
+    rate_error = figures["angle_error"]
+    limits = _error_limits(float(compared.setpoints.std()), RATE_ERROR_LIMITS)
+    level = limits.level(rate_error)
+    is_good = level is Level.GOOD
+    return Fact(
+        TrackingLight.FOLLOWS_RATE_SETPOINT if is_good else TrackingLight.MISSES_RATE_SETPOINT,
+        level,
+        axis=signals.axis,
+        rate_error=rate_error,
+        rate_error_limit=limits.bad,
+        delay=figures["delay"],
     )
 
 
@@ -432,13 +488,21 @@ def _rate_error(signals: Signals, segments: Segments) -> float | None:
     Returns:
         RMS difference, rad/s; None if rate or setpoint was not recorded in these segments.
     """
-    rate_setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
-    if signals.attitude is None or not rate_setpoints:
+    rate_setpoint = _rate_setpoint(signals)
+    if signals.attitude is None or rate_setpoint is None:
         return None
     no_delay = np.zeros(1)
     body_rate = signals.attitude.rate_series
-    errors = _setpoint_errors(rate_setpoints[0], body_rate, segments, no_delay).errors
+    errors = _setpoint_errors(rate_setpoint, body_rate, segments, no_delay).errors
     return np.sqrt(np.mean(np.square(errors))) if errors.size else None
+
+
+def _rate_setpoint(signals: Signals) -> TimeSeries | None:
+    """Returns the setpoint of the body rate of an axis, (N,) rad/s; None if it was not recorded."""
+    for setpoint in signals.setpoints:
+        if setpoint.unit == "rad/s":
+            return setpoint.signal
+    return None
 
 
 def _setpoint_errors(

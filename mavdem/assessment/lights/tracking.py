@@ -48,7 +48,11 @@ def tracking_light(evidence: Evidence) -> Fact:
 
 
 def _error_relative_to_limit(fact: Fact) -> float:
-    """Returns the error of the angle in a fact about tracking, relative to the limit of a good error."""
+    """Returns the error in a fact about tracking, of the angle or else of the rate, relative to the limit."""
+    if "rate_error_limit" in fact.figures:
+        rate_error: float = fact.figures["rate_error"]
+        rate_limit: float = fact.figures["rate_error_limit"]
+        return rate_error / rate_limit
     error: float = fact.figures["angle_error"]
     limit: float = fact.figures["error_limit"]
     return error / limit

@@ -24,7 +24,11 @@ from mavdem.fleet.quantities import (
 from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import figure_as_svg
-from mavdem.report.difference.quantity_texts import change_text, equivalence_limit_text
+from mavdem.report.difference.quantity_texts import (
+    change_text,
+    change_with_interval,
+    equivalence_limit_text,
+)
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
 
@@ -104,6 +108,8 @@ class DrawnChange(NamedTuple):
     """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
     remark: str = ""
     """What the change is besides its own outcome; empty for most."""
+    without_lean: str = ""
+    """What is left of the change of a trim without the part that lean makes, in words; empty where not known."""
 
 
 def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
@@ -133,7 +139,10 @@ def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
 
 
 def change_plan(
-    difference: VehicleDifference, evidence: Collection[QuantityChange] = ()
+    difference: VehicleDifference,
+    evidence: Collection[QuantityChange] = (),
+    *,
+    are_two_vehicles: bool = False,
 ) -> Plan | None:
     """Draws how much each quantity changed, with its 90 % interval, as a forest plot with a row for each quantity.
 
@@ -142,6 +151,7 @@ def change_plan(
     Args:
         difference: changes of a vehicle between two states, quantity by quantity.
         evidence: changes that agree with a weak motor, which a light of one side names.
+        are_two_vehicles: whether the states are of two vehicles, of which neither is the better or worse one.
 
     Returns:
         The drawing of :func:`drawn_changes`; None if nothing was compared.
@@ -171,6 +181,9 @@ def change_plan(
             beyond = -1
         shape = SHAPES[change.outcome]
         remark = ""
+        without_lean = ""
+        if change.without_lean is not None:
+            without_lean = f"without lean {change_with_interval(change.without_lean)}"
         if is_uncertain_evidence(change, evidence):
             shape = Shape.DIAMOND
             remark = EVIDENCE_REMARK
@@ -178,13 +191,14 @@ def change_plan(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
                 shape=shape,
-                colour=_colour(change, shape),
+                colour=_colour(change, shape, are_judged=not are_two_vehicles),
                 low=position(relative.low),
                 middle=position(relative.difference),
                 high=position(relative.high),
                 limit=equivalence_limit_text(change.quantity.kind),
                 beyond=beyond,
                 remark=remark,
+                without_lean=without_lean,
             )
         )
     svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)
@@ -202,12 +216,13 @@ def is_uncertain_evidence(change: QuantityChange, evidence: Collection[QuantityC
     return change in evidence and change.outcome is not QuantityOutcome.CHANGED
 
 
-def _colour(change: QuantityChange, shape: Shape) -> str:
+def _colour(change: QuantityChange, shape: Shape, *, are_judged: bool) -> str:
     """Returns the colour of a drawn change: red for the worse, green for the better, and others without a judgement.
 
     Args:
         change: change of one quantity between two states.
         shape: shape by which it is drawn.
+        are_judged: whether a change is for the better or worse, as of one vehicle.
 
     Returns:
         Name of a colour in the style sheet of pages.
@@ -216,6 +231,8 @@ def _colour(change: QuantityChange, shape: Shape) -> str:
         return "watch"
     if shape is not Shape.SQUARE:
         return "unknown"
+    if not are_judged or change.is_explained_by_lean:
+        return "link"
     kind = change.quantity.kind
     is_larger = change.difference > 0
     if kind not in (*KINDS_WORSE_IF_LARGER, *KINDS_WORSE_IF_SMALLER):

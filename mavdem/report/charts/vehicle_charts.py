@@ -11,8 +11,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
-from mavdem.fleet.health_figures import health_figures
-from mavdem.motors.deviation import deviations_of_motors, level_balances
+from mavdem.fleet.trims_without_lean import trims_without_lean
 from mavdem.report.blocks import truncated
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.flight_lines import file_name
@@ -404,7 +403,7 @@ def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
     """Returns the title and the lines of the chart of how much each motor's output deviates from the mean of all, %.
 
     In wind a vehicle leans, for which its motors must differ. Where the effect of lean is known, it is subtracted
-    (:func:`_trims_without_lean`), so that flights in different winds can be compared. If it is known of no flight, the
+    (:func:`trims_without_lean`), so that flights in different winds can be compared. If it is known of no flight, the
     chart has the deviations that were measured.
 
     Args:
@@ -414,10 +413,15 @@ def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
         Title of the chart, which says whether the effect of lean was subtracted; and the deviation of each motor with
         the half width of its 90 % interval.
     """
-    trims_without_lean = _trims_without_lean(flights)
-    if trims_without_lean:
-        return TRIM_WITHOUT_LEAN_TITLE, trims_without_lean
-    return TRIM_TITLE, _measured_trims(flights)
+    known_trims = trims_without_lean(flights)
+    if known_trims is None:
+        return TRIM_TITLE, _measured_trims(flights)
+    # The axes of the array are the motor, the flight, and the pair of estimate and half width.
+    trims = np.full((len(known_trims.motors), len(flights), 2), np.nan)
+    trims[:, known_trims.flight_indices, 0] = PERCENT * known_trims.estimates.T
+    trims[:, known_trims.flight_indices, 1] = PERCENT * known_trims.half_widths.T
+    names = [without_remark(motor) for motor in known_trims.motors]
+    return TRIM_WITHOUT_LEAN_TITLE, dict(zip(names, trims, strict=True))
 
 
 def _measured_trims(flights: Sequence[AxisRows]) -> Estimates:
@@ -438,52 +442,6 @@ def _measured_trims(flights: Sequence[AxisRows]) -> Estimates:
         deviation = relative_output - 1.0
         trims[motor] = PERCENT * np.column_stack([deviation, half_width])
     return trims
-
-
-def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
-    """Returns how much each motor deviates from the mean of all, %, without the part that the vehicle's lean explains.
-
-    Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. The motors are
-    judged by what remains of the deviations without this part.
-
-    A flight in which a motor failed counts as unknown: the vehicle leans because of the failure, so that the effects of
-    lean and failure on the motors cannot be told apart.
-
-    Args:
-        flights: rows of the vehicle's flights, in the order of date. The motors are those of the latest flight with a
-            known balance of the motors; flights with another arrangement of motors count as unknown.
-
-    Returns:
-        Deviation and half width of its 90 % interval (flights, 2) by the name of the motor, NaN where not known; empty
-        if they are known of no flight.
-    """
-    health_figures_of_flights = [health_figures(log_row(flight)) for flight in flights]
-    # Figures are missing if the log of a flight does not show how the motors share the work.
-    known_figures = [figures for figures in health_figures_of_flights if figures.missing is None]
-    if not known_figures:
-        return {}
-    latest_figures = known_figures[-1]
-    # The flights with the same motors, none of which failed, by their index.
-    balance_by_flight = {}
-    for index, (flight, figures) in enumerate(zip(flights, health_figures_of_flights, strict=True)):
-        is_known = figures.missing is None
-        has_same_motors = figures.geometry_key == latest_figures.geometry_key
-        has_failed_motor = log_row(flight).failed_motor is not None
-        if is_known and has_same_motors and not has_failed_motor:
-            balance_by_flight[index] = figures.known_balance
-    if not balance_by_flight:
-        return {}
-    # Known figures have signatures: how a weak motor would change the balance.
-    assert latest_figures.signatures is not None
-    balances_without_lean = level_balances([*balance_by_flight.values()])
-    deviations = deviations_of_motors(balances_without_lean, latest_figures.signatures)
-    # The axes of the array are the motor, the flight, and the pair of estimate and half width.
-    trims = np.full((len(latest_figures.motors), len(flights), 2), np.nan)
-    flight_indices = [*balance_by_flight]
-    trims[:, flight_indices, 0] = PERCENT * deviations.estimates.T
-    trims[:, flight_indices, 1] = PERCENT * deviations.half_widths.T
-    names = [without_remark(motor) for motor in latest_figures.motors]
-    return dict(zip(names, trims, strict=True))
 
 
 def _motor_names(flights: Sequence[AxisRows]) -> list[str]:

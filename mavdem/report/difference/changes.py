@@ -23,6 +23,7 @@ from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import (
     bound_row,
     change_text,
+    change_with_interval,
     texts_by_kind,
     texts_of_equal_changes,
 )
@@ -132,20 +133,25 @@ class ChangesByCause(NamedTuple):
     by_gains: list[QuantityChange]
     """Changes of figures of a rate loop whose gains or filters are known to differ."""
 
+    by_lean: list[QuantityChange]
+    """Changes of trims that another lean explains."""
+
 
 def changes_by_cause(
     difference: VehicleDifference, changes: Iterable[QuantityChange]
 ) -> ChangesByCause:
-    """Separates the changes that follow from new controller gains from those that may be signs of a fault.
+    """Separates the changes that follow from new gains or another lean from those that may be signs of a fault.
 
     Args:
         difference: comparison of two groups of flights, which knows the changed gains.
-        changes: changed quantities; their order is kept in both groups.
+        changes: changed quantities; their order is kept in each group.
     """
-    separated = ChangesByCause(unexplained=[], by_gains=[])
+    separated = ChangesByCause(unexplained=[], by_gains=[], by_lean=[])
     for change in changes:
         if difference.follows_from_gains(change):
             separated.by_gains.append(change)
+        elif change.is_explained_by_lean:
+            separated.by_lean.append(change)
         else:
             separated.unexplained.append(change)
     return separated
@@ -155,16 +161,41 @@ def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
     """Returns the tested quantities whose change is doubtful, the most certain first.
 
     A change is doubtful if the quantity's own interval excludes "no change", but the test of all quantities together
-    does not confirm it. The evidence of a weak motor is left out, since the sentence on that motor quotes it.
+    does not confirm it. The evidence of a weak motor is left out, since the sentence on that motor quotes it, and so
+    are trims that lean explains.
 
     Args:
         reviewed: comparison of two states.
     """
     doubtful = []
     for change in reviewed.difference.tested:
-        if change.is_doubtful and change not in reviewed.motors.evidence:
+        is_evidence = change in reviewed.motors.evidence
+        if change.is_doubtful and not is_evidence and not change.is_explained_by_lean:
             doubtful.append(change)
     return sorted(doubtful, key=lambda change: change.p)
+
+
+def trims_explained_by_lean(reviewed: ReviewedDifference) -> list[QuantityChange]:
+    """Returns the changed or doubtful trims that another lean explains, without the evidence of a weak motor.
+
+    Args:
+        reviewed: comparison of two states.
+    """
+    evidence = reviewed.motors.evidence
+    changes = reviewed.difference.changes
+    return [change for change in changes if change.is_explained_by_lean and change not in evidence]
+
+
+def _text_with_lean(change: QuantityChange, difference: VehicleDifference) -> str:
+    """Returns a trim that lean explains, such as "motor 4's relative trim −9 % (…), without lean −0 % (…)".
+
+    Args:
+        change: change of a trim that is known without lean.
+        difference: comparison of the vehicle, with the names of its motors.
+    """
+    assert change.without_lean is not None
+    remaining_change = change_with_interval(change.without_lean)
+    return f"{change_text(change, difference)}, without lean {remaining_change}"
 
 
 def largest_of_first_kind(changes: Sequence[QuantityChange]) -> QuantityChange | None:
@@ -222,7 +253,9 @@ def result_sentences(
             called a further one.
     """
     difference = reviewed.difference
-    unexplained_changes, changes_by_gains = changes_by_cause(difference, changes)
+    causes = changes_by_cause(difference, changes)
+    unexplained_changes = causes.unexplained
+    by_lean = trims_explained_by_lean(reviewed)
     doubtful = doubtful_changes(reviewed)
     # The sentence names one of these, and says how many others there are. Doubtful changes take the place of
     # confirmed ones if there are none.
@@ -236,11 +269,13 @@ def result_sentences(
         if unexplained_changes:
             doubtful_text = change_text(largest_doubtful, difference)
     # Outcomes of all figures, and of those for which it was tested whether they changed. The evidence of a weak motor
-    # has a sentence of its own.
-    evidence = reviewed.motors.evidence
-    outcomes = Counter(change.outcome for change in difference.changes if change not in evidence)
+    # and what lean explains have sentences of their own.
+    stated_elsewhere = [*reviewed.motors.evidence, *by_lean]
+    outcomes = Counter(
+        change.outcome for change in difference.changes if change not in stated_elsewhere
+    )
     tested_outcomes = Counter(
-        change.outcome for change in difference.tested if change not in evidence
+        change.outcome for change in difference.tested if change not in stated_elsewhere
     )
     return render_section(
         "difference_conclusion",
@@ -249,7 +284,9 @@ def result_sentences(
         is_doubtful=not unexplained_changes,
         doubtful=doubtful_text,
         fault_rise=FAULT_RISE,
-        fault_probability=fault_probability_beside_doubtful_trims(reviewed, doubtful),
+        by_lean=[_text_with_lean(change, difference) for change in by_lean],
+        has_changes_by_lean=bool(causes.by_lean),
+        fault_probability=fault_probability_beside_doubtful_trims(reviewed, [*doubtful, *by_lean]),
         excludes_weak_motor=reviewed.motors.excludes_weak_motor,
         surest_p=surest_p,
         chance_of_any=_chance_of_any(surest_p, difference),
@@ -261,7 +298,7 @@ def result_sentences(
         families=difference.tested_families,
         subjects_not_compared=subjects_not_compared(reviewed),
         has_figures=bool(difference.changes),
-        has_changes_by_gains=bool(changes_by_gains),
+        has_changes_by_gains=bool(causes.by_gains),
         has_bad_light=bool(bad_lights(reviewed.reviews)),
         has_motor_difference=reviewed.motors.differs,
         has_watched_light=has_watched_light,
@@ -305,22 +342,21 @@ def change_sentences(
     if not difference.changes:
         return sentences_on_missing_quantities(difference)
     motors = reviewed.motors
-    unexplained_changes, by_gains = changes_by_cause(
-        difference, changes_by_relevance(difference, without=motors.evidence)
-    )
+    causes = changes_by_cause(difference, changes_by_relevance(difference, without=motors.evidence))
     texts_above = " ".join(sentence.text for sentence in headline)
     # The headline names one change, and how many others there are.
-    texts_of_changes = [change_text(change, difference) for change in unexplained_changes]
+    texts_of_changes = [change_text(change, difference) for change in causes.unexplained]
     further_texts = [text for text in texts_of_changes if text not in texts_above]
-    texts_by_gains = [change_text(change, difference) for change in by_gains]
+    texts_by_gains = [change_text(change, difference) for change in causes.by_gains]
     axes_with_other_gains = {
         *difference.axes_with_other_gains,
         *difference.axes_with_other_attitude_gains,
     }
     doubtful = []
+    stated_elsewhere = [*motors.evidence, *trims_explained_by_lean(reviewed)]
     for change in difference.changes:
-        # The sentences on weak motors quote the changes that are evidence of them.
-        if change.is_doubtful and change not in motors.evidence:
+        # The sentences on weak motors quote the changes that are evidence of them, the result those by lean.
+        if change.is_doubtful and change not in stated_elsewhere:
             doubtful.append(change)
     texts_of_doubtful = [change_text(change, difference) for change in doubtful]
     further_doubtful = [text for text in texts_of_doubtful if text not in texts_above]

@@ -111,7 +111,7 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         if torque_before is not None and torque_after is not None:
             cells = (rounded(degrees(torque_before)), rounded(degrees(torque_after)))
             rows.append(ConditionRow(f"wind torque on {axis}", "°/s²", cells))
-    rows.append(vibration_row(reviewed))
+    rows += vibration_rows(reviewed)
     return [row for row in rows if row.is_known]
 
 
@@ -140,14 +140,14 @@ def wind_rows(reviews_by_side: Mapping[str, Review]) -> list[ConditionRow]:
     ]
 
 
-def vibration_row(reviewed: ReviewedDifference) -> ConditionRow:
-    """Returns the mean vibration in flight of the same IMU in both logs, along its axis that vibrates most.
-
-    It is the IMU that vibrates most in A or, if this was not recorded in B, the IMU that vibrates most in B. If that
-    was not recorded in A either, it is the first IMU.
+def vibration_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
+    """Returns the mean vibration in flight of each IMU that both logs have, along its axis that vibrates most.
 
     Args:
         reviewed: comparison of two states.
+
+    Returns:
+        A row for each IMU; where the logs have none in common, as fleets, one row of the first IMU.
     """
     lights_by_side = {}
     for side in STATE_NAMES:
@@ -158,12 +158,12 @@ def vibration_row(reviewed: ReviewedDifference) -> ConditionRow:
         # Reviews without a common IMU, as of fleets, still have the vibration of the first IMU among the conditions.
         before, after = reviewed.difference.conditions
         cells = (_rounded_cell(before.vibration), _rounded_cell(after.vibration))
-        return ConditionRow("vibration of IMU 1", "m/s²", cells)
-    # The first one is the IMU that vibrates most in A, if it was recorded in both.
-    imu = next(iter(vibrations_by_imu))
-    first_vibration, second_vibration = vibrations_by_imu[imu]
-    cells = (rounded(first_vibration), rounded(second_vibration))
-    return ConditionRow(f"vibration of {imu}", "m/s²", cells)
+        return [ConditionRow("vibration of IMU 1", "m/s²", cells)]
+    rows = []
+    for imu, (first_vibration, second_vibration) in vibrations_by_imu.items():
+        cells = (rounded(first_vibration), rounded(second_vibration))
+        rows.append(ConditionRow(f"vibration of {imu}", "m/s²", cells))
+    return rows
 
 
 def _cell(value: float | None, decimals: int) -> str:

@@ -37,19 +37,28 @@ def flight_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
     Args:
         reviewed: comparison of two states, of which one or both are fleets.
     """
-    mixed_sides = []
-    for side in STATE_NAMES:
-        mixed_side = _mixed_side(reviewed, side)
-        if mixed_side is not None:
-            mixed_sides.append(mixed_side)
     sentences = render_section(
         "difference_flights",
         files=reviewed.common_files,
         are_same=not reviewed.counting_side,
         counting_side=reviewed.counting_side,
-        mixed_sides=mixed_sides,
+        mixed_sides=mixed_sides(reviewed),
     )
     return [caution(sentence.text) for sentence in sentences]
+
+
+def mixed_sides(reviewed: ReviewedDifference) -> list[MixedSide]:
+    """Returns the sides whose motors were good in some flights and not in others, so that their means are of neither.
+
+    Args:
+        reviewed: comparison of two states, of which one or both are fleets.
+    """
+    sides = []
+    for side in STATE_NAMES:
+        mixed_side = _mixed_side(reviewed, side)
+        if mixed_side is not None:
+            sides.append(mixed_side)
+    return sides
 
 
 def _mixed_side(reviewed: ReviewedDifference, side: str) -> MixedSide | None:

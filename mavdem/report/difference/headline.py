@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
+from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.difference import VehicleDifference
@@ -24,6 +25,7 @@ from mavdem.report.difference.changes import (
     changes_by_relevance,
     result_sentences,
 )
+from mavdem.report.difference.flight_cautions import mixed_sides
 from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.lights import (
     BadLight,
@@ -92,7 +94,9 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     is_motors_light_bad = any(light.name == Light.MOTORS for light in lights)
     if reviewed.motors.differs and not is_motors_light_bad:
         light_sentences.append(_sentence_on_motors(reviewed.reviews))
-    light_sentences = with_evidence(light_sentences, reviewed.motors, difference)
+    # Means over flights with and without the fault agree with neither.
+    if not mixed_sides(reviewed):
+        light_sentences = with_evidence(light_sentences, reviewed.motors, difference)
     bad_axes = {light.axis for light in lights if light.name == Light.MARGINS}
     changes = changes_by_relevance(difference, bad_axes, reviewed.motors.evidence)
     changed_axes = {
@@ -305,7 +309,8 @@ def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
 
     Returns:
         The change from state A to state B. It is empty for a light on another subject, and if no single margin can be
-        named: different margins are bad in the two states, a margin is in doubt, or it is not known in both states.
+        named: different margins are bad in the two states, a margin is in doubt, it is not known in both states, or its
+        change is too uncertain to be a result.
     """
     if light.name != Light.MARGINS:
         return ""
@@ -327,7 +332,8 @@ def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
     [(loop_name, margin_name, axis)] = bad_margins
     kind = KINDS_OF_MARGINS.get((loop_name, margin_name))
     for change in reviewed.difference.changes:
-        if change.quantity.kind == kind and change.quantity.axis == axis:
+        is_of_margin = change.quantity.kind == kind and change.quantity.axis == axis
+        if is_of_margin and change.outcome is not QuantityOutcome.UNCERTAIN:
             return change_text(change, reviewed.difference)
     return ""
 

@@ -152,7 +152,7 @@ class ComparedLevels(NamedTuple):
     """Level in each log, such as "bad in A, good in B"."""
 
     reasons: Sequence[LightReason]
-    """Reason for the worse level, such as "Motor 3 lost 19 to 41 % of its thrust at 47 s."; two of equal levels."""
+    """Reason for the warning, such as "Motor 3 lost 19 to 41 % of its thrust at 47 s."; two if both lights warn."""
 
     remark: str = ""
     """Remark on IMUs with a space before it; empty where none is needed."""
@@ -171,8 +171,8 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
             watched.
 
     Returns:
-        Levels and reasons. If both lights have the same level for different reasons, there are both reasons; if one of
-        the lights is unknown, its reason follows that of the other.
+        Levels and reasons. If both lights warn, for different reasons, there are both reasons; if one of the lights is
+        unknown, its reason follows that of the other.
     """
     first_side, second_side = STATE_NAMES
     first = lights_by_side[first_side]
@@ -185,16 +185,23 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
         levels = f"{first['level']} in {first_side} and {second_side}"
     else:
         levels = f"{_level_text(first_side, first)}, {_level_text(second_side, second)}"
-    if first["level"] == second["level"]:
+    do_both_warn = first["level"] in WARNING_LEVELS and second["level"] in WARNING_LEVELS
+    worse_level = next(
+        level for level in WARNING_LEVELS if level in (first["level"], second["level"])
+    )
+    if do_both_warn or first["level"] == second["level"]:
         if first["sentence"] == second["sentence"]:
             return ComparedLevels(levels, [LightReason("", first["sentence"])])
-        reasons = [LightReason(side, light["sentence"]) for side, light in lights_by_side.items()]
+        reasons = []
+        for side, light in lights_by_side.items():
+            # Beside a bad light, the first sentence on what is to be watched is enough.
+            is_milder = do_both_warn and light["level"] != worse_level
+            sentence = first_sentence(light["sentence"]) if is_milder else light["sentence"]
+            reasons.append(LightReason(side, sentence))
         return ComparedLevels(levels, reasons, remark)
-    # Of different levels at least one is a warning, bad or "watch". So the second light is the worse one if it is bad,
-    # or if the first is no warning.
-    is_second_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
-    worse_light = second if is_second_worse else first
-    reasons = [LightReason("", worse_light["sentence"])]
+    # One of the lights warns, and the other one does not.
+    warning_light = first if first["level"] in WARNING_LEVELS else second
+    reasons = [LightReason("", warning_light["sentence"])]
     for side, light in lights_by_side.items():
         if light["level"] == Level.UNKNOWN:
             reasons.append(LightReason(side, light["sentence"]))
@@ -253,29 +260,24 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
 def vibrations_of_same_imu(
     lights_by_side: Mapping[str, JsonValues],
 ) -> dict[str, tuple[float, float]]:
-    """Returns the vibration of the same IMU in two logs, for each IMU that the status light of one of them names.
+    """Returns the vibration of each IMU that both logs have.
 
-    The light on vibration names the IMU that vibrates most, which may be another one in each log. IMUs are mounted in
-    different ways, so that a difference between two of them does not mean that the vehicle changed.
+    IMUs are mounted in different ways, so that a difference between two of them does not mean that the vehicle changed:
+    each is compared with itself.
 
     Args:
         lights_by_side: the light on vibration in the review document of each log, by side, "A" and "B".
 
     Returns:
         By the name of the IMU, such as "IMU 2", its mean vibration in A and in B, m/s², along the axis that vibrates
-        most. IMUs that were not recorded in both logs are left out.
+        most, in the order of their numbers. IMUs that were not recorded in both logs are left out.
     """
     first_light, second_light = lights_by_side.values()
     first_vibrations = _vibration_by_imu(first_light)
     second_vibrations = _vibration_by_imu(second_light)
     vibrations_of_both = {}
-    for light in (first_light, second_light):
-        most_vibrating_imu = light.get("subject") or ""
-        if most_vibrating_imu in first_vibrations and most_vibrating_imu in second_vibrations:
-            vibrations_of_both[most_vibrating_imu] = (
-                first_vibrations[most_vibrating_imu],
-                second_vibrations[most_vibrating_imu],
-            )
+    for imu in sorted(first_vibrations.keys() & second_vibrations.keys()):
+        vibrations_of_both[imu] = (first_vibrations[imu], second_vibrations[imu])
     return vibrations_of_both
 
 
@@ -307,8 +309,8 @@ def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
         lights_by_side: the same light in the review document of each log, by side, "A" and "B".
 
     Returns:
-        The remark with a space before it: the vibration of each of these IMUs in both logs or, if neither was recorded
-        in both, that they are different sensors. Empty for the same IMU, and for a light about something else.
+        The remark with a space before it: the vibration of each IMU in both logs or, if none was recorded in both, that
+        they are different sensors. Empty for the same IMU, and for a light about something else.
     """
     first_light, second_light = lights_by_side.values()
     first_subject = first_light.get("subject") or ""

@@ -85,7 +85,8 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
     """Collects what a comparison of two logs knows of the motors: which are weak, and how probable a fault is.
 
     A motor counts as weak in a log if the log's status light of the motors, their judgement, warns of it. If the lights
-    of both logs are the same, none counts: whether a motor became worse is then shown by its measured quantities alone.
+    of both logs are the same or warn of the same motor, none counts: whether the motor became worse is then shown by
+    its measured quantities alone.
     The probability of a fault is taken from the later log, since its motors were also compared with other flights of
     the vehicle. Of two vehicles it is not known: each was compared with its own flights.
 
@@ -100,6 +101,9 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
         for side, light in lights_of_both(reviews)[Light.MOTORS].items():
             if light["level"] in WARNING_LEVELS:
                 weak_motors[side] = motor_number(light.get("subject") or "")
+    is_same_motor_weak = len(weak_motors) > 1 and len(set(weak_motors.values())) == 1
+    if is_same_motor_weak:
+        weak_motors = {}
     evidence = tuple(evidence_of_weak_motors(difference, weak_motors))
     later_review = reviews.get(later_side(reviews)) or {}
     motor_health = value_at(later_review, "motor_health") or {}

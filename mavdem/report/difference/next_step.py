@@ -16,6 +16,7 @@ from mavdem.report.difference.changes import (
     doubtful_changes,
 )
 from mavdem.report.difference.lights import (
+    BadLight,
     bad_lights,
     later_side,
     lights_are_equal,
@@ -83,7 +84,8 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
 
     A step that forbids flight comes first, and otherwise that of the log that was flown later. The step of the earlier
     log is left out if the later log of the same vehicle makes it superfluous: if each light that is bad in the earlier
-    log is good in the later one, or is bad for the same reason, against which the later log's own step helps too.
+    log is good in the later one, is bad for the same reason, against which the later log's own step helps too, or
+    judged loops whose gains are others by now. The later log's own step then counts where it still warns.
 
     Args:
         reviewed: comparison of two states. If they are of two vehicles, one does not show whether the other was mended.
@@ -91,21 +93,24 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
     reviews = reviewed.reviews
     later = later_side(reviews)
     (earlier,) = set(STATE_NAMES) - {later}
-    is_later_bad = False
+    is_later_step_needed = False
     is_earlier_step_needed = False
     for light in bad_lights(reviews):
         if later in light.bad_sides:
-            is_later_bad = True
+            is_later_step_needed = True
         if earlier in light.bad_sides:
             earlier_light = reviews[earlier]["lights"][light.name]
             later_light = reviews[later]["lights"][light.name]
             is_mended = later_light["level"] == Level.GOOD
             is_bad_again = lights_are_equal(earlier_light, later_light)
-            is_superfluous = is_mended or is_bad_again
+            has_other_gains = _has_other_gains(light, reviewed.difference)
+            if has_other_gains and later_light["level"] == Level.WATCH:
+                is_later_step_needed = True
+            is_superfluous = is_mended or is_bad_again or has_other_gains
             if reviewed.are_two_vehicles or not is_superfluous:
                 is_earlier_step_needed = True
     sides = []
-    if is_later_bad:
+    if is_later_step_needed:
         sides.append(later)
     if is_earlier_step_needed:
         sides.append(earlier)
@@ -116,6 +121,20 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
         if next_step and next_step not in [step.text for step in steps]:
             steps.append(Sentence(next_step, lead=f"Next, by {side}:"))
     return sorted(steps, key=lambda step: BAN not in step.text)
+
+
+def _has_other_gains(light: BadLight, difference: VehicleDifference) -> bool:
+    """Returns whether a bad light judges a loop whose gains differ between the logs, so that it says nothing of today.
+
+    Args:
+        light: a status light that is bad in one of the logs.
+        difference: comparison of the two states, which knows the axes with other gains.
+    """
+    axes_with_other_gains = (
+        *difference.axes_with_other_gains,
+        *difference.axes_with_other_attitude_gains,
+    )
+    return light.name == Light.MARGINS and light.axis in axes_with_other_gains
 
 
 def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:

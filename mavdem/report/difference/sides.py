@@ -37,7 +37,10 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
             parts.append("simulated")
         if flight_count > 1:
             parts.append(counted(flight_count, "flight") + " (figures are their means)")
-            parts.append(_days_text(review))
+            days_text = _days_text(review)
+            # A name with the chosen days may have them already.
+            if days_text not in name:
+                parts.append(days_text)
         else:
             date = value_at(review, "identity.date")
             if date:

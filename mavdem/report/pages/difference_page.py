@@ -76,8 +76,8 @@ SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 
 CHANGES_CAPTION = """\
 Each change from A to B with its own 90 % interval. Within the shaded band a change is called the same. A square \
-changed: red for the worse, green for the better, blue where neither can be said. A ring is too uncertain to tell, a \
-dot stayed the same. An arrow lies outside the drawing."""
+changed: red for the worse, green for the better, blue where neither can be said or lean explains it. A ring is too \
+uncertain to tell, a dot stayed the same. An arrow lies outside the drawing."""
 """What stands below the drawing of all changes."""
 
 EVIDENCE_CAPTION = """\
@@ -261,7 +261,9 @@ def _chapter_in_words(reviewed: ReviewedDifference, headline: Sequence[Sentence]
 def _has_changed_motor(difference: VehicleDifference) -> bool:
     """Returns whether a compared figure of a motor changed."""
     changes = difference.changes_with(QuantityOutcome.CHANGED)
-    return any(change.quantity.is_of_motor for change in changes)
+    return any(
+        change.quantity.is_of_motor and not change.is_explained_by_lean for change in changes
+    )
 
 
 def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
@@ -441,7 +443,7 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     evidence = reviewed.motors.evidence
     if not difference.changes:
         return Chapter("What changed", sentences_on_missing_quantities(difference))
-    drawing = change_plan(difference, evidence)
+    drawing = change_plan(difference, evidence, are_two_vehicles=reviewed.are_two_vehicles)
     changes_in_drawing = drawn_changes(difference)
     caption = CHANGES_CAPTION
     if any(is_uncertain_evidence(change, evidence) for change in changes_in_drawing):

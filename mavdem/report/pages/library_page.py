@@ -14,12 +14,13 @@ from importlib.resources import files
 from typing import Any, NamedTuple, Protocol
 
 from jinja2 import Environment
-from markupsafe import escape
+from markupsafe import Markup, escape
 
 from mavdem.assessment.time_history import TimeHistory
 from mavdem.containers import Names
 from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
+from mavdem.facts.vehicle import is_calibration_name
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows, Flights, group_by_vehicle, log_row
 from mavdem.fleet.names import NO_NAMES, content_hash
@@ -33,6 +34,7 @@ from mavdem.report.fleet import (
     HEALTH_LEVELS,
     VehicleTexts,
     badge_level,
+    short_name,
     unnamed_vehicle,
     urgency_and_age,
     vehicle_label,
@@ -130,6 +132,7 @@ def _server_environment() -> Environment:
     jinja = environment().overlay()
     # Filters turn a value into text; a template writes them after a bar, as in {{ time | utc }}.
     jinja.filters["brief"] = _short_vehicle_name
+    jinja.filters["listed_vehicle"] = _listed_vehicle_name
     jinja.filters["unnamed"] = _unnamed_vehicle
     jinja.filters["utc"] = _utc_text
     jinja.filters["minutes"] = _minutes_text
@@ -159,6 +162,22 @@ def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:
         frames: type of the frame of each vehicle, such as "QUADROTOR", by the name in the logs.
     """
     return vehicle_label(name, frames.get(name, ""), NO_NAMES).replace("…", "…\N{WORD JOINER}")
+
+
+def _listed_vehicle_name(name: str) -> Markup:
+    """Returns the HTML of a vehicle's name for one line of a narrow column; a filter of the server's templates.
+
+    Args:
+        name: name of the vehicle in its logs; its owner gave it none.
+
+    Returns:
+        Text such as "unnamed …6f6923" for the hash of a calibration, both ends of a serial number, or the name itself.
+        A phone leaves the word "unnamed" out.
+    """
+    number = escape(short_name(name).replace("…", "…\N{WORD JOINER}"))
+    if not is_calibration_name(name):
+        return number
+    return Markup('<span class="wide">unnamed </span>{}').format(number)
 
 
 class _FlightOfVehicle(Protocol):

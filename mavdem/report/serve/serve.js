@@ -49,6 +49,8 @@
   updateButtons();
   // On the way back a browser ticks the boxes as they were, after this script has run.
   addEventListener("pageshow", updateButtons);
+  // The heads of columns stay below the line of the search.
+  if (searchForm && $("flights")) new ResizeObserver(() => $("flights").style.setProperty("--find-height", `${searchForm.offsetHeight}px`)).observe(searchForm);
   let latestSearch = 0;
   const search = async () => {
     if (!flightRows()) return;

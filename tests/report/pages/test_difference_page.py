@@ -26,7 +26,7 @@ from mavdem.report.difference.changes import (
 from mavdem.report.difference.conditions import (
     condition_sentence,
     condition_table,
-    vibration_row,
+    vibration_rows,
     wind_rows,
 )
 from mavdem.report.difference.headline import (
@@ -386,31 +386,36 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
     first_imu = vehicle_difference(
         *([flight_row("quad", number, vibration=(5.0,))] for number in (0, 1))
     )
-    row = vibration_row(reviewed_difference(first_imu, {"A": worse, "B": better}))
-    assert row == ("vibration of IMU 1", "m/s²", ("5.0", "5.0"))
+    rows = vibration_rows(reviewed_difference(first_imu, {"A": worse, "B": better}))
+    assert rows == [("vibration of IMU 1", "m/s²", ("5.0", "5.0"))]
     # Where every IMU is known, each is compared with itself.
     worse["lights"]["vibration"]["figures"]["imu_levels"] = [11.0, 16.2, 8.5]
     better["lights"]["vibration"]["figures"]["imu_levels"] = [5.1, 7.4, 7.9]
     *_, sentence = headline_of_comparison(
         reviewed_difference(difference, {"A": worse, "B": better})
     )
-    assert sentence.text == ("watch in A, good in B. IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
+    assert sentence.text == (
+        "watch in A, good in B. IMU 1: 11 → 5.1 m/s²; IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s²."
+    )
     lights, *_ = light_blocks({"A": worse, "B": better})
     ((_, worse_cell, better_cell),) = lights.rows
     assert worse_cell.reason == "Vibration 16.2 m/s² on IMU 2."
-    assert better_cell.reason.endswith("IMU 3. IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
+    assert better_cell.reason.endswith("IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
     # Clips are a reason of their own.
     worse["lights"]["vibration"]["figures"]["clips"] = 3
     *_, sentence = headline_of_comparison(
         reviewed_difference(difference, {"A": worse, "B": better})
     )
     assert sentence.text.startswith("watch in A (16.2 m/s² on IMU 2), good in B")
-    row = vibration_row(reviewed_difference(first_imu, {"A": worse, "B": better}))
-    assert row == ("vibration of IMU 2", "m/s²", ("16", "7.4"))
+    rows = vibration_rows(reviewed_difference(first_imu, {"A": worse, "B": better}))
+    assert rows[:2] == [
+        ("vibration of IMU 1", "m/s²", ("11", "5.1")),
+        ("vibration of IMU 2", "m/s²", ("16", "7.4")),
+    ]
     same = review("IMU 2", 7.9, "good")
     *_, sentence = headline_of_comparison(reviewed_difference(difference, {"A": worse, "B": same}))
     assert "different sensors" not in sentence.text
-    row = vibration_row(reviewed_difference(first_imu, {"A": worse, "B": same}))
+    (row,) = vibration_rows(reviewed_difference(first_imu, {"A": worse, "B": same}))
     assert row.name == "vibration of IMU 2"
 
 
@@ -576,6 +581,21 @@ def test_a_bad_margin_is_stated_for_both_flights():
     }
     sentence, *_ = headline_of_comparison(reviewed_difference(margins, reviews))
     assert sentence.text.startswith("bad in A and B: phase margin on roll 29 → 11° (")
+    # A change that is too uncertain is no result; each light then has its own reason, and gains that changed since
+    # leave the next step to the later flight.
+    reviews["A"]["next_step"] = {"sentence": "Lower P."}
+    watched = reviews["B"]["lights"]["margins"] | {"level": "watch", "sentence": "Ms is 2.4."}
+    watch = {"B": {"lights": {"margins": watched}, "next_step": {"sentence": "Fly doublets."}}}
+    for state in states:
+        state[0] = replace(state[0], phase_margin_interval=0.6)
+    for gains, step in (
+        ([], "Next, by A: Lower P."),
+        ([ParameterChange("ATC_RAT_RLL_P", 1.1, 0.2)], "Next, by B: Fly doublets."),
+    ):
+        uncertain = reviewed_difference(vehicle_difference(*states, gains), reviews | watch, gains)
+        sentence, *_ = headline_of_comparison(uncertain)
+        assert sentence.text == "bad in A, watch in B. A: A lacks it. B: Ms is 2.4."
+        assert plain_text(next_blocks(uncertain)) == step
     other_loop = reviews["B"]["lights"]["margins"] | {"subject": "attitude"}
     reviews["B"] = {"lights": {"margins": other_loop}}
     sentence, *_ = headline_of_comparison(reviewed_difference(margins, reviews))

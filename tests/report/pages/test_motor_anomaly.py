@@ -197,6 +197,19 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
         texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), reviews)))
     )
     assert "agrees" not in stronger
+    # Nor is a motor that both flights warn of: the change then shows only which of them is worse.
+    both = dict.fromkeys("AB", reviews["B"])
+    lights = {"motors": reviews["B"]["lights"]["motors"] | {"level": "bad"}}
+    both["A"] = {**reviews["B"], "lights": lights}
+    assert "agrees" not in " ".join(
+        texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), both)))
+    )
+    # Means over good flights and others agree with neither.
+    mixed = {"motors": reviews["A"]["lights"]["motors"] | {"levels": ["watch", "good"]}}
+    reviews["A"] = {**reviews["A"], "lights": mixed}
+    assert "agrees" not in " ".join(
+        texts(headline_of_comparison(reviewed_difference(difference, reviews)))
+    )
 
 
 def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
@@ -250,6 +263,43 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     assert "1 flight of B is in A too (a.bin): it counts for B alone." in plain_text(
         flight_cautions(common)
     )
+
+
+@mark.parametrize("lean_effect, is_explained", [(0.6, True), (0.0, False)])
+def test_a_trim_that_lean_explains_is_no_change_of_the_motor(lean_effect, is_explained):
+    """Motors 1 and 4, on the right, work 12 % harder in flights that lean by 0.2 rad.
+
+    That is the effect of lean that the flights themselves show, or it is not.
+    """
+    geometry = {
+        "positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)),
+        "spins": (1, 1, -1, -1),
+        "lean_effect": (-lean_effect, 0.0, 0.0, 0.0, 0.0, 0.0),
+        "lean_effect_error": (0.02,) * 6,
+        "balance_error": (0.001,) * 3,
+    }
+    level = [
+        flight_row("quad", number, balance=(0.0,) * 3, balance_lean=(0.0, 0.0), **geometry)
+        for number in range(3)
+    ]
+    leaning = [
+        flight_row(
+            "quad",
+            number,
+            trim_share=(1.12, 0.88, 0.90, 1.10),
+            balance=(-0.12, 0.0, 0.0),
+            balance_lean=(0.2, 0.0),
+            **geometry,
+        )
+        for number in range(3, 6)
+    ]
+    difference = vehicle_difference(level, leaning)
+    reviewed = reviewed_difference(difference)
+    headline = " ".join(texts(headline_of_comparison(reviewed)))
+    has_lean = "but for what lean explains. Explained by lean: motor 1's relative trim" in headline
+    assert has_lean == is_explained
+    assert bool(next_blocks(reviewed)) != is_explained
+    assert ("Changed: motor" in headline) != is_explained
 
 
 def test_a_sure_change_of_the_weak_motor_is_evidence_too():
