@@ -9,11 +9,13 @@ import click
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.links import refuse_link
 from mavdem.cli.options import Command, file_option, json_option, verbose_option
-from mavdem.cli.output import json_text, print_json, print_screen, progress
+from mavdem.cli.output import json_text, print_blocks, print_json, print_screen, progress
 from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.result_folders import available_folder
 from mavdem.dataset.signals import Signals
 from mavdem.documents.fleet import Diff
+from mavdem.errors import NotLearnable
+from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.common_flights import separate_states
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
@@ -24,6 +26,8 @@ from mavdem.fleet.state import (
     states_of_common_vehicle,
     with_motors_judged,
 )
+from mavdem.fleet.stored_rows import is_fleet
+from mavdem.ingest import read_log
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
 from mavdem.report.difference.changes import (
@@ -43,6 +47,7 @@ from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import (
     changed_parameter_sentences,
+    parameter_blocks,
     parameter_count_sentences,
 )
 from mavdem.report.difference.reviewed import (
@@ -158,8 +163,13 @@ def diff_command(
         folder = available_folder(name, DOCUMENT_FILE, {"a": before, "b": after})
     check_output_folder(folder, (PAGE_FILE, DOCUMENT_FILE), before, after)
     name_a, name_b = STATE_NAMES
-    state_a = _read_state(name_a, before, vehicle, days_a)
-    state_b = _read_state(name_b, after, vehicle, days_b)
+    try:
+        state_a = _read_state(name_a, before, vehicle, days_a)
+        state_b = _read_state(name_b, after, vehicle, days_b)
+    except NotLearnable as refusal:
+        if refusal.fact.code is Incomparable.NO_FLIGHT and not as_json:
+            _print_parameters_without_flight(Path(before), Path(after))
+        raise
     if vehicle is None:
         state_a, state_b = states_of_common_vehicle(state_a, state_b)
     separate = separate_states(state_a, state_b)
@@ -212,6 +222,39 @@ def diff_command(
     has_failed_motor = any(row.failed_motor is not None for row in (*state_a.rows, *state_b.rows))
     if not difference.changes and not has_failed_motor:
         context.exit(EXIT_UNSUPPORTED)
+
+
+def _print_parameters_without_flight(before: Path, after: Path) -> None:
+    """Prints how the parameters of two logs differ of which one has no flight: these can be compared all the same.
+
+    Nothing is printed for a fleet, for logs of several vehicles or of two autopilots, and where a log has no
+    parameters.
+
+    Args:
+        before: path of log A.
+        after: path of log B.
+
+    Raises:
+        Unreadable: A log cannot be read.
+    """
+    if is_fleet(before) or is_fleet(after):
+        return
+    vehicles_before = read_log(before).vehicles
+    vehicles_after = read_log(after).vehicles
+    if len(vehicles_before) != 1 or len(vehicles_after) != 1:
+        return
+    vehicle_before, vehicle_after = vehicles_before[0], vehicles_after[0]
+    have_parameters = vehicle_before.parameters and vehicle_after.parameters
+    if not have_parameters or vehicle_before.autopilot != vehicle_after.autopilot:
+        return
+    print_blocks(
+        parameter_blocks(
+            compared_states(
+                ComparedState([], {}, vehicle_before.parameters),
+                ComparedState([], {}, vehicle_after.parameters),
+            )
+        )
+    )
 
 
 def _print_comparison(

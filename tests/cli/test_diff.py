@@ -13,6 +13,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import FlightRow
+from mavdem.ingest.telemetry import Telemetry, log_of_vehicles
 from mavdem.report.charts.comparison_charts import flight_series
 from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.next_step import next_blocks
@@ -140,8 +141,22 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
         assert run("diff", "a.bin", "other/c.bin", "--vehicle", "alpha") == 0
         assert "a_and_c-2/diff.html" in capsys.readouterr().out
     assert {path.name for path in Path().iterdir()} == {"a_and_c", "a_and_c-2"}
-    error_text = refused(capsys, 1, "diff", "a.bin", "b.bin")
-    assert "B has no flight with figures. It is empty." in error_text
+    # Parameters are compared even where there is no flight.
+    vehicles = {
+        name: Telemetry(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {}, parameters=parameters)
+        for name, parameters in {
+            "a.bin": {"ATC_RAT_RLL_P": 0.1, "FENCE_ENABLE": 1.0},
+            "b.bin": {"ATC_RAT_RLL_P": 0.2, "FENCE_ENABLE": 1.0},
+        }.items()
+    }
+    monkeypatch.setattr(
+        "mavdem.cli.diff.read_log", lambda path: log_of_vehicles((vehicles[path.name],), 0, 0)
+    )
+    assert run("diff", "a.bin", "b.bin") == 1
+    printed = capsys.readouterr()
+    assert "B has no flight with figures. It is empty." in printed.err
+    assert re.search(r"ATC_RAT_RLL_P +0.1 +0.2", printed.out)
+    assert "Parameters: 1 of 2 that A and B have in common are equal; 1 set anew." in printed.out
 
 
 def test_a_flight_in_which_a_motor_failed_is_a_result_without_figures(monkeypatch, capsys):

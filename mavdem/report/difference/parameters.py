@@ -4,9 +4,10 @@ from collections.abc import Collection, Sequence
 from math import inf, log
 
 from mavdem.fleet.calibration_changes import calibration_changes
+from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import parameter_value_text
 from mavdem.report.templates import render_section
@@ -45,6 +46,19 @@ def changed_parameter_sentences(
         parameters=parameters,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
+
+
+def parameter_blocks(reviewed: ReviewedDifference) -> Blocks:
+    """Returns a table of all changed parameters with both values, and how many are equal.
+
+    Args:
+        reviewed: comparison of two states, with the changed parameters.
+    """
+    rows = []
+    for name, value_before, value_after in reviewed.parameters:
+        rows.append([name, parameter_value_text(value_before), parameter_value_text(value_after)])
+    tables = [Table(["parameter", *STATE_NAMES], rows)] if rows else []
+    return [*tables, *parameter_count_sentences(reviewed)]
 
 
 def parameter_count_sentences(reviewed: ReviewedDifference) -> list[Sentence]:

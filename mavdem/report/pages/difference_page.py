@@ -13,10 +13,11 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
-from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.charts.change_plan import (
@@ -164,7 +165,7 @@ def comparison_page(
 
 
 def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
-    """Returns the top of the page: the headline, remarks, the next step, and how both were flown.
+    """Returns the top of the page: the headline, the next step, remarks, and how both were flown.
 
     Args:
         reviewed: comparison of both flights.
@@ -177,10 +178,10 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         return [*blocks_of_headline, *next_step]
     return [
         *blocks_of_headline,
+        *next_step,
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
         *flight_cautions(reviewed),
-        *next_step,
         *_parameter_remarks(reviewed),
         *condition_table(reviewed),
     ]
@@ -200,7 +201,9 @@ def _chapters(
     headline: Sequence[Sentence],
     flights: tuple[FlightSeries | None, FlightSeries | None],
 ) -> list[Chapter]:
-    """Returns the chapters of the page. The first ones have the charts of motors and loops, if these changed.
+    """Returns the chapters of the page: what changed, then the charts of motors and loops, if these changed.
+
+    Where gains changed the table of parameters stands before these.
 
     Args:
         reviewed: comparison of both flights.
@@ -215,10 +218,14 @@ def _chapters(
     # The chapter of the motors has a table if a flight has a warning of a single motor.
     has_motor_warning = bool(motor_chapter.blocks)
     is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
+    parameter_chapter = _parameter_chapter(reviewed)
     step_chapter = _step_chapter(reviews_by_side, legend)
     do_loops_differ = _do_loops_differ(reviewed)
-    first_chapters = []
+    first_chapters = [_change_chapter(reviewed)]
     later_chapters = []
+    is_parameter_table_first = _has_other_gains(reviewed.difference)
+    if is_parameter_table_first:
+        first_chapters.append(parameter_chapter._replace(folded=False))
     if is_motor_first:
         first_chapters.append(motor_chapter)
     if do_loops_differ:
@@ -228,15 +235,15 @@ def _chapters(
     if not is_motor_first:
         later_chapters.append(motor_chapter)
     margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
+    later_chapters.append(margins._replace(folded=not do_loops_differ))
+    if not is_parameter_table_first:
+        later_chapters.append(parameter_chapter)
     return [
         *first_chapters,
-        _change_chapter(reviewed),
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
         _series_chapter(flights, series_charts),
         _light_chapter(reviewed, headline),
         *later_chapters,
-        margins._replace(folded=not do_loops_differ),
-        _parameter_chapter(reviewed),
         _autopilot_parameter_chapter(reviewed),
         _single_side_chapter(series_charts),
         _chapter_in_words(reviewed, headline),
@@ -272,12 +279,14 @@ def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
     Args:
         reviewed: comparison of both flights, which knows the axes with other gains.
     """
-    difference = reviewed.difference
-    has_other_rate_gains = bool(difference.axes_with_other_gains)
-    has_other_attitude_gains = bool(difference.axes_with_other_attitude_gains)
-    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    changes = reviewed.difference.changes_with(QuantityOutcome.CHANGED)
     has_changed_loop = any(change.quantity.kind in LOOP_KINDS for change in changes)
-    return has_changed_loop or has_other_rate_gains or has_other_attitude_gains
+    return has_changed_loop or _has_other_gains(reviewed.difference)
+
+
+def _has_other_gains(difference: VehicleDifference) -> bool:
+    """Returns whether gains or filters of a rate or attitude loop are known to differ between two flights."""
+    return bool(difference.axes_with_other_gains or difference.axes_with_other_attitude_gains)
 
 
 def _motor_chapter(
@@ -595,10 +604,12 @@ def _further_charts(series_charts: Sequence[Chart]) -> list[Chart]:
 def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
     """Returns the chapter on the autopilot's parameters that changed; empty if none did.
 
+    Gains and filters of the loops come first, those of an axis together.
+
     Args:
         reviewed: comparison of both flights, with the changed parameters.
     """
-    rows = _parameter_rows(reviewed.parameters)
+    rows = _parameter_rows(sorted(reviewed.parameters, key=_axis_number))
     changed_count = len(reviewed.parameters)
     header = f"{changed_count} of {counted(reviewed.common_parameter_count, 'parameter')} changed"
     if changed_count > len(rows):
@@ -606,6 +617,13 @@ def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
     return _table_chapter("Parameters", header, rows)._replace(
         folded=changed_count > MAX_OPEN_PARAMETERS
     )
+
+
+def _axis_number(parameter: ParameterChange) -> int:
+    """Returns the number of the axis of a gain or filter, by which parameters are sorted; others have a larger one."""
+    axes = axes_of_parameter(parameter.name)
+    is_of_loop = CONTROL_PARAMETERS.match(parameter.name) is not None
+    return AXES.index(axes[0]) if is_of_loop and axes else len(AXES)
 
 
 def _autopilot_parameter_chapter(reviewed: ReviewedDifference) -> Chapter:

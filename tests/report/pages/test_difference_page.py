@@ -341,8 +341,9 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     assert table.rows[1][3].startswith("+10 % (")
     assert motor_table({"A": {}, "B": {}}, difference) == []
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
-    # What a motor lost comes before what has changed.
-    chapter = page[page.index('id="motors"') : page.index('id="what-changed"')]
+    # What a motor lost comes after what has changed, and before other charts.
+    chapter = page[page.index('id="motors"') :]
+    assert page.index('id="what-changed"') < page.index('id="motors"')
     assert "lost 19 to 42 % at 47 s" in chapter[: chapter.index("</section>")]
 
 
