@@ -4,19 +4,24 @@ import faulthandler
 import gc
 import os
 import pickle
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import fields, is_dataclass
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from time import time
 from unittest.mock import Mock
 
+from filelock import FileLock
 from hypothesis import settings
-from pytest import MonkeyPatch, fixture, hookimpl
-
-pytest_plugins = ("forked_run",)
+from pytest import Module, MonkeyPatch, fixture, hookimpl
 
 TESTS = Path(__file__).parent
+START_TIME = time()
+"""When this process began, in seconds of the clock of files."""
+HYPOTHESIS_FOLDER = Path(os.environ.get("HYPOTHESIS_STORAGE_DIRECTORY", ".hypothesis"))
+CONSTANTS_ARE_STORED = (HYPOTHESIS_FOLDER / "constants").is_dir()
+"""Whether an earlier run has stored the constants that Hypothesis collects."""
 
 # What is imported and collected stays, and the collector would walk over it again and again: a quarter of the start.
 gc.disable()
@@ -41,12 +46,48 @@ def pytest_addoption(parser):
     )
 
 
-def pytest_collection_modifyitems(items):
+def one_at_a_time(config, name, *, is_stored):
+    """Lets only one process of a run at a time do what has this name, where there are several.
+
+    All collect the same tests in the same order. In a new checkout each would compile the same files, for some seconds
+    of a processor. So the others wait for the first, and read what it has written. What is stored since an earlier run
+    is read by all at once.
+    """
+    if is_stored or "PYTEST_XDIST_WORKER" not in os.environ:
+        return nullcontext()
+    # The folder of a process is in that of the run.
+    path = Path(config.option.basetemp).with_name(f"{name}.lock")
+    return FileLock(path).acquire(poll_interval=0.02)
+
+
+def was_compiled(path):
+    """Returns whether an earlier run has compiled a file of tests as it is now, and so most of what it imports."""
+    compiled_files = (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc")
+    compile_times = [compiled.stat().st_mtime for compiled in compiled_files]
+    return any(path.stat().st_mtime < compile_time < START_TIME for compile_time in compile_times)
+
+
+@hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Imports the tests of a file, which compiles them and what they import."""
+    if not isinstance(collector, Module):
+        return (yield)
+    name = sha256(collector.nodeid.encode()).hexdigest()
+    with one_at_a_time(collector.config, name, is_stored=was_compiled(collector.path)):
+        return (yield)
+
+
+@hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config, items):
     """Puts files of this folder first: they have some of the longest tests, of all figures, pictures and texts.
 
-    At the end one process would run them while the others have nothing left.
+    At the end one worker would run them while the others have nothing left. Hypothesis collects the constants of all
+    modules, as values to try, and keeps them in files.
     """
+    with one_at_a_time(config, "constants", is_stored=CONSTANTS_ARE_STORED):
+        result = yield
     items.sort(key=lambda item: item.path.parent != TESTS)
+    return result
 
 
 def pytest_collection_finish():
@@ -203,7 +244,11 @@ def once(fit, folder):
 @fixture(scope="session")
 def run_folder(tmp_path_factory):
     """A folder that all processes of a run share."""
-    folder = tmp_path_factory.getbasetemp() / "once"
+    # All processes of a run have folders below that of the run.
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    folder = folder / "once"
     folder.mkdir(exist_ok=True)
     return folder
 
