@@ -26,6 +26,8 @@ from mavdem.experiments.comparison import (
     comparison_of_outcomes,
     outcomes_by_window,
 )
+from mavdem.experiments.outcomes import Outcome
+from mavdem.experiments.run_time import RunTimeEstimate
 from mavdem.experiments.window import TRAIN_SECONDS, Length, Window, required_windows
 from mavdem.report.comparison import comparison_report, plan_report
 from mavdem.report.numbers import listed
@@ -99,10 +101,10 @@ def compare_command(
 
     Each SOURCE is a log. Its longest settled flight is cut into windows. In each window every method is trained on
     --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
-    methods that can. The report begins with the first method's squared error over that of the baselines and the best
-    other method, after those that it loses to, with the p-value of a paired test. Tables have the error ratio (mean
-    squared error over that of a constant forecast) by horizon. A run that is stopped, as by Ctrl-C, reports the windows
-    that are done.
+    methods that can. The report begins with the error ratio (squared error over that of a constant forecast) of the
+    first method, of those that it loses to, the best other method and the baselines, with the p-values of paired tests,
+    and with how far ahead it is useful. Tables have the error ratios by horizon. A run that is stopped, as by Ctrl-C,
+    reports the windows that are done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
@@ -176,7 +178,7 @@ def _compare_until_stopped(windows: Sequence[Window], methods: Sequence[Method])
     """
     outcomes: list[WindowOutcomes] = []
     with progress_bar("Comparing") as show_bar:
-        show_progress = _ComparisonProgress(len(windows), len(methods), show_bar)
+        show_progress = _ComparisonProgress(methods, len(windows), show_bar)
         try:
             with closing(outcomes_by_window(windows, methods, show_progress)) as window_outcomes:
                 for outcomes_of_window in window_outcomes:
@@ -203,60 +205,58 @@ class _ComparisonProgress:
     """
 
     def __init__(
-        self, window_count: int, method_count: int, show_bar: Callable[[float, str], None]
+        self, methods: Sequence[Method], window_count: int, show_bar: Callable[[float, str], None]
     ) -> None:
         """Starts the clock.
 
         Args:
+            methods: methods to compare.
             window_count: number of windows to compare.
-            method_count: number of methods to compare.
             show_bar: function that shows a bar, filled by a fraction from 0 to 1, with a title beside it.
         """
+        self._method_count = len(methods)
         self._window_count = window_count
-        self._method_count = method_count
+        self._trial_count = len(methods) * window_count
+        self._done_count = 0
         self._show_bar = show_bar
+        workers = workers_for(self._trial_count)
+        self._run_time = RunTimeEstimate(methods, window_count, workers)
         self._last_line_time = perf_counter()
         self._is_first_estimate = True
-        # Time and fraction at the first result. The time before it is that in which the workers start.
-        self._first_time: float | None = None
-        self._first_fraction = 0.0
+        # Start of the first trial; the time before it is that in which the workers start.
+        self._start_time: float | None = None
 
-    def __call__(self, fraction: float) -> None:
-        """Shows the progress.
+    def __call__(self, outcome: Outcome) -> None:
+        """Counts the outcome of one method in one window, and shows the progress.
 
         Args:
-            fraction: completed fraction of the trials, above 0 and up to 1.
+            outcome: the outcome.
         """
         time = perf_counter()
-        seconds_left = self._seconds_left(time, fraction)
+        self._done_count += 1
+        self._run_time.add(outcome)
+        if self._start_time is None:
+            self._start_time = time - outcome.elapsed_seconds
+        elapsed_seconds = time - self._start_time
+        is_done = self._done_count == self._trial_count
+        share = self._done_count / self._trial_count
+        seconds_left = None
+        # The methods take very different times, so that the time of a whole window must be known first.
+        if self._done_count >= self._method_count:
+            seconds_left = self._run_time.seconds_left(elapsed_seconds)
+            share = elapsed_seconds / (elapsed_seconds + seconds_left)
         (progress,) = render_section(
             "comparison_progress",
             methods=self._method_count,
             windows=self._window_count,
-            share=fraction,
+            share=share,
             seconds_left=seconds_left,
+            slow_method=self._run_time.slow_method(),
         )
-        self._show_bar(fraction, progress.text)
-        if fraction < 1 and not stderr_is_terminal() and self._is_line_due(time, seconds_left):
+        self._show_bar(share, progress.text)
+        if not is_done and not stderr_is_terminal() and self._is_line_due(time, seconds_left):
             print_to_stderr(f"{progress.text}.")
             self._last_line_time = time
-
-    def _seconds_left(self, time: float, fraction: float) -> float | None:
-        """Returns the expected time until the end, s; None before the first window is done.
-
-        The methods take very different times, so that the time of a whole window must be known first.
-
-        Args:
-            time: time now, s, on the clock of ``perf_counter``.
-            fraction: completed fraction of the trials.
-        """
-        if self._first_time is None:
-            self._first_time = time
-            self._first_fraction = fraction
-        if fraction < 1 / self._window_count or fraction == self._first_fraction:
-            return None
-        seconds_per_fraction = (time - self._first_time) / (fraction - self._first_fraction)
-        return seconds_per_fraction * (1 - fraction)
 
     def _is_line_due(self, time: float, seconds_left: float | None) -> bool:
         """Returns whether the next line of progress is to be printed.

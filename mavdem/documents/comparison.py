@@ -12,13 +12,13 @@ class Paired(Document):
     """Paired test of the first method with another one, by the errors of the same windows."""
 
     ratio: Number
-    """median of the first method's error over the other's"""
+    """median over pairs of the first method's error over the other's: not the quotient of two `relative`"""
     less: int
-    """number of windows in which the first method's error is lower"""
+    """number of pairs, windows or flights, in which the first method's error is lower"""
     windows: int
-    """number of all windows"""
+    """number of all pairs"""
     tested: int
-    """number of windows that do not overlap, which the test uses"""
+    """number of pairs that do not overlap, which the test uses"""
     p_value: Number
     """two-sided p-value of Wilcoxon's signed-rank test"""
     verdict: SentenceText = Field(validation_alias="result")
@@ -38,6 +38,10 @@ class OverFlights(Document):
     """horizons that all flights have; the last is the whole test part"""
     horizons: list[Number]
     """the same by horizon"""
+    horizons_mspe: list[list[SquaredOutput]]
+    """mean squared error of each output by horizon, mean over flights"""
+    horizons_worse: list[int]
+    """number of windows worse than the constant mean, by horizon"""
     inside: list[Number]
     """share inside the 90 % band, by horizon"""
     windows: int
@@ -65,6 +69,10 @@ class Horizon(Document):
     """horizon"""
     relative: Number
     """median error ratio"""
+    mspe: list[SquaredOutput]
+    """mean squared error of each output, mean over windows"""
+    worse_than_constant: int
+    """number of windows worse than the constant mean"""
     reference: Paired
     """paired test of the first method with this one"""
     inside: Number

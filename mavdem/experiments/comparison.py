@@ -7,7 +7,7 @@ beside it. Over flights it is the geometric mean of these medians, so that each 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -67,14 +67,22 @@ def compare(
     """
     if not windows:
         raise ValueError("windows must be one at least")
-    outcomes = list(outcomes_by_window(windows, methods, progress))
+    trial_count = len(windows) * len(methods)
+    completed_count = 0
+
+    def count_outcome(outcome: Outcome) -> None:
+        nonlocal completed_count
+        completed_count += 1
+        progress(completed_count / trial_count)
+
+    outcomes = list(outcomes_by_window(windows, methods, count_outcome))
     return comparison_of_outcomes(windows, methods, outcomes)
 
 
 def outcomes_by_window(
     windows: Sequence[Window],
     methods: Sequence[Method],
-    progress: Progress = lambda _: None,
+    on_outcome: Callable[[Outcome], None] = lambda _: None,
 ) -> Generator[WindowOutcomes, None, None]:
     """Runs all methods on one window after another; :func:`compare` says how.
 
@@ -83,7 +91,7 @@ def outcomes_by_window(
     Args:
         windows: windows of one flight or several.
         methods: methods to compare.
-        progress: function that is called with the completed fraction of the trials, 0 to 1.
+        on_outcome: function that is called with each outcome, window by window in the order of the methods.
 
     Yields:
         The outcomes of all methods in each window, in the order of ``windows``.
@@ -95,9 +103,9 @@ def outcomes_by_window(
     # The outcomes come in the order of the trials: all methods of a window one after the other.
     outcomes_of_window: list[Outcome] = []
     with closing(parallel_map(run_trial, trials)) as trial_outcomes:
-        for trial_count, outcome in enumerate(trial_outcomes, start=1):
+        for outcome in trial_outcomes:
             outcomes_of_window.append(outcome)
-            progress(trial_count / len(trials))
+            on_outcome(outcome)
             if len(outcomes_of_window) == len(methods):
                 yield tuple(outcomes_of_window)
                 outcomes_of_window = []
@@ -187,9 +195,9 @@ class Comparison:
             - ``relative``, ``worst``: median and largest error ratio over the windows.
             - ``seconds``: median processor time of the training, s.
             - ``horizons``: a dictionary for each horizon, the last for the whole test part: its length in ``steps`` and
-              in ``seconds``; ``relative``, the median error ratio; ``inside``, the mean share of samples in the 90 %
-              band, None without one; and ``reference``, the paired test of the first method against this one
-              (:class:`mavdem.evaluate.Paired`).
+              in ``seconds``; ``relative``, the median error ratio; ``mspe`` and ``worse_than_constant`` as above;
+              ``inside``, the mean share of samples in the 90 % band, None without one; and ``reference``, the paired
+              test of the first method against this one (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[flight, kind]
 
@@ -259,6 +267,8 @@ class Comparison:
                     "steps": steps,
                     "seconds": steps * self.windows[0].train.dt,
                     "relative": np.median(ratios[:, index]),
+                    "mspe": squared_errors[:, index].mean(axis=0).tolist(),
+                    "worse_than_constant": int((ratios[:, index] > 1).sum()),
                     "reference": paired(reference_ratios[:, index], ratios[:, index], self.windows),
                     "inside": known_mean(inside_shares[:, index].tolist()),
                 }
@@ -334,21 +344,26 @@ class Comparison:
             - ``method``: name of the method.
             - ``flights``: number of flights.
             - ``relative``: geometric mean over flights of their median error ratio.
-            - ``horizon_seconds``, ``horizons``, ``inside``: lists with a value per horizon that all flights have, the
-              last for the whole test part: its mean length, s; the geometric mean of the median error ratios; and the
-              mean share of samples in the 90 % band.
+            - ``horizon_seconds``, ``horizons``, ``horizons_mspe``, ``horizons_worse``, ``inside``: lists with a value
+              per horizon that all flights have, the last for the whole test part: its mean length, s; the geometric
+              mean of the median error ratios; the mean squared error of each output, mean over flights; the number of
+              windows with an error ratio above 1; and the mean share of samples in the 90 % band.
             - ``windows``, ``failed``, ``diverged``, ``unstable``, ``worse_than_constant``: sums of the numbers
               of windows.
             - ``mspe_total``: sum over flights.
-            - ``reference``: the first method compared with this one, where each flight is one pair.
+            - ``reference``: the first method compared with this one, where each flight is one pair of ``relative``.
         """
-        summaries: list[JsonValues] = []
+        methods = self.methods_of(kind)
+        summaries_by_method: dict[str, list[JsonValues]] = {method: [] for method in methods}
         for flight in self.flights:
-            summaries += self.summaries(flight, kind)
+            for summary in self.summaries(flight, kind):
+                summaries_by_method[summary["method"]].append(summary)
         overall = []
-        for method in self.methods_of(kind):
-            summaries_of_method = [summary for summary in summaries if summary["method"] == method]
-            overall.append(overall_summary(method, summaries_of_method))
+        for method in methods:
+            # All methods are compared with the first one.
+            overall.append(
+                overall_summary(summaries_by_method[method], summaries_by_method[methods[0]])
+            )
         return tuple(sorted(overall, key=itemgetter("relative")))
 
     def to_dict(self, kind: ForecastKind = KNOWN_INPUTS) -> JsonValues:
@@ -422,17 +437,19 @@ class Comparison:
         }
 
 
-def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> JsonValues:
+def overall_summary(
+    flight_summaries: Sequence[JsonValues], reference_summaries: Sequence[JsonValues]
+) -> JsonValues:
     """Averages the summaries of one method over several flights, so that each flight counts the same.
 
-    Error ratios are averaged geometrically, fractions of samples inside the 90 % band arithmetically, and numbers of
-    windows are added up. The paired test is of whether the method's error differs from that of the reference, the first
-    method of the comparison, in flights in general: its pairs are flights and not windows, since windows of one flight
-    resemble each other.
+    Error ratios are averaged geometrically, squared errors and fractions of samples inside the 90 % band
+    arithmetically, and numbers of windows are added up. The paired test is of whether the method's error differs from
+    that of the reference, the first method of the comparison, in flights in general: its pairs are the median error
+    ratios of flights and not of windows, since windows of one flight resemble each other.
 
     Args:
-        method: name of the method.
-        flight_summaries: its summaries, one for each flight, as :meth:`Comparison.summaries` returns them.
+        flight_summaries: summaries of the method, one for each flight, as :meth:`Comparison.summaries` returns them.
+        reference_summaries: those of the reference, in the same order of flights.
 
     Returns:
         Values by name; :meth:`Comparison.over_flights` explains them.
@@ -440,28 +457,32 @@ def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> Json
     horizons = _common_horizons([summary["horizons"] for summary in flight_summaries])
     horizon_seconds = []
     error_ratios = []
+    squared_errors = []
+    worse_counts = []
     fractions_inside = []
     for at_horizon in horizons:
         horizon_seconds.append(np.mean([values["seconds"] for values in at_horizon]))
         error_ratios.append(geometric_mean([values["relative"] for values in at_horizon]))
+        squared_errors.append(np.mean([values["mspe"] for values in at_horizon], axis=0).tolist())
+        worse_counts.append(sum(values["worse_than_constant"] for values in at_horizon))
         fractions_inside.append(known_mean(values["inside"] for values in at_horizon))
-    # The median ratio of the method's error to the reference's in each flight; 1 if they are equally good.
-    ratios_to_reference = []
-    for summary in flight_summaries:
-        ratios_to_reference.append(summary["horizons"][-1]["reference"].ratio)
+    ratios_by_flight = [summary["relative"] for summary in flight_summaries]
+    reference_ratios_by_flight = [summary["relative"] for summary in reference_summaries]
     counts = {}
     for name in COUNTS:
         counts[name] = sum(summary[name] for summary in flight_summaries)
     return {
-        "method": method,
+        "method": flight_summaries[0]["method"],
         "flights": len(flight_summaries),
-        "relative": geometric_mean([summary["relative"] for summary in flight_summaries]),
+        "relative": geometric_mean(ratios_by_flight),
         "horizon_seconds": horizon_seconds,
         "horizons": error_ratios,
+        "horizons_mspe": squared_errors,
+        "horizons_worse": worse_counts,
         "inside": fractions_inside,
         **counts,
         "mspe_total": np.sum([summary["mspe_total"] for summary in flight_summaries]),
-        "reference": paired(ratios_to_reference, np.ones(len(flight_summaries))),
+        "reference": paired(reference_ratios_by_flight, ratios_by_flight),
     }
 
 

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isnan
-from time import thread_time
+from time import perf_counter, thread_time
 
 import numpy as np
 
@@ -57,6 +57,9 @@ class Outcome:
 
     seconds: float
     """Processor time of the training, s."""
+
+    elapsed_seconds: float
+    """Time that training and forecasts took, s, waiting for a processor included."""
 
     scores: Mapping[ForecastKind, Scores]
     """Errors by kind of forecast, that is, by the data that it may use."""
@@ -117,6 +120,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
     Returns:
         Errors and forecasts of the test part, whether the model is stable, and the processor time of training, s.
     """
+    start_time = perf_counter()
     start_of_training = thread_time()
     # Overflow shows in the errors or the failure of the outcome, so that warnings would only repeat it.
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -133,6 +137,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
                 stable=model.stable,
                 cautions=model.cautions,
                 seconds=training_seconds,
+                elapsed_seconds=perf_counter() - start_time,
                 scores=scores,
                 forecasts=forecasts,
             )
@@ -146,6 +151,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
         stable=None,
         cautions=(),
         seconds=thread_time() - start_of_training,
+        elapsed_seconds=perf_counter() - start_time,
         scores=infinite_scores(method, window),
         forecasts={},
     )

@@ -216,9 +216,13 @@ def required_windows(
         The windows, at least one.
 
     Raises:
-        TooFewSamples: no window fits into the flight.
+        TooFewSamples: no window fits into the flight, or no model can be learned from so short a training part.
     """
     train_samples, test_samples = part_samples(flight.dt, train, test)
+    if train_samples < MIN_SAMPLES:
+        raise TooFewSamples(
+            ForecastFact.TRAINING_TOO_SHORT, samples=train_samples, least_samples=MIN_SAMPLES
+        )
     fitting_windows = windows(name, flight, train_samples, test_samples, hop)
     if not fitting_windows:
         raise too_short(flight, 0.0, train_samples, test_samples, MIN_SAMPLES)

@@ -9,6 +9,7 @@ class ForecastFact(Code):
     """What is said of windows, of models that are trained on them, and of truth files."""
 
     FLIGHT_TOO_SHORT = "flight_too_short"
+    TRAINING_TOO_SHORT = "training_too_short"
     NOTHING_LEFT = "nothing_left"
     NO_TEST_WINDOW = "no_test_window"
     PART_NOT_LEARNED = "part_not_learned"

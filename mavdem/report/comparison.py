@@ -17,18 +17,23 @@ from mavdem.experiments.compared_methods import (
 from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
+from mavdem.experiments.run_time import RunTimeEstimate
 from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
+from mavdem.experiments.useful_horizons import MAX_WORSE_SHARE, horizon_uses
 from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
-from mavdem.report.numbers import display_unit, rounded, with_unit
+from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.templates import render_section
 
 LONG_RUN = 20.0
 """Expected time of a run, s, from which fewer methods are proposed before it starts; a choice."""
 
 MIN_DECIMAL, MAX_DECIMAL = 0.001, 1000.0
-"""Limits within which errors are printed without an exponent: two digits then take at most six characters."""
+"""Limits of printed errors and p-values: beyond them only the limit is printed, since nothing depends on how far."""
+
+TRIVIAL_METHODS = (HOLD_LAST, CONSTANT_MEAN, "zero")
+"""Names of the methods without a model."""
 
 STANDARD_ORDER = 3
 """Order of the model of ``mavdem learn``: angle, rate, and the lag of the motors."""
@@ -40,14 +45,11 @@ class _TestedMethod(NamedTuple):
     name: str
     """Name of the method."""
 
-    ratio: str
-    """Squared error of the first method over that of this one, as text."""
+    error_ratio: str
+    """Its error ratio over the whole test part, as in the table."""
 
     p_value: str
     """p-value of the paired test with its sign, such as "= 0.04"."""
-
-    is_significant: bool
-    """Whether the test shows a difference."""
 
 
 class _Rmse(NamedTuple):
@@ -80,6 +82,7 @@ def plan_report(
         min_pairs=MIN_PAIRS,
         workers=workers,
         seconds=seconds,
+        slow_method=RunTimeEstimate(methods, len(windows), workers).slow_method(),
         quick_names=",".join(method.name for method in quick_methods),
         quick_seconds=expected_seconds(windows, quick_methods, workers),
         is_long=seconds >= LONG_RUN and len(quick_methods) == len(QUICK_METHODS) < len(methods),
@@ -110,6 +113,8 @@ def comparison_report(
         headline, *details = _result_sentences(comparison, kind)
         yield headline_sentence(headline.text)
         yield from details
+        yield from _use_sentences(comparison, kind)
+    yield _rmse_table(comparison, kinds)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
     for kind in kinds:
@@ -120,6 +125,7 @@ def comparison_report(
         "comparison_legend",
         reference=comparison.methods[0],
         has_default=DEFAULT_METHOD in comparison.methods,
+        are_flights_pairs=_are_flights_pairs(comparison),
         several=len(comparison.flights) > 1,
         significance=SIGNIFICANCE,
     )
@@ -165,9 +171,9 @@ def _advice_on_pairs(windows: Sequence[Window]) -> list[Sentence]:
 def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
     """Returns sentences on how the error of the first method compares with the others', the headline first.
 
-    The headline has the ratios to methods that are better beyond chance, to the baselines, and to the next best method.
-    The others are grouped by the result of their test. Methods that failed in all windows cannot be tested, and are
-    named apart.
+    The headline has the error ratios of the first method, of those that are better beyond chance, of the baselines, and
+    of the best other method, as they stand in the table, with the p-values of the tests. The others are grouped by the
+    result of their test. Methods that failed in all windows cannot be tested, and are named apart.
 
     Args:
         comparison: errors and tests of all methods.
@@ -175,7 +181,9 @@ def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Senten
     """
     reference = comparison.methods_of(kind)[0]
     failed_methods = []
+    error_ratios = {}
     for summary in comparison.over_flights(kind):
+        error_ratios[summary["method"]] = summary["relative"]
         if summary["failed"] == summary["windows"]:
             failed_methods.append(summary["method"])
     tests = {}
@@ -187,23 +195,33 @@ def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Senten
         methods_by_result[test.result].append(method)
     better_methods = methods_by_result[TestResult.HIGHER]
     benchmarks = []
-    for method in _benchmarks(comparison, kind):
+    all_benchmarks = _benchmarks(comparison, kind)
+    for method in all_benchmarks:
         if method in tests and method not in better_methods:
             benchmarks.append(method)
-    # The largest ratio comes first, so that a benchmark that is missed is read at once.
-    benchmarks.sort(key=lambda method: tests[method].ratio, reverse=True)
+    benchmarks.sort(key=lambda method: error_ratios[method])
+
+    def tested_methods(names: Sequence[str]) -> list[_TestedMethod]:
+        """Returns methods with their error ratios and p-values as text."""
+        return [
+            _TestedMethod(name, _short_number(error_ratios[name]), _p_value_text(tests[name]))
+            for name in names
+        ]
+
     return render_section(
         "comparison_result",
         forecasts=_forecasts_text(comparison, kind),
         reference=reference,
         is_default=reference == DEFAULT_METHOD,
-        flight_count=len(comparison.flights),
+        error_ratio=_short_number(error_ratios[reference]),
+        are_flights_pairs=_are_flights_pairs(comparison),
         pair_count=min([test.tested for test in tests.values()], default=0),
         min_pairs=MIN_PAIRS,
         method_count=len(tests),
-        losses=[_tested_method(method, tests[method]) for method in better_methods],
-        benchmarks=[_tested_method(method, tests[method]) for method in benchmarks],
-        trivial_methods=(HOLD_LAST, CONSTANT_MEAN, "zero"),
+        losses=tested_methods(better_methods),
+        benchmarks=tested_methods(benchmarks),
+        best_other=all_benchmarks[-1] if all_benchmarks else None,
+        trivial_methods=TRIVIAL_METHODS,
         lower=methods_by_result[TestResult.LOWER],
         similar=methods_by_result[TestResult.NOT_DISTINGUISHABLE],
         failed_methods=failed_methods,
@@ -212,7 +230,7 @@ def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Senten
 
 
 def _benchmarks(comparison: Comparison, kind: ForecastKind) -> list[str]:
-    """Returns the methods whose ratio a headline states: the baselines, and the best of all other methods.
+    """Returns the methods whose error a headline states: the baselines, and the best of all other methods.
 
     Args:
         comparison: errors of all methods; the first one is compared with the others.
@@ -227,19 +245,87 @@ def _benchmarks(comparison: Comparison, kind: ForecastKind) -> list[str]:
     return benchmarks
 
 
-def _tested_method(name: str, test: Paired) -> _TestedMethod:
-    """Returns a method with the result of its paired test as text.
+def _p_value_text(test: Paired) -> str:
+    """Returns the p-value of a paired test with its sign: "= 0.04", or "< 0.001"."""
+    return f"< {MIN_DECIMAL:g}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}"
+
+
+def _are_flights_pairs(comparison: Comparison) -> bool:
+    """Returns whether the pairs of the test are flights, of which there are enough; otherwise they are windows."""
+    return len(comparison.flights) >= MIN_PAIRS
+
+
+def _use_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
+    """Returns a sentence on how far ahead the first method is useful; none for a trivial or a failed method.
 
     Args:
-        name: name of the method.
-        test: paired test of the first method against this one.
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
     """
-    return _TestedMethod(
-        name,
-        _short_number(test.ratio) if test.ratio < MIN_DECIMAL else rounded(test.ratio),
-        f"< {MIN_DECIMAL}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}",
-        test.result is not TestResult.NOT_DISTINGUISHABLE,
+    reference = comparison.methods_of(kind)[0]
+    if reference in TRIVIAL_METHODS:
+        return []
+    uses = horizon_uses(comparison, reference, kind)
+    useful = [use for use in uses if use.is_useful]
+    return render_section(
+        "comparison_use",
+        useful=[_seconds_text(use.seconds) for use in useful],
+        # Without an exception between them, the longest useful horizon says it all.
+        is_useful_up_to_last=useful == uses[: len(useful)],
+        is_always_useful=useful == uses,
+        has_hold=HOLD_LAST in comparison.methods_of(kind),
+        better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
+        hold_better=[_seconds_text(use.seconds) for use in uses if use.is_hold_better],
+        often_worse=[
+            (_seconds_text(use.seconds), use.worse_than_constant)
+            for use in uses
+            if use.is_often_worse_than_constant
+        ],
+        windows=uses[0].windows,
     )
+
+
+def _seconds_text(seconds: float) -> str:
+    """Returns a horizon with its unit: "0.25 s"."""
+    return f"{seconds:.2g} s"
+
+
+def _rmse_table(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
+    """Returns a table of the first method's RMSE by horizon, and of the windows in which a constant is better.
+
+    Args:
+        comparison: errors of all methods.
+        kinds: kinds of forecasts, by the data that they may use; the table has rows for each.
+    """
+    reference = comparison.methods[0]
+    train = comparison.windows[0].train
+    rows = []
+    for kind in kinds:
+        summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
+        if reference not in summaries:
+            continue
+        summary = summaries[reference]
+        for index, output in enumerate(train.output_names):
+            unit = display_unit(train.output_units[index])
+            row = [f"inputs {kind}: RMSE of {output} ({unit.name})"]
+            for squared_errors in summary["horizons_mspe"]:
+                row.append(_short_number(unit.scale * sqrt(squared_errors[index])))
+            rows.append(row)
+        worse_counts = [str(count) for count in summary["horizons_worse"]]
+        worse_label = f"inputs {kind}: worse than constant, of {summary['windows']}"
+        rows.append([worse_label, *worse_counts])
+    return Table([f"{reference}, by horizon (s)", *_horizon_header(comparison, kinds[0])], rows)
+
+
+def _horizon_header(comparison: Comparison, kind: ForecastKind) -> list[str]:
+    """Returns the header of the columns with a value by horizon, s; the last is the length of the test part.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    horizons = comparison.over_flights(kind)[0]["horizon_seconds"][:-1]
+    return [*(f"{seconds:.2g}" for seconds in horizons), _test_length(comparison)]
 
 
 def _better_at_shorter_horizons(comparison: Comparison, kind: ForecastKind) -> dict[str, list[str]]:
@@ -258,8 +344,11 @@ def _better_at_shorter_horizons(comparison: Comparison, kind: ForecastKind) -> d
     for index, seconds in enumerate(summaries[0]["horizon_seconds"][:-1]):
         error_ratios = {summary["method"]: summary["horizons"][index] for summary in summaries}
         best_method = min(error_ratios, key=lambda method: error_ratios[method])
-        if error_ratios[best_method] < error_ratios[reference]:
-            horizons_by_method.setdefault(best_method, []).append(f"{seconds:.2g} s")
+        best_ratio = error_ratios[best_method]
+        # What the table shows as equal is not called lower.
+        is_shown_lower = _short_number(best_ratio) != _short_number(error_ratios[reference])
+        if best_ratio < error_ratios[reference] and is_shown_lower:
+            horizons_by_method.setdefault(best_method, []).append(_seconds_text(seconds))
     return horizons_by_method
 
 
@@ -270,8 +359,7 @@ def _forecasts_text(comparison: Comparison, kind: ForecastKind) -> str:
         comparison: outcomes of all methods on windows of one flight or several.
         kind: kind of forecast, by the data that it may use.
     """
-    name = {KNOWN_INPUTS: "Forecasts", UNKNOWN_INPUTS: "Predictions"}[kind]
-    return f"{name} of {_test_length(comparison)} s, inputs {kind}"
+    return f"Forecasts of {_test_length(comparison)} s, inputs {kind}"
 
 
 def _test_length(comparison: Comparison) -> str:
@@ -305,9 +393,16 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
         if method == reference and _is_band_too_narrow(summary):
             text = f"the 90 % band of {reference} holds {_coverage(summary)} of the samples: it is too narrow."
             blocks.append(caution(text))
-    horizons = [f"{seconds:.2g}" for seconds in summaries[0]["horizon_seconds"][:-1]]
-    header = ["method", *horizons, _test_length(comparison)]
-    blocks.append(Table([*header, ">1", "reference/method", "p", "unstable", "band"], rows))
+    header = [
+        "method",
+        *_horizon_header(comparison, kind),
+        ">1",
+        "lower in",
+        "p",
+        "unstable",
+        "band",
+    ]
+    blocks.append(Table(header, rows))
     if len(comparison.flights) > 1:
         blocks += _blocks_by_flight(comparison, kind)
     return blocks
@@ -340,9 +435,9 @@ def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
         test: paired test of the reference method against this one; None for the reference itself.
 
     Returns:
-        The name; the error ratio (NMSE) at each horizon; the number of windows with an error ratio above 1; ratio and
-        p-value of the test; the number of windows with an unstable model; and the percentage of samples in the 90 %
-        band.
+        The name; the error ratio (NMSE) at each horizon; the number of windows with an error ratio above 1; the number
+        of pairs in which the reference has the lower error, such as "9/13"; the p-value of the test; the number of
+        windows with an unstable model; and the percentage of samples in the 90 % band.
     """
     row = [_marked_name(summary["method"])]
     for error_ratio in summary["horizons"]:
@@ -351,7 +446,7 @@ def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
     if test is None:
         row += ["", ""]
     else:
-        row += [_short_number(test.ratio), _short_number(test.p_value)]
+        row += [f"{test.less}/{test.windows}", _short_number(test.p_value)]
     return [*row, str(summary["unstable"]), _coverage(summary)]
 
 
@@ -361,12 +456,13 @@ def _marked_name(method: str) -> str:
 
 
 def _short_number(number: float) -> str:
-    """Returns a number with two digits in at most six characters, such as "0.013", "1.1e-5", "2.5" or "inf"."""
-    if MIN_DECIMAL <= number < MAX_DECIMAL or number == 0 or not isfinite(number):
-        # Without the exponent that Python prints from 100 on.
-        return f"{float(f'{number:.2g}'):.4g}"
-    mantissa, exponent = f"{number:.1e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
+    """Returns a number with two digits in at most six characters, such as "0.013", "2.5", "<0.001" or "inf"."""
+    if 0 < number < MIN_DECIMAL:
+        return f"<{MIN_DECIMAL:g}"
+    if isfinite(number) and number >= MAX_DECIMAL:
+        return f">{MAX_DECIMAL:g}"
+    # Without the exponent that Python prints from 100 on.
+    return f"{float(f'{number:.2g}'):.4g}"
 
 
 def _coverage(summary: JsonValues) -> str:

@@ -139,9 +139,11 @@ def test_horizons_of_several_flights_are_matched_in_seconds():
     ]
     assert row["horizon_seconds"] == approx([0.1, 0.245, 0.5, 1.5])
     assert row["horizons"][1] == approx(np.sqrt(np.prod(ratios)))
-    headers = [block.header for block in comparison_report(both) if isinstance(block, Table)]
-    assert headers[0][1:5] == ["0.1", "0.25", "0.5", "1.5"]
-    assert headers[1] == ["flight", "constant mean", "hold last"]
+    rmse, errors, by_flight, *_ = (
+        block for block in comparison_report(both) if isinstance(block, Table)
+    )
+    assert rmse.header[1:] == errors.header[1:5] == ["0.1", "0.25", "0.5", "1.5"]
+    assert by_flight.header == ["flight", "constant mean", "hold last"]
 
 
 def test_before_a_long_run_stand_its_time_its_independent_windows_and_how_to_shorten_it():
@@ -190,12 +192,47 @@ def predicted():
     return compare(WINDOWS, [Method("joint VAR (Bayesian)", learn, predicts=True), HOLD, MEAN])
 
 
+def assert_headline_repeats_the_table(comparison):
+    """The error ratios of the headline are those in the table, whose rows stand in their order."""
+    blocks = list(comparison_report(comparison))
+    table = next(
+        block for block in blocks if isinstance(block, Table) and block.header[0] == "method"
+    )
+    column = table.header.index("1.5")
+    ratios = {row[0].removesuffix(" *"): row[column] for row in table.rows}
+    headline = blocks[0].lead
+    assert f"has an error ratio of {ratios['joint VAR (Bayesian)']} (" in headline
+    assert f"constant mean {ratios['constant mean']}" in headline.replace(" has ", " ")
+    assert [float(ratio) for ratio in ratios.values()] == sorted(map(float, ratios.values()))
+
+
+def test_the_horizon_up_to_which_forecasts_are_useful_is_stated():
+    """Errors are set: the constant is beaten in all windows up to 0.5 s, in one of three at 1.5 s."""
+    outcomes = []
+    for outcome in compare(WINDOWS[:3], [SUBSPACE, MEAN]).outcomes:
+        errors = np.full_like(outcome[0].scores[KNOWN_INPUTS].squared_error, 1e-6)
+        errors[-1] = 1e-6 if not outcomes else 1e6
+        scores = outcome[0].scores[KNOWN_INPUTS]._replace(squared_error=errors)
+        subspace = replace(outcome[0], scores={**outcome[0].scores, KNOWN_INPUTS: scores})
+        outcomes.append((subspace, outcome[1]))
+    known = Comparison(tuple(WINDOWS[:3]), ("subspace", "constant mean"), tuple(outcomes))
+    text = plain_text(comparison_report(known))
+    assert (
+        "Useful up to about 0.5 s: there its error is lower than that of the constant mean" in text
+    )
+    assert "It is worse than the constant mean in 2 of 3 windows at 1.5 s." in text
+    rmse = next(block for block in comparison_report(known) if isinstance(block, Table))
+    assert rmse.rows[0][1] == "0.001" and rmse.rows[0][-1] == "820"
+    assert rmse.rows[2] == ["inputs known: worse than constant, of 3", *"000002"]
+
+
 @mark.slow
 def test_the_headline_names_the_default_and_by_how_much_it_is_better_or_first_worse(predicted):
     """The report marks mavdem's default, and begins with what it loses to."""
     text = plain_text(comparison_report(predicted))
-    expected = "Forecasts of 1.5 s, inputs known: joint VAR (Bayesian), mavdem's default, has 0."
+    expected = "Forecasts of 1.5 s, inputs known: joint VAR (Bayesian), mavdem's default, has an error ratio of 0."
     assert text.startswith(expected) and "\njoint VAR (Bayesian) *" in text
+    assert_headline_repeats_the_table(predicted)
     # Six flights that are alike make each difference significant; the errors of the two methods are swapped.
     copies = 6 * predicted.of_flight("a").outcomes[:1]
     parts = [replace(predicted.windows[0], flight=name) for name in "abcdef"]
@@ -205,8 +242,12 @@ def test_the_headline_names_the_default_and_by_how_much_it_is_better_or_first_wo
     ]
     losing = Comparison(tuple(parts), predicted.methods, tuple(swapped))
     headline, details, *_ = comparison_report(losing)
-    assert "mavdem's default, loses to hold: " in headline.lead
-    assert "times its squared error (p = 0.031)" in headline.lead
+    assert (
+        "mavdem's default, loses to hold and constant mean. It has an error ratio of "
+        in headline.lead
+    )
+    assert headline.lead.count("(p = 0.031)") == 2 and "not significant" not in headline.lead
+    assert_headline_repeats_the_table(losing)
 
 
 @mark.slow
