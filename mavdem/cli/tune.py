@@ -69,7 +69,7 @@ MARGIN_TARGETS_TEXT = "; ".join(
 @click.option(
     "--more",
     is_flag=True,
-    help="Raise the gains of loops that have more margin than they need, too.",
+    help="Go on where the estimate has the margins: raise gains that have room, lower those that are not sure.",
 )
 @params_option
 @click.option("--filters", is_flag=True, help="Advise a notch filter too, and gains with it.")

@@ -19,7 +19,7 @@ from mavdem.containers import JsonValues
 from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact, LoopAction, LoopFact
+from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import (
@@ -156,7 +156,7 @@ class Advice(ImmutableResult):
             share=self.sure,
             share_lacking=self.fraction_without_margins_before,
             needed=SURE_SHARE,
-            is_biased=any(fact.code is LoopFact.EFFECT_BIASED for fact in self.before.cautions),
+            is_biased=self.before.has_biased_effectiveness,
         )
 
     @property

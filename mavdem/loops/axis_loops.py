@@ -106,6 +106,11 @@ class Loop(Margins):
         return self.plant.model
 
     @property
+    def has_biased_effectiveness(self) -> bool:
+        """Whether wind biases the control effectiveness, for which the intervals of the margins do not allow."""
+        return any(caution.code is LoopFact.EFFECT_BIASED for caution in self.cautions)
+
+    @property
     def advice(self) -> Advice:
         """Gains to set, with what to expect, or why there are none; :func:`mavdem.loops.advice.advise`."""
         from mavdem.loops.advice import advise

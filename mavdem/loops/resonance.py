@@ -69,6 +69,10 @@ class Resonance:
     """Highest frequency at which a peak was looked for, Hz."""
     ms_interval: Interval | None = None
     """The 90 % interval of the maximum sensitivity; ``None`` without setpoint."""
+    ms_frequency: float | None = None
+    """Frequency of the maximum sensitivity, Hz, mostly above that of the peak of |T|; ``None`` without setpoint."""
+    ms_coherence: float | None = None
+    """Coherence of the rate with its setpoint there."""
     rolls_off: bool = False
     """Whether the response falls below −3 dB at the highest frequency, after it was above."""
 
@@ -130,6 +134,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
         return None
     peak_row = rows[np.argmax(gain)]
     complementary_gain = abs(complementary[rows])
+    ms_row = rows[np.argmax(abs(1 - complementary[rows]))]
     return Resonance(
         axis=signals.axis,
         peak=abs(spectra.response[peak_row]),
@@ -137,6 +142,8 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
         coherence=spectra.coherence[peak_row],
         max_frequency=frequency[rows[-1]],
         ms_interval=_max_sensitivity_interval(spectra, complementary, rows),
+        ms_frequency=frequency[ms_row],
+        ms_coherence=spectra.coherence[ms_row],
         rolls_off=complementary_gain.max() > HALF_POWER_GAIN > complementary_gain[-1],
     )
 

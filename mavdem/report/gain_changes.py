@@ -15,11 +15,13 @@ from mavdem.assessment.axis.parameter_sets import (
     parameter_sets,
     present_parameter_files,
 )
+from mavdem.dataset.axes import AXES
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
+from mavdem.loops.controllers import gain_names
 from mavdem.loops.gain_design import SURE_SHARE, Stage
 from mavdem.report.blocks import Block, Blocks, Sentence, Table
 from mavdem.report.loops import TRIED_HEADER, gain_row, is_about_gains_to_set
@@ -137,7 +139,7 @@ def gain_changes(
         ),
         downloads=tuple(_downloads_of_sets(sets, PurePath(log_name).stem, vehicle)),
         tried_gains=_table_of_tried_gains(tried_gains) if tried_gains else None,
-        cautions=tuple(_cautions_on_gains(advice)),
+        cautions=tuple(_cautions_on_gains(advice, _axes_of_gains(gains_to_lower, vehicle))),
         new_values=_new_values(sets, tried_gains),
     )
 
@@ -153,6 +155,23 @@ def _changed_gains(advice_on_loops: Iterable[Advice]) -> dict[str, Gain]:
         for name in advice.parameters:
             gains[name] = advice.gains[name]
     return gains
+
+
+def _axes_of_gains(gains: Iterable[str], vehicle: Telemetry) -> list[str]:
+    """Returns the axes whose rate or attitude controller has any of some gains.
+
+    Args:
+        gains: names of the parameters.
+        vehicle: the vehicle, whose parameters show how its autopilot names the gains of each axis.
+    """
+    axes = []
+    for axis in AXES:
+        names = gain_names(vehicle.parameters, axis)
+        if names is None:
+            continue
+        if any(name.startswith(names.rate_prefix) or name == names.angle_gain for name in gains):
+            axes.append(axis)
+    return axes
 
 
 def _stage_of_set(parameter_set: ParameterSet, sets: Sequence[ParameterSet]) -> int | None:
@@ -314,34 +333,37 @@ def parameter_downloads(
         yield ParameterDownload(name, label, address)
 
 
-def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
+def _cautions_on_gains(advice: AdviceByAxis, lowered_axes: Iterable[str]) -> list[Sentence]:
     """Returns sentences on how far advised gains can be trusted; axes with the same caution share a sentence.
 
-    There are two kinds. Gains are checked with many models of the vehicle that agree with the flight; if the loops have
-    the required margins with too few of them, a sentence states the fraction. Other cautions are about the
-    identification of the loop.
+    There are three kinds. Gains are lowered without a model of the loop; or they are checked with many models of the
+    vehicle that agree with the flight, and a sentence states the fraction of them with which the loops have the
+    required margins. Other cautions are about the identification of the loop.
 
     Args:
         advice: for each axis the gains to set and the loop before the change, or the fact (coded finding) why no gains
             are advised.
+        lowered_axes: axes whose gains are lowered without a model of the loop.
     """
     model_fractions = []
     loop_cautions = []
     for axis, axis_advice in advice.items():
         if isinstance(axis_advice, Fact) or not axis_advice.parameters:
             continue
-        if axis_advice.sure < SURE_SHARE:
-            model_fraction = Fact(
-                GainFact.SHARE_OF_MODELS,
-                share=axis_advice.sure,
-                share_lacking=axis_advice.fraction_without_margins_before,
-                is_sound=axis_advice.is_sound,
-            )
-            model_fractions.append((axis, model_fraction))
+        model_fraction = Fact(
+            GainFact.SHARE_OF_MODELS,
+            share=axis_advice.sure,
+            share_lacking=axis_advice.fraction_without_margins_before,
+            is_sound=axis_advice.is_sound,
+        )
+        model_fractions.append((axis, model_fraction))
         identified_loop = axis_advice.before
         for caution in identified_loop.cautions:
             if is_about_gains_to_set(caution):
                 loop_cautions.append((axis, caution))
-    sentences = sentences_by_axes(model_fractions)
+    # The axis whose gains can be trusted least comes first.
+    model_fractions.sort(key=lambda axis_and_fact: axis_and_fact[1].figures["share"])
+    lowered = [(axis, Fact(GainFact.LOWERED_WITHOUT_MODEL)) for axis in lowered_axes]
+    sentences = sentences_by_axes([*lowered, *model_fractions])
     sentences += sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy"))
     return sentences

@@ -27,6 +27,12 @@ RATE_GAIN_HEADERS = {
 ANGLE_GAIN_HEADER = "angle P"
 """Column of the gain of the attitude controller, which is the last one."""
 
+OPTIONAL_HEADERS = ("rate FF", "rate D_FF")
+"""Columns of gains that most vehicles do not use: a controller without feed-forward has 0 there."""
+
+NO_OUTCOMES: Mapping[str, str] = MappingProxyType({})
+"""The outcomes of axes of which nothing was decided."""
+
 NO_NEW_VALUES: Mapping[str, NewValue] = MappingProxyType({})
 """The new values of a vehicle whose gains stay."""
 
@@ -76,6 +82,9 @@ class GainOverview(NamedTuple):
     rows: Mapping[str, tuple[GainCell, ...]]
     """The gains of each axis, one for each header."""
 
+    outcomes: Mapping[str, str] = MappingProxyType({})
+    """What becomes of the gains of each axis, such as "new gains"; an axis without an entry has none."""
+
     other_changes: Table | None = None
     """Parameters to set that are no gains, such as those of a notch filter; None without any."""
 
@@ -97,13 +106,16 @@ class GainOverview(NamedTuple):
 
 
 def gain_overview(
-    signals_by_axis: Mapping[str, Signals], changes: GainChanges | None
+    signals_by_axis: Mapping[str, Signals],
+    changes: GainChanges | None,
+    outcomes: Mapping[str, str] = NO_OUTCOMES,
 ) -> GainOverview | None:
     """Returns the table of the gains of some axes, with their present values in the log and any new values to set.
 
     Args:
         signals_by_axis: logged time series of the vehicle by axis, with its parameters.
         changes: parameters to set; None if none are.
+        outcomes: what becomes of the gains of each axis, in words.
 
     Returns:
         The table, also if the log lacks other parameters of the controller; None if it has no gain of any of these
@@ -122,22 +134,26 @@ def gain_overview(
             rows[axis] = cells
     if not rows:
         return None
-    return _overview_of_logged_gains(rows, changes)
+    return _overview_of_used_gains(rows, changes)._replace(outcomes=outcomes)
 
 
-def _overview_of_logged_gains(
+def _overview_of_used_gains(
     rows: Mapping[str, tuple[GainCell, ...]], changes: GainChanges | None
 ) -> GainOverview:
     """Returns the table of the gains that the log has of at least one axis; other gains have no column.
 
-    ArduPilot, for example, has no gain "rate K".
+    ArduPilot, for example, has no gain "rate K". A feed-forward that is 0 and stays 0 on all axes has no column either.
 
     Args:
         rows: all possible gains of each axis, in the order of the columns.
         changes: parameters to set, some of which may be no gains; None if none are.
     """
     all_cells = [cell for row in rows.values() for cell in row]
-    logged_headers = {cell.header for cell in all_cells if cell.present}
+    logged_headers = set()
+    for cell in all_cells:
+        is_unused = cell.header in OPTIONAL_HEADERS and cell.present == "0" and cell.new is None
+        if cell.present and not is_unused:
+            logged_headers.add(cell.header)
     names_in_table = {cell.name for cell in all_cells if cell.header in logged_headers}
     shown_rows = {}
     for axis, row in rows.items():
@@ -145,7 +161,7 @@ def _overview_of_logged_gains(
     all_headers = (*RATE_GAIN_HEADERS.values(), ANGLE_GAIN_HEADER)
     shown_headers = tuple(header for header in all_headers if header in logged_headers)
     other_changes = _table_of_other_changes(changes, names_in_table)
-    return GainOverview(shown_headers, shown_rows, other_changes)
+    return GainOverview(shown_headers, shown_rows, other_changes=other_changes)
 
 
 def _gains_of_axis(

@@ -33,6 +33,7 @@ from mavdem.loops.gain_design import (
     MAX_GAIN_STEP,
     MIN_GAIN_CHANGE,
     SURE_SHARE,
+    Stage,
 )
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
@@ -93,6 +94,10 @@ REASONS_FOR_GAINS = (GainFact.STEP_BOUND, GainFact.INTEGRAL_FALLS)
 """Notes on gains that say why they are no others; they stand beside the gains. The remaining ones are details."""
 
 
+STEPS_WITH_DOUBLETS = (NextStep.LOAD_GAINS, NextStep.KEEP_OR_CONFIRM_GAINS)
+"""Next steps of a tuning that name a flight with doublets themselves."""
+
+
 class GainOutcome(StrEnum):
     """What becomes of the gains of an axis, as the headline of a tuning says it; in the order of the headline."""
 
@@ -101,7 +106,7 @@ class GainOutcome(StrEnum):
     KEEP = "keep"
     """The loops have their margins, and the gains stay."""
     KEEP_UNSURE = "keep_unsure"
-    """The gains stay, but too few models of the vehicle have the margins to be sure of them."""
+    """The gains stay, but too few models of the vehicle have the margins, or wind biases these models."""
     FLY_FIRST = "fly_first"
     """Other gains were tried, and another flight is to confirm them before they are loaded."""
     LOWER = "lower"
@@ -123,7 +128,8 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
        the gains of each axis.
     2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
        that needs a repair.
-    3. The next step, and what axes that get no gains need besides; or, after a repair, doublets.
+    3. The next step, and a higher cut-off of the gyro's filter to try instead, if one is advised.
+    4. What axes that get no gains need besides; or, after a repair, doublets.
 
     Args:
         tuning: the advice for each axis, with the judgement of the flight.
@@ -140,6 +146,8 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     texts_beside = [sentence.lead for sentence in heading]
     texts_beside += [next_step.text, *_texts_in_next_step(tuning)]
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
+    if tuning.gyro_cutoff is not None:
+        summary.append(Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Instead of lower gains:"))
     steps_towards_gains = _steps_towards_gains(tuning)
     if steps_towards_gains:
         is_after_repair = not _has_next_step_on_loops(tuning.judgement)
@@ -272,6 +280,48 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
         outcomes=[*GainOutcome],
         has_gains=bool(outcomes_with_gains),
     )
+
+
+def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
+    """Returns what becomes of the gains of each axis in words, such as "new gains" or "no gains (margins not known)".
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
+    """
+    words = {}
+    for axis in tuning.axes:
+        outcome = _gain_outcome(tuning, axis)
+        [sentence] = render_section(
+            "tune_axes",
+            axes=[axis],
+            axes_by_outcome={outcome: [axis]},
+            outcomes=[outcome],
+            has_gains=True,
+        )
+        _, _, words_of_axis = sentence.lead.partition(": ")
+        words[axis] = words_of_axis.removesuffix(".")
+    return words
+
+
+def expected_margin_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns the margins of the rate loops now and with the gains to load, such as "roll 29° → 44°, Ms 2.8 → 1.9".
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
+
+    Returns:
+        A list with the sentence; empty if no gains of a rate controller are to be loaded.
+    """
+    rows = {}
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Fact) or advice.stage is not Stage.RATE:
+            continue
+        if _gain_outcome(tuning, axis) is GainOutcome.NEW:
+            rows[axis] = {
+                name: (_value_text(advice.before.rate, name), _value_text(advice.after.rate, name))
+                for name in TUNED_FIGURES
+            }
+    return render_section("tune_expected", rows=rows) if rows else []
 
 
 def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -> list[Sentence]:
@@ -410,7 +460,8 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         return GainOutcome.DOUBTFUL
     if advice.parameters:
         return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
-    if advice.rating.is_good or advice.sure >= SURE_SHARE:
+    has_sure_margins = advice.rating.is_good or advice.sure >= SURE_SHARE
+    if has_sure_margins and not advice.before.has_biased_effectiveness:
         return GainOutcome.KEEP
     return GainOutcome.KEEP_UNSURE
 
@@ -774,18 +825,16 @@ def field_sentences(tuning: Tuning) -> list[Sentence]:
     Returns:
         The sentences; empty if gains neither change nor are known to be right.
     """
-    finished_axes = []
-    for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice) and not _has_doubtful_margins(tuning, axis):
-            keeps_gains = advice.conclusion.code is GainFact.KEEP_GAINS
-            if keeps_gains and advice.rating.is_good:
-                finished_axes.append(axis)
+    axes_by_outcome = group_by(tuning.axes, lambda axis: _gain_outcome(tuning, axis))
+    sure_axes = axes_by_outcome.get(GainOutcome.KEEP, [])
+    unsure_axes = axes_by_outcome.get(GainOutcome.KEEP_UNSURE, [])
     has_new_gains = any(advice.parameters and advice.is_sound for advice in tuning.advice)
     return render_section(
         "tune_field",
         has_new_gains=has_new_gains,
-        finished_axes=finished_axes,
-        are_all_finished=len(finished_axes) == len(tuning.axes),
+        axes=[*tuning.axes],
+        unsure_axes=unsure_axes,
+        are_all_kept=len(sure_axes) + len(unsure_axes) == len(tuning.axes),
     )
 
 
@@ -1060,7 +1109,7 @@ def _axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
 def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
     """Returns the fact (coded finding) that says what to do with the gains of an axis, such as to load them.
 
-    Its sentence leaves the goal of the margins to :func:`goal_sentences`.
+    Its sentence leaves the goal of the margins to :func:`goal_sentences`, and says if wind biases the loop.
 
     Gains are set in stages, with a flight after each. If these gains are of stage 2 while another axis has gains of
     stage 1 to be flown first, the fact says that they wait for that flight.
@@ -1069,7 +1118,11 @@ def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
         tuning: advice for all axes, which shows whether one of them has gains of stage 1.
         advice: advice on the axis.
     """
-    return advice.conclusion.replace(waits=tuning.waits(advice), is_goal_stated=True)
+    return advice.conclusion.replace(
+        waits=tuning.waits(advice),
+        is_goal_stated=True,
+        is_biased=advice.before.has_biased_effectiveness,
+    )
 
 
 def _faults_in_flight(
@@ -1230,6 +1283,8 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
     for reason in (main_reason, *further_reasons):
         if reason is not None:
             texts.add(reason.remedy)
+    if next_step.code is NextStep.KEEP_OR_CONFIRM_GAINS:
+        texts |= {_conclusion(tuning, advice).remedy for advice in tuning.advice}
     # Gains that can wait until other axes are tuned are not to be loaded now.
     if next_step.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
         for advice in tuning.advice:
@@ -1244,7 +1299,8 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
         flies_doublets = (
             decision.action is not None and decision.action.code is LoopAction.FLY_DOUBLETS
         )
-        if flies_doublets and main_reason is not None and _advises_flight(main_reason):
+        is_flown_next = main_reason is not None and _advises_flight(main_reason)
+        if flies_doublets and (is_flown_next or next_step.code in STEPS_WITH_DOUBLETS):
             texts.add(decision.fact.remedy)
     return texts
 
@@ -1287,6 +1343,7 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
     is_step_on_gains = fact.code in (
         NextStep.LOAD_GAINS,
         NextStep.FLY_BEFORE_GAINS,
+        NextStep.KEEP_OR_CONFIRM_GAINS,
         NextStep.TUNE_OTHER_AXES,
     )
     # A finding on margins whose model a measured response contradicts has that as its figure "reason".
@@ -1357,6 +1414,8 @@ def _headline_on_all_axes(flight_headline: Fact, decisions: DecisionsByAxis) -> 
         The headline with the facts on the other axes as its figure ``alike``; unchanged if there are none, or if it is
         about something else.
     """
+    if flight_headline.code is MarginsLight.RESONATES:
+        return _resonance_on_all_axes(flight_headline, decisions)
     missed_goal = _missed_goal(flight_headline)
     if missed_goal is None:
         return flight_headline
@@ -1368,6 +1427,30 @@ def _headline_on_all_axes(flight_headline: Fact, decisions: DecisionsByAxis) -> 
     if not facts_on_other_axes:
         return flight_headline
     return flight_headline.replace(alike=tuple(facts_on_other_axes))
+
+
+def states_max_sensitivity(result: Fact) -> bool:
+    """Returns whether a result is about the maximum sensitivity Ms, which a chart of the sensitivity shows."""
+    return "ms_interval" in result.figures and result.figures.get("lacking", "ms") == "ms"
+
+
+def _resonance_on_all_axes(resonance: Fact, decisions: DecisionsByAxis) -> Fact:
+    """Extends a headline on the measured resonance of one axis to other axes whose rate loops lack margin.
+
+    Args:
+        resonance: the headline, a coded finding.
+        decisions: decision on the loops by axis, with the fact that it was made by as the reason.
+
+    Returns:
+        The headline with the facts on the margins of the other axes as its figure ``alike``.
+    """
+    facts_on_other_axes = []
+    for axis, decision in decisions.items():
+        lacks_margin = decision.diagnosis is LoopDiagnosis.BELOW_GOAL
+        is_of_rate = decision.reason.subject != "attitude"
+        if axis != resonance.figures["axis"] and lacks_margin and is_of_rate:
+            facts_on_other_axes.append(decision.reason)
+    return resonance.replace(alike=tuple(facts_on_other_axes))
 
 
 class _MissedGoal(NamedTuple):

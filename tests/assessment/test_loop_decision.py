@@ -36,7 +36,9 @@ OVERSHOOTS = Fact(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, axis="roll", o
 MISSES = Fact(
     TrackingLight.MISSES_SETPOINT, Level.BAD, axis="roll", angle_error=0.2, offset_angle=0.0
 )
-RESONANCE = Resonance("roll", 4.0, 21.0, 0.95, 40.0, (2.6, 3.4))
+RESONANCE = Resonance(
+    "roll", 4.0, 21.0, 0.95, 40.0, (2.6, 3.4), ms_frequency=23.0, ms_coherence=0.9
+)
 """A response whose Ms is surely beyond the least margins."""
 PEAK = Resonance("roll", 5.0, 22.0, 0.9, 40.0)
 LOWER_RATE_GAINS = {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_I": 0.133333, "MC_ROLLRATE_D": 0.002}

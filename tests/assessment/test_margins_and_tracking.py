@@ -97,7 +97,9 @@ def test_a_resonance_is_seen_by_the_response_to_the_setpoint():
     assert response.peak == approx(0.5 / np.sin(np.radians(6.0)), rel=0.2)
     # What resonates is said by the sensitivity, since a rate that is as large as its setpoint would read as good.
     low, high = response.ms_interval
-    assert f"Ms is {low:.2g} to {high:.2g} by the measured response" in light.sentence
+    assert f"Ms is {low:.2g} to {high:.2g} at {response.ms_frequency:.2g} Hz by" in light.sentence
+    # The sensitivity peaks above the closed loop.
+    assert response.frequency <= response.ms_frequency < 15.0
 
 
 @mark.slow

@@ -37,7 +37,7 @@ from mavdem.facts.loops import (
     ResponseFact,
     TwinFact,
 )
-from mavdem.facts.margins import TrackingLight
+from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.mavlink.payloads import decoded_parameters
@@ -59,6 +59,7 @@ from mavdem.loops.measured_response import measured_rate_response
 from mavdem.loops.twin import build_twin
 from mavdem.loops.twin_flight import replay_segments
 from mavdem.report.charts.flight_charts import loop_charts
+from mavdem.report.loops import outcome_sentences
 from mavdem.report.vehicle_files import vehicle_text
 from mavdem.wind_velocity.vehicle_drag import Drag
 from mavdem.wind_velocity.velocity import WindVelocity
@@ -324,6 +325,32 @@ def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_need
         "Keep the gains of roll, and change those of pitch: "
         "`mavdem tune flight.tlog --axis pitch` advises them."
     )
+
+
+@mark.slow
+def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more():
+    """Without more, keeping the gains is one of two ways; with it, the gains that were found are loaded."""
+    loop = made_up(1.7)
+    rating = margin_rating(loop)
+    assert rating.level is Level.WATCH
+    unsure = Fact(
+        MarginsLight.LOOP_MARGINS,
+        rating=rating.level,
+        reason=None,
+        is_biased=False,
+        action=Fact(LoopAction.FLY_DOUBLETS, axis="roll", is_biased=False),
+        **rating.figures | {"axis": "roll"},
+    )
+    kept = tuned_by({"roll": loop}, headline=unsure).judgement.next_step
+    assert kept.sentence.startswith("Fly on with these gains, or make sure of roll.")
+    assert "`mavdem tune flight.tlog --axis all --more`" in kept.sentence
+    changed = tuned_by({"roll": loop}, headline=unsure, raises_sound_gains=True)
+    assert changed.parameters and changed.judgement.next_step.code is NextStep.LOAD_GAINS
+    biased = replace(loop, cautions=(Fact(LoopFact.EFFECT_BIASED, reason=""),))
+    tuning = tuned_by({"roll": biased}, headline=unsure.replace(is_biased=True))
+    [outcome] = outcome_sentences(tuning)
+    assert outcome.lead == "Roll: keep the gains, margins not sure."
+    assert tuning.judgement.next_step.code is not NextStep.KEEP_OR_CONFIRM_GAINS
 
 
 @mark.slow

@@ -32,6 +32,8 @@ def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, lowered_gains(next_step))
     assert changes.first_table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
+    [lowered] = changes.cautions
+    assert lowered.lead == "Roll:" and "no model of the loop says" in lowered.text
     gains = {}
     for download in changes.downloads:
         path = tmp_path / download.name

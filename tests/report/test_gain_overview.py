@@ -60,6 +60,15 @@ def test_a_gain_that_the_log_does_not_have_has_no_column():
     assert not gains.has_gains_to_load
 
 
+def test_a_feed_forward_that_is_0_and_stays_0_has_no_column():
+    unused = {"ATC_RAT_RLL_P": 0.1, "ATC_RAT_RLL_D": 0.0, "ATC_RAT_RLL_FF": 0.0}
+    signals = {"roll": Signals(Hover().telemetry(parameters=unused))}
+    gains = gain_overview(signals, None, {"roll": "keep the gains"})
+    assert gains.headers == ("rate P", "rate D") and gains.outcomes["roll"] == "keep the gains"
+    changes = GainChanges((), (), new_values={"ATC_RAT_RLL_FF": NewValue("0.1")})
+    assert "rate FF" in gain_overview(signals, changes).headers
+
+
 def test_parameters_that_are_no_gains_have_a_table_of_their_own():
     gain = ["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]
     notch = ["INS_HNTCH_FREQ", "60", "80", ""]

@@ -101,7 +101,7 @@ def loop(axis, factor, bias=0.0):
 
 def resonance(axis):
     """A response of the rate that is surely too large."""
-    return Resonance(axis, 4.0, 21.0, 0.95, 40.0, (2.6, 3.4))
+    return Resonance(axis, 4.0, 21.0, 0.95, 40.0, (2.6, 3.4), ms_frequency=23.0, ms_coherence=0.9)
 
 
 def injected_response(crossover):

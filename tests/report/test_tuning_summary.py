@@ -24,6 +24,7 @@ from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import (
     _facts_on_slower_rate,
+    outcome_by_axis,
     outcome_sentences,
     tune_blocks,
     tune_summary,
@@ -77,6 +78,27 @@ def test_the_headline_names_all_axes_that_lack_the_same_margin_as_much():
     )
 
 
+def test_a_measured_lack_of_margin_names_the_other_axes_that_lack_it():
+    measured = Fact(
+        MarginsLight.RESONATES,
+        Level.WATCH,
+        axis="pitch",
+        ms_interval=(2.2, 2.3),
+        needed=2.0,
+        frequency=19.0,
+        coherence=0.94,
+    )
+    facts = {"roll": phase_margin_fact("roll", 29.0), "pitch": measured}
+    decisions = {
+        axis: LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, fact) for axis, fact in facts.items()
+    }
+    result = tuning_result(tuning_of(measured, measured, decisions))
+    assert result.sentence == (
+        "Little margin: the pitch rate loop has Ms 2.2 to 2.3 at 19 Hz by the measured response of the rate "
+        "(at most 2 is good; coherence 0.94). The roll rate loop is below the margin goal, too."
+    )
+
+
 @mark.parametrize(
     "reason_of_next_step, axes_without_controller, last_lead",
     [
@@ -124,6 +146,10 @@ def test_lowered_gains_are_one_set_for_headline_report_and_files():
     )
     [outcome] = outcome_sentences(tuning)
     assert outcome.lead == "Pitch: lower gains. Roll: no gains (margins not known)."
+    assert outcome_by_axis(tuning) == {
+        "roll": "no gains (margins not known)",
+        "pitch": "lower gains",
+    }
     report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED.sentence)
     assert Sentence("no gains, for the reason above.", "Roll:") in report
     files = tuning.files(Hover().telemetry())

@@ -405,8 +405,8 @@ def resonance_fact(resonance: Resonance) -> Fact:
         resonance: peak of the measured response, which must have an interval.
 
     Returns:
-        The fact "resonates" or "no resonance", with its level. If it resonates, the fact has the interval of Ms and the
-        Ms that it should not exceed.
+        The fact "resonates" or "no resonance", with its level. If it resonates, the fact has the interval of Ms with
+        its frequency and the coherence there, and the Ms that it should not exceed.
     """
     assert resonance.ms_interval is not None
     lowest_ms, highest_ms = resonance.ms_interval
@@ -422,7 +422,12 @@ def resonance_fact(resonance: Resonance) -> Fact:
     fact = _peak_fact(code, level, resonance)
     if code is MarginsLight.NO_RESONANCE:
         return fact
-    return fact.replace(ms_interval=resonance.ms_interval, needed=USUAL_MARGINS.ms)
+    return fact.replace(
+        ms_interval=resonance.ms_interval,
+        needed=USUAL_MARGINS.ms,
+        frequency=resonance.ms_frequency,
+        coherence=resonance.ms_coherence,
+    )
 
 
 def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:

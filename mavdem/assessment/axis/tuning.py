@@ -36,8 +36,9 @@ from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain, advise, reasons_for_no_gains
-from mavdem.loops.axis_loops import Loop
+from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import Stage
+from mavdem.loops.gyro_cutoff import gyro_cutoff_advice
 from mavdem.loops.resonance import controller_if_known
 
 
@@ -64,6 +65,8 @@ class Tuning(NamedTuple):
     """Why the loops of no axis are known; None if those of at least one axis are."""
     gains_to_lower: Mapping[str, Gain] = NO_GAINS
     """Gains to lower, of axes for which none can be computed; they are among ``parameters``."""
+    gyro_cutoff: Fact | None = None
+    """A higher cut-off of the gyro's low-pass to try instead of lower gains; None if that is not advised."""
 
     @property
     def has_computed_gains(self) -> bool:
@@ -180,6 +183,10 @@ def tune_loops(
     decisions = judgement.loop_decisions
     decisions_on_axes = [decisions[axis] for axis in axes if axis in decisions]
     gains_to_lower = lowered_gains(judgement.next_step, decisions_on_axes)
+    gyro_cutoff = None
+    if parameters and not notch_parameters and not reasons_of_vehicle:
+        loops = [advice.before for advice in advice_on_loops]
+        gyro_cutoff = gyro_cutoff_advice(loops, MARGIN_TARGETS[margins])
     arguments = _arguments_of_command(
         evidence, margins, raises_sound_gains=raises_sound_gains, filters=filters
     )
@@ -202,6 +209,7 @@ def tune_loops(
         axes_without_controller=_axes_without_controller(evidence, axes),
         no_loop=no_loop,
         gains_to_lower=gains_to_lower,
+        gyro_cutoff=gyro_cutoff,
     )
     return freeze(tuning)
 

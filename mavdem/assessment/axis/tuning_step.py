@@ -23,7 +23,6 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import ADVISED_STREAM_RATE, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import Advice, AdviceByAxis
-from mavdem.loops.axis_loops import Loop
 from mavdem.loops.gain_design import SURE_SHARE
 
 LIGHTS_BEFORE_GAINS = (Light.MOTORS, Light.VIBRATION, Light.POWER)
@@ -41,11 +40,12 @@ def judgement_with_tuning_step(
 ) -> Judgement:
     """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
 
-    There are five cases:
+    There are six cases:
 
     - There are new gains, but of axes with enough margin, while others lack it: the next step is to tune those first.
     - There are new gains, and no other fault comes before them: the next step is to load the gains, with any that are
       to be lowered on another axis.
+    - There are none, and the loops probably have their margins: the next step is to keep the gains, or to make sure.
     - There are none, although the next step was to tune the vehicle: it becomes to tune other axes or, if their gains
       need no change, what the advice on the loops says instead, such as to fly doublets.
     - No gains can be advised at all, and no fault is the reason: the next step is what leads to advice, such as to log
@@ -82,10 +82,15 @@ def judgement_with_tuning_step(
             arguments=tuple(argument for argument in arguments if argument != "--more"),
             are_first=True,
         )
-    elif has_new_gains and _allows_new_gains(judgement.headline):
+    elif has_new_gains and (
+        _allows_new_gains(judgement.headline)
+        or _makes_margins_sure(judgement.headline, advice_by_axis)
+    ):
         next_step = _next_step_with_new_gains(
             judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
         )
+    elif not has_new_gains and _is_uncertain_margin(judgement.headline):
+        next_step = _step_to_keep_or_confirm_gains(judgement, advice_on_loops, arguments)
     elif not has_new_gains and advises_to_tune(judgement.next_step):
         next_step = _next_step_without_new_gains(advice_by_axis, other_axes_to_tune, arguments)
     elif is_refused and not must_be_repaired and _leads_to_tuning(judgement.headline):
@@ -135,6 +140,68 @@ def _allows_new_gains(headline: Fact) -> bool:
             LoopAction.LOWER_BY_A_THIRD,
         )
     return not headline.is_bad
+
+
+def _is_uncertain_margin(headline: Fact) -> bool:
+    """Returns whether a headline says that the margins of a loop reach their goal probably, but not surely.
+
+    It is False if a measured response contradicts the loop, or if wind biases it: then the margins are not known.
+
+    Args:
+        headline: the most serious fact of the flight.
+    """
+    if headline.code is not MarginsLight.LOOP_MARGINS or headline.figures["reason"] is not None:
+        return False
+    return headline.figures["rating"] is Level.WATCH and not headline.figures["is_biased"]
+
+
+def _makes_margins_sure(headline: Fact, advice_by_axis: AdviceByAxis) -> bool:
+    """Returns whether there are new gains with which uncertain margins become sure, as ``mavdem tune --more`` finds.
+
+    Args:
+        headline: the most serious fact of the flight, which may be that the margins of an axis are uncertain.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
+    """
+    if not _is_uncertain_margin(headline):
+        return False
+    advice = advice_by_axis.get(headline.figures["axis"])
+    return isinstance(advice, Advice) and bool(advice.parameters) and advice.is_sound
+
+
+def _step_to_keep_or_confirm_gains(
+    judgement: Judgement, advice_on_loops: Sequence[Advice], arguments: Sequence[str]
+) -> Fact:
+    """Returns the next step if the margins probably reach their goal: to keep the gains, or to make sure of them.
+
+    Args:
+        judgement: judgement of the flight, whose headline is that the margins of an axis are uncertain.
+        advice_on_loops: advice on the loops of the requested axes, which changes no gains.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+
+    Returns:
+        The fact (coded finding) ``KEEP_OR_CONFIRM_GAINS`` with these figures, among others:
+
+        - ``names``: the axes whose margins are uncertain;
+        - ``can_go_on``: whether ``mavdem tune --more`` can compute other gains for all of them;
+        - ``least_rate``: rate of messages, Hz, that their loops need, if this log is slower; otherwise None.
+    """
+    uncertain_loops = [advice for advice in advice_on_loops if advice.sure < SURE_SHARE]
+    needed_rates = []
+    for advice in uncertain_loops:
+        for caution in advice.before.cautions:
+            if caution.code is LoopFact.CROSSOVER_FAST:
+                needed_rates.append(caution.figures["least_rate"])
+    conclusions = [advice.conclusion for advice in uncertain_loops]
+    names = tuple(advice.before.axis for advice in uncertain_loops)
+    return Fact(
+        NextStep.KEEP_OR_CONFIRM_GAINS,
+        judgement.headline.level,
+        names=names or (judgement.headline.figures["axis"],),
+        can_go_on=all(conclusion.figures["can_go_on"] for conclusion in conclusions),
+        needed=SURE_SHARE,
+        least_rate=max(needed_rates, default=None),
+        arguments=tuple(arguments),
+    )
 
 
 def _leads_to_tuning(headline: Fact) -> bool:
@@ -283,7 +350,7 @@ def _step_to_load_gains(
         flights=max(advice.flights for advice in loops_to_load),
         also=_faults_before_gains(judgement),
         needed=SURE_SHARE,
-        is_biased=any(_has_biased_effectiveness(advice.before) for advice in loops_to_load),
+        is_biased=any(advice.before.has_biased_effectiveness for advice in loops_to_load),
         fit=min(
             (fact.figures["share"] for fact in weak_confirmations if fact is not None), default=None
         ),
@@ -293,11 +360,6 @@ def _step_to_load_gains(
         others=tuple(other_axes),
         arguments=tuple(arguments),
     )
-
-
-def _has_biased_effectiveness(loop: Loop) -> bool:
-    """Returns whether wind biased the control effectiveness of an identified loop, as one of its cautions says."""
-    return any(caution.code is LoopFact.EFFECT_BIASED for caution in loop.cautions)
 
 
 def _unknown_lights_for_higher_gains(

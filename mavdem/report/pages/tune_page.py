@@ -31,12 +31,15 @@ from mavdem.report.gain_changes import GainChanges, gain_changes
 from mavdem.report.gain_overview import gain_overview
 from mavdem.report.loops import (
     compared_loops,
+    expected_margin_sentences,
     field_sentences,
     goal_sentences,
     is_headline_of_tuning,
     level_of_summary,
     measured_margins,
+    outcome_by_axis,
     outcome_sentences,
+    states_max_sensitivity,
     tune_blocks,
     tune_details,
     tune_summary,
@@ -104,18 +107,23 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         Chapter("Margins", _margin_blocks(tuning, assessment, result)),
         gyro._replace(title="Gyro noise and filters"),
         _twin_chapter(tuning, assessment),
-        _open_loops_chapter(tuning, assessment),
+        _open_loops_chapter(
+            tuning,
+            assessment,
+            is_headline_on_sensitivity=result.is_watch_or_bad and states_max_sensitivity(result),
+        ),
         Chapter("More figures of the loops, and their basis", tune_details(tuning), folded=True),
     ]
     changes = changes_to_load(name, tuning, evidence)
     summary = tune_summary(tuning, result)
-    if changes is None and is_headline_of_tuning(tuning, result):
-        # Without new gains, no table says what becomes of the gains of each axis.
-        summary += [Sentence(sentence.lead, "By axis:") for sentence in outcome_sentences(tuning)]
+    summary += expected_margin_sentences(tuning)
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
     signals_by_axis = {axis: evidence.signals.for_axis(axis) for axis in tuning.axes}
-    gains = gain_overview(signals_by_axis, changes)
+    gains = gain_overview(signals_by_axis, changes, outcome_by_axis(tuning))
+    if gains is None and is_headline_of_tuning(tuning, result):
+        # Without the gains of the log, no table says what becomes of the gains of each axis.
+        summary += [Sentence(sentence.lead, "By axis:") for sentence in outcome_sentences(tuning)]
     # The row of status lights (judgements of motors, power and others) is left out: this page is about the loops only.
     level = level_of_summary(tuning, result)
     head = Head(level, lights={}, changes=changes, gains=gains)
@@ -477,15 +485,18 @@ def _twin_charts_by_axis(tuning: Tuning, assessment: Assessment) -> dict[str, li
     return charts_by_axis
 
 
-def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
+def _open_loops_chapter(
+    tuning: Tuning, assessment: Assessment, *, is_headline_on_sensitivity: bool
+) -> Chapter:
     """Returns the chapter that shows each control loop over frequency: gain and phase of the open loop, sensitivity.
 
     Each chart has the loop with the present gains and, where gains change, the loop with the advised ones. The chapter
-    is folded, since few readers need it.
+    is folded, since few readers need it, unless the page's headline is about the sensitivity.
 
     Args:
         tuning: for each axis its advice, with the loops; or the fact why its loops are not known.
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        is_headline_on_sensitivity: whether the headline is that the maximum sensitivity is too large.
     """
     charts = {}
     for axis, advice in tuning.axes.items():
@@ -493,4 +504,4 @@ def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
             loops = compared_loops(advice)
             charts[axis] = {name: loop_charts(loops, name, advice.target) for name in LOOP_NAMES}
     groups = _groups_of_columns(charts, assessment, LOOP_CAPTION)
-    return Chapter("Open loops", (), groups, folded=True)
+    return Chapter("Open loops", (), groups, folded=not is_headline_on_sensitivity)
