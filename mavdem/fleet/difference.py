@@ -25,7 +25,15 @@ from mavdem.fleet.parameter_changes import (
     axes_with_other_attitude_gains,
     axes_with_other_gains,
 )
-from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
+from mavdem.fleet.quantities import (
+    LOOP_KINDS,
+    SHARE,
+    Estimate,
+    Quantity,
+    flight_estimates,
+    motor_log_estimates,
+    relative_to_median_motor,
+)
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
     QuantityChange,
@@ -35,7 +43,7 @@ from mavdem.fleet.random_effects import (
     with_outcomes,
 )
 from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
-from mavdem.fleet.trims_without_lean import trim_estimates_without_lean
+from mavdem.fleet.trims_without_lean import trims_without_lean
 
 Value = TypeVar("Value")
 
@@ -240,7 +248,7 @@ def _with_changes_without_lean(
     Returns:
         The changes in their order; those of other quantities, and of trims that are not known without lean, unchanged.
     """
-    estimates = trim_estimates_without_lean([*before, *after])
+    estimates = _trim_estimates_without_lean([*before, *after])
     estimates_before = estimates[: len(before)]
     estimates_after = estimates[len(before) :]
     extended_changes = []
@@ -253,6 +261,26 @@ def _with_changes_without_lean(
             change = change._replace(without_lean=without_lean)
         extended_changes.append(change)
     return extended_changes
+
+
+def _trim_estimates_without_lean(flights: Flights) -> list[dict[Quantity, Estimate]]:
+    """Returns the trim of each motor without lean as compared quantities: logarithms relative to the median motor.
+
+    Args:
+        flights: rows of the flights of one vehicle.
+
+    Returns:
+        Estimates by quantity for each flight; empty for a flight in which they are not known.
+    """
+    estimates: list[dict[Quantity, Estimate]] = [{} for _ in flights]
+    trims = trims_without_lean(flights)
+    if trims is None:
+        return estimates
+    for row, index in enumerate(trims.flight_indices):
+        outputs = tuple(1 + trims.estimates[row])
+        logarithms = motor_log_estimates(outputs, tuple(trims.half_widths[row]))
+        estimates[index] = relative_to_median_motor(SHARE, logarithms)
+    return estimates
 
 
 def _comparable_kinds(incomparability: Fact | None) -> list[str]:

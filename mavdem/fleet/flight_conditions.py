@@ -5,7 +5,7 @@ from math import hypot, isclose, log
 from statistics import fmean
 from typing import NamedTuple
 
-from mavdem.containers import Names
+from mavdem.containers import Names, Numbers
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.flights import Flights, log_row
 from mavdem.fleet.quantities import (
@@ -73,6 +73,9 @@ class Conditions(NamedTuple):
     wind_torque: dict[str, float]
     """Standard deviation of the wind torque by axis, rad/s²."""
 
+    wind_speeds: Numbers
+    """Mean wind speed in each flight in which it is known, m/s, the smallest first; that of still air is not."""
+
     step_sources: dict[str, Names]
     """Where overshoot and rise time of the rate come from, by axis: measured, identified_loop, or both.
 
@@ -105,6 +108,9 @@ def mean_conditions(flights: Flights) -> Conditions:
         tilt_sd=_mean_of_known(row.tilt_sd for row in flight_rows),
         vibration=_mean_of_known(_largest_vibration(row) for row in flight_rows),
         wind_torque=ReadOnlyDict(_mean_wind_torques(axis_rows)),
+        wind_speeds=tuple(
+            sorted(row.wind_speed for row in flight_rows if row.wind_speed is not None)
+        ),
         step_sources=ReadOnlyDict(_step_sources(axis_rows)),
     )
 

@@ -6,13 +6,6 @@ from mavdem.arrays import Array
 from mavdem.containers import Names
 from mavdem.fleet.flights import Flights, log_row
 from mavdem.fleet.health_figures import health_figures
-from mavdem.fleet.quantities import (
-    SHARE,
-    Estimate,
-    Quantity,
-    motor_log_estimates,
-    relative_to_median_motor,
-)
 from mavdem.motors.deviation import deviations_of_motors, level_balances
 
 
@@ -74,23 +67,3 @@ def trims_without_lean(flights: Flights) -> TrimsWithoutLean | None:
         estimates=deviations.estimates,
         half_widths=deviations.half_widths,
     )
-
-
-def trim_estimates_without_lean(flights: Flights) -> list[dict[Quantity, Estimate]]:
-    """Returns the trim of each motor without lean as compared quantities: logarithms relative to the median motor.
-
-    Args:
-        flights: rows of the flights of one vehicle.
-
-    Returns:
-        Estimates by quantity for each flight; empty for a flight in which they are not known.
-    """
-    estimates: list[dict[Quantity, Estimate]] = [{} for _ in flights]
-    trims = trims_without_lean(flights)
-    if trims is None:
-        return estimates
-    for row, index in enumerate(trims.flight_indices):
-        outputs = tuple(1 + trims.estimates[row])
-        logarithms = motor_log_estimates(outputs, tuple(trims.half_widths[row]))
-        estimates[index] = relative_to_median_motor(SHARE, logarithms)
-    return estimates

@@ -236,7 +236,13 @@
       ctx.strokeStyle = line.colour; ctx.lineWidth = (stems ? 1.6 : 1.1) * ratio;
       if (line.kind === "joined") {
         ctx.beginPath();
-        data.columns.forEach((x, i) => line.y[i] != null && ctx.lineTo(chart.valToPos(x, "x", true) + offset, chart.valToPos(line.y[i], "y", true)));
+        // The line is broken where a value is not known.
+        let isBroken = true;
+        data.columns.forEach((x, i) => {
+          const isKnown = line.y[i] != null;
+          if (isKnown) ctx[isBroken ? "moveTo" : "lineTo"](chart.valToPos(x, "x", true) + offset, chart.valToPos(line.y[i], "y", true));
+          isBroken = !isKnown;
+        });
         // A line with a remark is to be followed through the others.
         ctx.globalAlpha = line.remark ? 1 : 0.45;
         ctx.stroke();

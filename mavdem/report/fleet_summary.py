@@ -340,7 +340,7 @@ class HealthSummary(NamedTuple):
     """Number of vehicles whose motors are healthy."""
 
     reason: str
-    """Why the motors of the only urgent vehicle are judged as they are; empty where a list follows that says it."""
+    """Why the motors of the only urgent vehicle are judged as they are; empty of several."""
 
     next_steps: list[str]
     """What to do next about each urgent vehicle, unless a list that follows says it: "Do not fly" first, then the most
@@ -381,7 +381,9 @@ def _health_summary(
         urgent_list = f"first {urgent[0].label}"
         advised = []
     elif lists_follow:
-        urgent_list = listed(vehicle.label for vehicle in urgent)
+        urgent_list = listed(_label_with_level(vehicle) for vehicle in urgent)
+        if len(urgent) == 1:
+            reason = _reason(urgent[0])
     elif len(urgent) == 1:
         urgent_list = _urgent_text(urgent[0])
         reason = _reason(urgent[0])
@@ -435,6 +437,11 @@ def _labelled_by_urgency(
         subject = "" if len(vehicles) == 1 else f"{label}: "
         labelled_vehicles.append(_LabelledVehicle(label, subject, flights))
     return labelled_vehicles
+
+
+def _label_with_level(vehicle: _LabelledVehicle) -> str:
+    """Returns the label of a vehicle that needs a look, and in parentheses the level that the list of vehicles has."""
+    return f"{vehicle.label} ({vehicle.flights.last.badge_level})"
 
 
 def _urgent_text(vehicle: _LabelledVehicle) -> str:

@@ -161,7 +161,8 @@ def _warning_lights(flight: AxisRows) -> str:
     """Returns the cell with the status lights of a flight that warn, such as "motors bad, vibration watch".
 
     A status light is the judgement of one part of the vehicle, such as its motors, with a level. Bad ones come first,
-    then those to be watched.
+    then those to be watched. What is to be watched of the recording is left out: it is no fault of the vehicle, and
+    mostly the same in all logs.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis; all have the same lights.
@@ -172,7 +173,8 @@ def _warning_lights(flight: AxisRows) -> str:
     texts = []
     for level in (Level.BAD, Level.WATCH):
         for light in Light:
-            if light_level(flight, light) is level:
+            is_remark_on_recording = light is Light.LOG and level is Level.WATCH
+            if light_level(flight, light) is level and not is_remark_on_recording:
                 texts.append(f"{light} {level}")
     return ", ".join(texts)
 

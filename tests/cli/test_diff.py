@@ -208,7 +208,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     # Pitch lost as much without another gain.
     assert headlines[1].startswith("Changed: phase margin on pitch 57 → 17°")
     assert headlines[2].startswith(
-        "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2 and 1 more gain or filter of rates (yaw); by them phase margin on roll"
+        "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2; by them phase margin on roll"
     )
     on_terminal = headline_of_comparison(reviewed)
     for sentence, headline in zip(on_terminal[1:], headlines[1:], strict=True):

@@ -66,7 +66,9 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     explained = replace(weak, health_reason=reason)
     assert f"Why: {reason}" in plain_text(fleet_blocks([explained]))
     # A page has a list of the vehicles, which says it.
-    assert "Why:" not in plain_text(fleet_blocks([explained], lists_follow=True))
+    assert "beta (bad).\n\nWhy: Motor 2 lost" in plain_text(
+        fleet_blocks([explained], lists_follow=True)
+    )
     motors = fleet_summary.motor_health_by_vehicle(vehicle_summaries([explained]))["beta"]
     assert motors == {"health": "fault", "sentence": reason, "next_step": inspect}
     lost = flight_row("beta", 0, health="unknown", headline="It fell.", headline_level="bad")

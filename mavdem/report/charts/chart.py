@@ -63,7 +63,7 @@ class LineStyle(StrEnum):
     """A dot for each value, with a whisker for its band."""
 
     JOINED_DOTS = "joined"
-    """Dots with whiskers, joined by a thin line from each known value to the next."""
+    """Dots with whiskers, joined by a thin line that is broken at unknown values."""
 
     STEMS = "stems"
     """A vertical line from 0 to each value, as correlations are drawn."""

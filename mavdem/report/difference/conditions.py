@@ -96,12 +96,13 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         reviewed: comparison of two states.
     """
     before, after = reviewed.difference.conditions
+    are_single_flights = max(reviewed.difference.flights) == 1
     voltages = (_cell(before.voltage, 1), _cell(after.voltage, 1))
     motor_outputs = (_percent_cell(before.collective), _percent_cell(after.collective))
     rows = [
         ConditionRow(BATTERY, "V", voltages),
         ConditionRow(MOTOR_OUTPUT, "%", motor_outputs),
-        *wind_rows(reviewed.reviews),
+        *(wind_rows(reviewed.reviews) if are_single_flights else _wind_rows_of_fleets(reviewed)),
         ConditionRow("mean roll and pitch", "°", (_lean_cell(before), _lean_cell(after))),
     ]
     for axis in AXES:
@@ -113,6 +114,30 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
             rows.append(ConditionRow(f"wind torque on {axis}", "°/s²", cells))
     rows += vibration_rows(reviewed)
     return [row for row in rows if row.is_known]
+
+
+def _wind_rows_of_fleets(reviewed: ReviewedDifference) -> list[ConditionRow]:
+    """Returns a row with the range of the wind speeds of the flights of each side, m/s, and in how many it is known.
+
+    Args:
+        reviewed: comparison of two states, one or both of several flights.
+    """
+    cells = []
+    states = zip(reviewed.difference.conditions, reviewed.difference.flights, strict=True)
+    for conditions, flight_count in states:
+        speeds = conditions.wind_speeds
+        if not speeds:
+            cells.append(UNKNOWN_FIGURE)
+            continue
+        speed_range = " to ".join(dict.fromkeys((f"{speeds[0]:.1f}", f"{speeds[-1]:.1f}")))
+        is_known_of_all = len(speeds) == flight_count
+        cells.append(
+            speed_range
+            if is_known_of_all
+            else f"{speed_range} ({len(speeds)} of {flight_count} flights)"
+        )
+    before, after = cells
+    return [ConditionRow(WIND, "m/s", (before, after))]
 
 
 def wind_rows(reviews_by_side: Mapping[str, Review]) -> list[ConditionRow]:

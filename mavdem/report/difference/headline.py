@@ -349,16 +349,21 @@ def with_evidence(
         difference: comparison of the two states, with the names of the motors.
 
     Returns:
-        The sentences; the one on the motors ends with "This agrees with …" if there is evidence.
+        The sentences; the one on the motors ends with "This agrees with …" if there is evidence, and says whether that
+        is a sure change by itself.
     """
     if not motors.evidence:
         return [*sentences]
     changes = listed(change_text(change, difference) for change in motors.evidence)
+    outcomes = {change.outcome for change in motors.evidence}
+    certainty = ""
+    if outcomes == {QuantityOutcome.CHANGED}:
+        certainty = ", sure by itself" if len(motors.evidence) == 1 else ", each sure by itself"
     lead_of_motors = f"{Light.MOTORS.capitalize()}:"
     extended_sentences = []
     for sentence in sentences:
         if sentence.lead == lead_of_motors:
-            text = f"{sentence.text} This agrees with {changes}."
+            text = f"{sentence.text} This agrees with {changes}{certainty}."
             sentence = Sentence(text, lead=lead_of_motors)
         extended_sentences.append(sentence)
     return extended_sentences

@@ -432,6 +432,13 @@ def test_conditions_of_both_flights_stand_on_page_and_terminal():
     assert "wind 3.2 (2.5 to 3.9) m/s in A, not known in B" in sentence.text
     assert "mean motor output 40 → 55 %" in sentence.text
     assert "mean motor output (%)" in comparison_page(("a.bin", "b.bin"), reviewed)
+    # Of a fleet the wind is known by flight.
+    fleet = [
+        flight_row("quad", number, wind_speed=speed) for number, speed in ((0, 3.0), (1, None))
+    ]
+    windy = [flight_row("quad", number, wind_speed=number + 2.0) for number in (2, 3)]
+    (sentence,) = condition_sentence(reviewed_difference(vehicle_difference(fleet, windy)))
+    assert "wind 3.0 (1 of 2 flights) → 4.0 to 5.0 m/s" in sentence.text
 
 
 def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(difference):

@@ -62,7 +62,7 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     assert list(sections) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
     opened = [name for name, part in sections.items() if " open>" in part.split("<summary>")[0]]
     assert opened == ["quad-1"]
-    assert "1 of 5 vehicles needs a look: quad-1.<" in text
+    assert "1 of 5 vehicles needs a look: quad-1 (bad).<" in text
     assert ">motor 3 works harder.</span>" in sections["quad-1"]
     # That nothing is wrong is said once, at the top: the vehicle's line has nothing to add.
     last_cells = '<span>2026-01-08</span><span class="words"> <a href='
@@ -106,7 +106,7 @@ def test_a_lost_flight_without_figures_needs_a_look():
     rarer = FlightRow(file="3", status="No inputs.", status_code="motors_missing")
     text = fleet_page([flight_row("quad", 0, health="unknown", **lost), rarer, *unused])
     assert text.index("Never airborne</td>") < text.rindex("No inputs.</td>")
-    assert "1 of 1 vehicle needs a look: quad.<" in text
+    assert "1 of 1 vehicle needs a look: quad (bad).<" in text
     assert "Lost at 70.9 s." in parts(text)["quad"]
     assert "Not judged: No settled flight." in text and "Their logs allow no figures (1)." in text
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text

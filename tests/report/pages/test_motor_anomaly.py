@@ -309,7 +309,9 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     difference = difference._replace(changes=(sure, *rest))
     reviews = judged_reviews(health="fault", suspect_motor=1, fault_probability=0.97)
     headline = " ".join(texts(headline_of_comparison(reviewed_difference(difference, reviews))))
-    assert "This agrees with motor 1's relative trim +16 % (+10 to +22 %)." in headline
+    assert (
+        "This agrees with motor 1's relative trim +16 % (+10 to +22 %), sure by itself." in headline
+    )
     assert "Changed:" not in headline
 
 
