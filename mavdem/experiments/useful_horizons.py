@@ -1,4 +1,4 @@
-"""Horizons up to which forecasts are useful: where they beat the last sample, and a constant in nearly all windows.
+"""Horizons up to which forecasts are useful: they explain half of the motion, and rarely do worse than a constant.
 
 Every forecast becomes worse with its horizon. Whoever uses one must know how far ahead that is possible.
 """
@@ -16,11 +16,18 @@ It is the share of samples that a band of 90 % leaves outside.
 """
 
 
+MAX_USEFUL_RATIO = 0.5
+"""Largest error ratio of a useful forecast: it then explains at least half of the variance; a choice."""
+
+
 class HorizonUse(NamedTuple):
     """How the forecasts of one method compare with the trivial forecasts at one horizon, over all flights."""
 
     seconds: float
     """The horizon, s."""
+
+    error_ratio: float
+    """Median error ratio of the method."""
 
     windows: int
     """Number of windows."""
@@ -37,9 +44,14 @@ class HorizonUse(NamedTuple):
         return self.worse_than_constant > MAX_WORSE_SHARE * self.windows
 
     @property
+    def is_inaccurate(self) -> bool:
+        """Whether the forecast explains less than half of the variance (``MAX_USEFUL_RATIO``)."""
+        return self.error_ratio > MAX_USEFUL_RATIO
+
+    @property
     def is_useful(self) -> bool:
-        """Whether the method beats the last sample, and a constant in nearly all windows."""
-        return not self.is_hold_better and not self.is_often_worse_than_constant
+        """Whether the method is accurate, beats the last sample, and beats a constant in nearly all windows."""
+        return not (self.is_inaccurate or self.is_hold_better or self.is_often_worse_than_constant)
 
 
 def horizon_uses(comparison: Comparison, method: str, kind: ForecastKind) -> list[HorizonUse]:
@@ -58,12 +70,17 @@ def horizon_uses(comparison: Comparison, method: str, kind: ForecastKind) -> lis
     of_hold = summaries.get(HOLD_LAST)
     uses = []
     for index, seconds in enumerate(of_method["horizon_seconds"]):
+        error_ratio = of_method["horizons"][index]
         is_hold_better = False
         if of_hold is not None:
-            is_hold_better = bool(of_hold["horizons"][index] <= of_method["horizons"][index])
+            is_hold_better = bool(of_hold["horizons"][index] <= error_ratio)
         uses.append(
             HorizonUse(
-                seconds, of_method["windows"], of_method["horizons_worse"][index], is_hold_better
+                seconds,
+                error_ratio,
+                windows=of_method["windows"],
+                worse_than_constant=of_method["horizons_worse"][index],
+                is_hold_better=is_hold_better,
             )
         )
     return uses

@@ -19,7 +19,11 @@ from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
 from mavdem.experiments.run_time import RunTimeEstimate
 from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
-from mavdem.experiments.useful_horizons import MAX_WORSE_SHARE, horizon_uses
+from mavdem.experiments.useful_horizons import (
+    MAX_USEFUL_RATIO,
+    MAX_WORSE_SHARE,
+    horizon_uses,
+)
 from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
@@ -275,6 +279,12 @@ def _use_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]
         is_always_useful=useful == uses,
         has_hold=HOLD_LAST in comparison.methods_of(kind),
         better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
+        max_ratio=MAX_USEFUL_RATIO,
+        inaccurate=[
+            (_seconds_text(use.seconds), _short_number(use.error_ratio))
+            for use in uses
+            if use.is_inaccurate
+        ],
         hold_better=[_seconds_text(use.seconds) for use in uses if use.is_hold_better],
         often_worse=[
             (_seconds_text(use.seconds), use.worse_than_constant)
