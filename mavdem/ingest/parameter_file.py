@@ -10,6 +10,8 @@ import re
 from dataclasses import replace
 from math import isfinite
 
+import numpy as np
+
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, SourceFact
 from mavdem.files import PathName
@@ -112,7 +114,8 @@ def parameter_files(parameters: Parameters, vehicle: Telemetry, purpose: str) ->
     qgroundcontrol_text = header
     mission_planner_text = header
     for name, value in parameters.items():
-        digits = f"{value:.9g}"
+        # Autopilots keep parameters as float32: the fewest digits that are the same number are read best.
+        digits = np.format_float_positional(np.float32(value), trim="-")
         columns = (str(vehicle.system), str(vehicle.component), name, digits, str(REAL32))
         qgroundcontrol_text += "\t".join(columns) + "\n"
         mission_planner_text += f"{name},{digits}\n"

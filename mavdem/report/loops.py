@@ -192,12 +192,26 @@ def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
         remedies.insert(0, advice_on_gains.remedy)
     texts_in_next_step = _texts_in_next_step(tuning)
     next_step = str(tuning.judgement.next_step).lower()
+    remedies_of_flight = [fault.remedy for fault in faults_besides_loops(tuning.judgement)]
     steps = []
     for remedy in _without_contained_texts([*dict.fromkeys(remedies)]):
         is_contained = remedy.removesuffix(".").lower() in next_step
         if remedy not in texts_in_next_step and not is_contained:
-            steps.append(remedy)
-    return steps
+            steps.append(_without_texts(remedy, remedies_of_flight))
+    return [step for step in steps if step]
+
+
+def _without_texts(text: str, texts_beside: Iterable[str]) -> str:
+    """Returns a text without the sentences in it that stand in other texts beside it; it may be empty.
+
+    Args:
+        text: one or several sentences.
+        texts_beside: the other texts, each of which may be a part of it.
+    """
+    for other in texts_beside:
+        if other:
+            text = text.replace(other, "")
+    return " ".join(text.split())
 
 
 def _sentences_towards_gains(
@@ -241,8 +255,13 @@ def _needs_doublets_after_next_step(tuning: Tuning) -> bool:
 
 
 def _has_next_step_on_loops(judgement: Judgement) -> bool:
-    """Returns whether the next step is about the control loops, and not about a repair, say."""
+    """Returns whether the next step leads to gains: it is about the control loops, and not about a repair, say.
+
+    To lower the gains of a vehicle that oscillates is such a repair: margins are known only from a flight after it.
+    """
     next_step = judgement.next_step
+    if judgement.headline.code is MarginsLight.OSCILLATES:
+        return False
     reason = next_step.figures.get("reason")
     is_action_on_loops = isinstance(reason, Fact) and isinstance(reason.code, LoopAction)
     return is_action_on_loops or is_about_loops(next_step, judgement)
@@ -583,6 +602,9 @@ def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str
     if len(axes) > 1:
         reason = _fact_on_axes(reason, listed(axes))
     report = _joined_sentences([reason], headline_above)
+    findings_of_flight = [headline(fault) for fault in faults_besides_loops(tuning.judgement)]
+    # What the summary says of the flight is not repeated beside another reason.
+    report = _without_texts(report, findings_of_flight) or report
     if not report:
         # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]

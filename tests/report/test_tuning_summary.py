@@ -1,5 +1,6 @@
 """What stands first in the report of ``mavdem tune``: its headline, and what to do next."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -97,6 +98,20 @@ def test_a_measured_lack_of_margin_names_the_other_axes_that_lack_it():
         "Little margin: the pitch rate loop has Ms 2.2 to 2.3 at 19 Hz by the measured response of the rate "
         "(at most 2 is good; coherence 0.94). The roll rate loop is below the margin goal, too."
     )
+
+
+def test_what_the_flight_shows_and_needs_is_said_once():
+    """A motor at its limit is a finding of the flight, and one of two reasons against gains."""
+    other = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, names=("motor 2",), share=0.2)
+    tuning = tuning_of(NOT_STEERED, NOT_STEERED, {})
+    lights = {**tuning.judgement.lights, Light.MOTORS: LIMITED}
+    judgement = replace(tuning.judgement, lights=lights)
+    reasons = Fact(LoopFact.NO_LOOP, reasons=(other, LIMITED))
+    tuning = tuning._replace(judgement=judgement, axes={"roll": reasons})
+    [sentence] = tune_blocks(tuning, is_full=False)
+    assert "motor 2" in sentence.text and "motor 1" not in sentence.text
+    needs = [line for line in tune_summary(tuning, NOT_STEERED) if "For gains" in line.lead]
+    assert not any(LIMITED.remedy in line.text for line in needs)
 
 
 @mark.parametrize(

@@ -62,7 +62,10 @@ def parameter_sets(
         gains_to_lower: gains of axes for which none can be computed, by the autopilot's names (:func:`lowered_gains`).
     """
     sets = list[ParameterSet]()
-    parameters_of_first_set = {name: gain.set for name, gain in gains_to_lower.items()}
+    # A third less of a float32 has many digits; tables and sentences show four.
+    parameters_of_first_set = {
+        name: float(f"{gain.set:.4g}") for name, gain in gains_to_lower.items()
+    }
     parameters_of_first_set |= notch_parameters
     for stage, heading in STAGE_HEADINGS.items():
         parameters_of_stage = dict[str, float]()
