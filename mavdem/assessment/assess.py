@@ -534,16 +534,16 @@ def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
 def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     """Removes advice to fly from the facts about the wind, for a vehicle that must not fly as it is.
 
-    A fact that says why a quantity of the wind, such as its direction, is not known usually advises to fly legs in
-    several directions. After a crash, or with an oscillation, that advice would be dangerous. What to fly to know the
-    wind better is only said for the time when the vehicle may fly again.
+    Where the direction of the wind is not known, for example, its fact advises to fly legs in several directions. After
+    a crash, or with an oscillation, that would be dangerous.
 
     Args:
-        wind: the wind in m/s, or the reason why it is not known.
+        wind: the estimated wind with facts, by quantity, that say why one is not known, and a fact that advises how to
+            know the wind better; or the reason why there is no estimate.
 
     Returns:
-        The same evidence with every such fact replaced by its form without advice
-        (:attr:`mavdem.facts.Fact.without_flight_advice`).
+        The same with each of these facts replaced by :attr:`mavdem.facts.Fact.without_flight_advice`: reasons have no
+        remedy then, and the advice begins with the condition that the vehicle may fly again.
     """
     estimate = wind.estimate
     reason_unknown = wind.reason
@@ -551,7 +551,6 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
         reasons = {name: fact.without_flight_advice for name, fact in estimate.reasons.items()}
         advice = estimate.advice
         if advice is not None:
-            # It then begins with the condition that the vehicle may fly again.
             advice = advice.without_flight_advice
         estimate = replace(estimate, reasons=reasons, advice=advice)
     if reason_unknown is not None:

@@ -177,7 +177,8 @@ def _armed_seconds(signals: Signals) -> float | None:
 def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillation | None:
     """Looks for a limit cycle of the vehicle's motors and tilt, first in settled flight and then in all flight.
 
-    All flight is searched too because a vehicle may swing so much that its flight does not count as settled.
+    All flight is searched too because a vehicle may swing so much that its flight does not count as settled. If the
+    attitude is logged too slowly to show the frequency, the gyro may show it (:func:`with_unaliased_frequency`).
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -115,14 +115,15 @@ class _Contact:
         return ContactSearch(self.sensors, self._flight_start, self.loss)
 
     def event(self) -> Fact | None:
-        """Returns the contact as a fact (a code with figures); None after a usual landing, or if the flight continues.
+        """Returns the fact that the flight ended with a crash or hard landing, and when; None if it did not.
 
-        1. The search ends when the vehicle rests; otherwise with the record, if that ends soon after the loss or the
-           flight; otherwise some seconds after the loss of attitude.
+        1. The search ends where the vehicle comes to rest. If it never does, it ends with a log that stops soon after
+           the flight, or else some seconds after the loss of attitude; without either, the flight goes on.
         2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before that end
            (:meth:`ContactSearch.contact_time`).
-        3. At least ``MIN_SUPPORT`` independent sensor facts must show that it was not a landing. If no accelerometer
-           could show a knock, a sudden stop of the estimated descent is enough.
+        3. An ordinary landing is a contact, too. At least ``MIN_SUPPORT`` facts, each from another sensor, must show
+           that it was none, such as a knock and an inclination at rest. If no accelerometer could show a knock, a
+           sudden stop of the estimated descent is enough.
         """
         rest = self._rest_after_flight()
         record_end = float(self.error.time[-1])
@@ -137,8 +138,8 @@ class _Contact:
         has_support = support_count(sensor_facts) >= MIN_SUPPORT
         if not has_support and not self._estimate_shows_impact(time):
             return None
-        # The search required already that the vehicle rested, or that the log ended. So this fact does not
-        # count towards ``MIN_SUPPORT``, and is only listed with the others.
+        # That the vehicle rested, or that the log ended, is how the search was bounded. So this fact does not count
+        # towards ``MIN_SUPPORT``, and is only listed with the others.
         end_fact = self._fact_about_end(time, rest, record_end)
         if end_fact is not None:
             sensor_facts = (*sensor_facts, end_fact)

@@ -76,10 +76,14 @@ def impossible_steps(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _measured_places(evidence: Evidence) -> Iterator[tuple[MeasuredPlace, TimeSeries | None]]:
-    """Yields each recorded place with its samples (N, k), m, in k directions; None for one that was not recorded.
+    """Yields each measurement or estimate of where the vehicle was: position, height or altitude, with its samples.
 
     Args:
         evidence: signals of the vehicle.
+
+    Yields:
+        What the samples are of, and N samples in m: (N, 2) positions north and east, (N,) heights or altitudes; None
+        for samples that were not recorded.
     """
     signals = evidence.signals
     for message in RECEIVER_MESSAGES:
@@ -91,19 +95,20 @@ def _measured_places(evidence: Evidence) -> Iterator[tuple[MeasuredPlace, TimeSe
 
 
 def _largest_impossible_step(flight: TimeSeries) -> _Step | None:
-    """Returns the largest step of a place in a flight that is faster than ``MAX_SPEED``; None without one.
+    """Returns the largest step from one sample to the next that is faster than ``MAX_SPEED``; None without one.
 
-    Samples that come late are followed by early ones, so that at least a usual interval counts as the time of a step.
+    A sample that was stamped late leaves little time to the next one, so that a usual movement would seem too fast. So
+    no step counts as shorter than the median interval.
 
     Args:
-        flight: samples (N,) or (N, k) of the place in one flight, m.
+        flight: samples (N,) or (N, k) of a position, height or altitude in one flight, m.
     """
     if len(flight.time) < 2:
         return None
     intervals = np.diff(flight.time)
-    counted_intervals = np.maximum(intervals, np.median(intervals))
+    least_durations = np.maximum(intervals, np.median(intervals))
     distances = _distances_between_samples(flight.values)
-    is_impossible = (distances > MIN_STEP) & (distances > MAX_SPEED * counted_intervals)
+    is_impossible = (distances > MIN_STEP) & (distances > MAX_SPEED * least_durations)
     if not is_impossible.any():
         return None
     largest = int(np.where(is_impossible, distances, 0.0).argmax())

@@ -496,11 +496,11 @@ class StatusLines:
         return unwatched_facts
 
     def _print_state(self, status: SessionStatus) -> None:
-        """Prints a line if the state has changed since the last line, or if that line was printed long ago.
+        """Prints a line with the state of the session when it changes, and again every ``UNCHANGED_STATE_PERIOD``.
 
-        The session itself reports alarms and reasons for learning no model when they begin. A state that has not
-        changed for ``UNCHANGED_STATE_PERIOD`` is repeated as a reminder, with the next step if that is new. While
-        something is bad, the next step follows each time. The fault of an earlier flight is printed where it is new.
+        The state is what :class:`PrintedState` holds: measured figures alone do not change it. The line of a new state
+        is followed by the next step only if something is bad, since the event that changed the state has been printed
+        with its advice; a repeated line is followed by a next step that was not printed before.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
@@ -512,11 +512,12 @@ class StatusLines:
         state = _state_to_print(status)
         now = monotonic()
         is_new = state != self._printed_state
-        if not is_new and now - self._print_time < UNCHANGED_STATE_PERIOD:
+        is_due = is_new or now - self._print_time >= UNCHANGED_STATE_PERIOD
+        if not is_due:
             return
-        is_at_rest = status.is_silent and not status.is_flying
-        if is_at_rest and not is_new:
-            # A vehicle that was switched off is no news, however long that lasts.
+        is_switched_off = status.is_silent and not status.is_flying
+        if is_switched_off and not is_new:
+            # The line is not repeated however long the vehicle stays switched off; only a new next step is news.
             self._print_next_step(status)
             return
         self._printed_state = state

@@ -95,14 +95,15 @@ QUICK_METHODS = (
 def expected_seconds(windows: Sequence[Window], methods: Sequence[Method], workers: int) -> float:
     """Returns how long methods are expected to take on windows, s; a run may well take half or twice of that.
 
-    The processor time of a method is taken as proportional to the samples of a window.
+    The processor time of a method is taken as proportional to the samples of a window. It is known for a window of the
+    default length at 100 Hz (``Method.window_seconds``).
 
     Args:
         windows: windows to compare.
         methods: methods to compare.
         workers: number of processes that share the work.
     """
-    default_samples = sum(part_samples(dt=0.01))
+    samples_of_known_window = sum(part_samples(dt=0.01))
     samples = sum(window.stop - window.start for window in windows)
     seconds_per_window = sum(method.window_seconds for method in methods)
-    return samples / default_samples * seconds_per_window / workers
+    return samples / samples_of_known_window * seconds_per_window / workers

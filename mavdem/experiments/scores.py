@@ -119,7 +119,7 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
     Returns:
         Steps, ascending: the ``HORIZONS`` that are shorter than the test part, and its whole length.
     """
-    # A horizon lasts as long at every rate, to the nearest sample; at low rates several are one step ahead.
+    # A horizon is the same time at every rate. At low rates several are rounded to one step, which counts once.
     steps = {max(1, round(horizon / REFERENCE_RATE / dt)) for horizon in HORIZONS}
     shorter_steps = [step for step in sorted(steps) if step < samples]
     return (*shorter_steps, samples)

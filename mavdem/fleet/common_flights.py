@@ -72,15 +72,16 @@ def _flights_in_common(flights: Flights, other_flights: Flights) -> list[AxisRow
 
 
 def _is_same_flight(row: FlightRow, other_row: FlightRow) -> bool:
-    """Returns whether two rows are of one flight: of logs with the same content, or of two recordings of one flight.
+    """Returns whether two rows are of one flight: of copies of a log, or of two recordings of the flight.
 
-    A vehicle cannot fly twice at once, so that its flights that overlap in time are one. That holds for names of a
-    single vehicle alone, and not for a MAVLink system id, which many vehicles share, nor for the clock of a simulator.
+    A vehicle cannot fly twice at once, so that flights which overlap in time are one. That says nothing of vehicles
+    without a name of their own, since many share a MAVLink system id, nor of a simulator, whose clock is not real.
     """
     if row.key and row.key == other_row.key:
         return (row.system, row.component) == (other_row.system, other_row.component)
     if row.vehicle != other_row.vehicle or not row.has_own_name or row.simulated:
         return False
+    # Whichever of both begins first, the other one begins before its end.
     return overlap_in_time(row, other_row) and overlap_in_time(other_row, row)
 
 

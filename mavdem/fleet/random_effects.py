@@ -195,12 +195,13 @@ class QuantityChange(NamedTuple):
 
     @property
     def is_explained_by_lean(self) -> bool:
-        """Whether a change of a trim, sure or doubtful, comes from another lean of the vehicle.
+        """Whether a change of a motor's trim, sure or doubtful, comes only from another lean of the vehicle.
 
-        Without the part that lean makes, its interval then contains "no change", and less than half of it is left.
+        In other wind a vehicle leans otherwise, for which its motors must work otherwise. Lean explains the change if,
+        without its effect, less than ``MAX_REMAINING_PART`` of the difference is left and that may be chance.
         """
-        is_sign = self.outcome is QuantityOutcome.CHANGED or self.is_doubtful
-        if self.without_lean is None or not is_sign:
+        seems_changed = self.outcome is QuantityOutcome.CHANGED or self.is_doubtful
+        if self.without_lean is None or not seems_changed:
             return False
         remaining_difference = abs(self.without_lean.tested_difference)
         is_most_explained = remaining_difference < MAX_REMAINING_PART * abs(self.tested_difference)

@@ -22,7 +22,8 @@ class FlightAnalysis:
         judging: judges that model.
         latencies: measures how late the estimates of the flight come.
         postponed_rows: number of rows of free flight that this computer had no time to learn from.
-        no_rows_reason: why there were no rows in flight when that was last so; None before.
+        unusable_messages_reason: why the latest messages in flight that no motion could be computed from were
+            unusable, such as that the attitude was missing; None if there were none.
     """
 
     def __init__(
@@ -48,4 +49,4 @@ class FlightAnalysis:
         self.judging = ModelJudging(executor, recording_name)
         self.latencies = LatencyMeter()
         self.postponed_rows = 0
-        self.no_rows_reason: Fact | None = None
+        self.unusable_messages_reason: Fact | None = None

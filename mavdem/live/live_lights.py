@@ -93,18 +93,22 @@ def _reason_not_watched(
 ) -> Fact | None:
     """Returns why a quantity of the vehicle is not watched for faults at present, as a fact; None if it is watched.
 
+    For example, the vibration is not watched if the autopilot does not send VIBRATION.
+
     Args:
         quantity: what may be watched, such as the vibration.
         watch_facts: a fact for each quantity, by its name. Its figure "reason" is why the quantity is not watched, or
-            None if it is. There are no such facts before the first messages of the vehicle.
+            None if it is. There are no such facts before the first messages of the vehicle, and not yet one for each
+            quantity just after them.
         no_model_reason: why no model of the vehicle is learned, such as that no messages come.
     """
-    if not watch_facts:
-        # Without messages nothing can be watched, for the reason that there is no model either.
+    no_messages_came = not watch_facts
+    if no_messages_came:
+        # For want of messages there is no model, and nothing can be watched.
         return no_model_reason
     watch_fact = watch_facts.get(quantity)
     if watch_fact is None:
-        # Just after the first messages it is not known yet which messages come.
+        # It is not known yet whether the messages that this quantity needs come, and how fast.
         return Fact(RowsFact.RATES_BEING_MEASURED)
     reason: Fact | None = watch_fact.figures["reason"]
     return reason

@@ -99,9 +99,12 @@ class Milestones:
     ) -> None:
         """Reports what has become known since the last call, about a second ago.
 
-        Once for each flight it reports that the physical parameters are known, and what the flight has shown when it
-        has ended by a landing or a loss. It also keeps the verdict on each flight, how it is judged and whether it was
-        lost in the air, until the end of the session.
+        Once for each flight it reports that the physical parameters are known and, when the vehicle has landed or is
+        lost, what the flight has shown. The verdict on each flight, which says how it is judged and whether the vehicle
+        was lost in the air, is kept until the end of the session.
+
+        A restart is noted first, since it says that the flight before it was lost, and a new flight before its verdict
+        replaces that of the former one. A landing is noted before it is reported.
 
         Args:
             learning: the learning of the flight, with the latest physical parameters.

@@ -61,13 +61,14 @@ MAX_REST_ANALYSIS_SECONDS = 2.0
 """Longest time for which the end of a session waits for the analysis of its last messages, s: a choice; browsers wait
 for 5 s for the last page of a server."""
 
-NO_ROWS_CODES = (
+UNUSABLE_MESSAGES_CODES = (
     RowsFact.NO_LIVE_ATTITUDE,
     RowsFact.ATTITUDE_ASKED,
     RowsFact.NO_LIVE_MOTORS,
     RowsFact.LIVE_RATES_TOO_LOW,
 )
-"""Codes of the reasons why there are no rows, and so no model of the flight."""
+"""Codes of the reasons why no model is learned from the messages that come: attitude or motor outputs are missing or
+unusable, or they come too slowly."""
 
 
 NOT_FOLLOWED_CODES = (
@@ -722,36 +723,43 @@ class LiveSession:
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
 
-        There is no report
-
-        - if the link has been lost in flight for so short a time that this is no alarm yet;
-        - if only measured figures of the reason change, such as rates;
-        - if the reason is that the flight is over, and that was reported already;
-        - if another report says the same (:meth:`_is_covered_by_other_report`).
+        A link that was lost in flight only a moment ago is no change: if it comes back, nothing has happened. Nor is a
+        reason of which only measured figures differ, such as rates. Every other change is remembered, so that it is not
+        taken for a change once more; but it is reported only if no other report says the same.
 
         Args:
             status: the present status, with the reason.
         """
         link_loss = status.link_loss
-        # If the link is lost in flight, that is the reason.
         reason = status.no_model_reason if link_loss is None else link_loss
-        if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
-            # At the end of the session this reason is still needed, but the vehicle no longer flies.
-            self.flight.no_rows_reason = reason
+        if status.is_flying and reason is not None and reason.code in UNUSABLE_MESSAGES_CODES:
+            # At the end of the session this is why there is no model, also if the vehicle no longer flies then.
+            self.flight.unusable_messages_reason = reason
         is_short_link_loss = link_loss is not None and not link_loss.is_bad
-        if is_short_link_loss:
-            return
         former_reason = self._reported_reason
-        if _without_measurements(reason) == _without_measurements(former_reason):
+        is_same_reason = _without_measurements(reason) == _without_measurements(former_reason)
+        if is_short_link_loss or is_same_reason:
             return
         self._reported_reason = reason
-        if reason is not None and reason.code is SessionFact.FLIGHT_OVER:
-            was_end_reported = self._ended_flight == status.flight_number
-            if was_end_reported:
-                return
-            self._ended_flight = status.flight_number
+        if self._is_repeated_end_of_flight(reason, status.flight_number):
+            return
         if not self._is_covered_by_other_report(reason, former_reason, status):
             self._presentation.log(_report_on_learning(reason, status))
+
+    def _is_repeated_end_of_flight(self, reason: Fact | None, flight_number: int) -> bool:
+        """Returns whether a reason is the end of a flight that it was before, and notes the end if it is a new one.
+
+        Between the two the reason may have been another, such as that no messages came for a while.
+
+        Args:
+            reason: why no model is learned now; None if one is.
+            flight_number: number of the latest flight of the session.
+        """
+        if reason is None or reason.code is not SessionFact.FLIGHT_OVER:
+            return False
+        is_repeated = self._ended_flight == flight_number
+        self._ended_flight = flight_number
+        return is_repeated
 
     def _is_covered_by_other_report(
         self, reason: Fact | None, former_reason: Fact | None, status: SessionStatus
@@ -862,8 +870,8 @@ class LiveSession:
                 from most samples; or the reason that the learner states.
         """
         has_samples = self.flight.learning.learner is not None
-        if not has_samples and self.flight.no_rows_reason is not None:
-            raise NotLearnable(self.flight.no_rows_reason)
+        if not has_samples and self.flight.unusable_messages_reason is not None:
+            raise NotLearnable(self.flight.unusable_messages_reason)
         # A reason of another code says that no vehicle has sent anything yet; then the learner's own reason says more.
         not_followed_reason = self.stream.not_followed_reason
         if not_followed_reason is not None and not_followed_reason.code in NOT_FOLLOWED_CODES:
@@ -900,7 +908,7 @@ class LiveSession:
         """
         learning = self.flight.learning
         if learning.learner is None:
-            return self.flight.no_rows_reason
+            return self.flight.unusable_messages_reason
         has_parameters = learning.estimate is not None and learning.estimate.physical is not None
         if has_parameters:
             return None

@@ -916,27 +916,29 @@ class SessionStatus(ImmutableResult):
         return Fact(SessionFact.TOO_LITTLE_RECEIVED, has_rows=has_rows)
 
     def _without_unanswered_requests(self, judgement: Judgement) -> Judgement:
-        """Replaces the advice to request a message, such as VIBRATION, that was requested already and does not come.
+        """Replaces the advice to request a message that was requested already and does not come.
 
-        The light (judgement) of a part that is unknown without the message has such advice, and the next step may be
-        the same advice.
+        For example, without the message VIBRATION the vibration is unknown, and its status light advises to request
+        that message. If the autopilot does not answer the request, the light has to advise something else, and so has
+        the next step where it repeats the advice of the light.
 
         Args:
-            judgement: judgement of the flight so far.
+            judgement: judgement of the flight so far: status lights (one for each part of the vehicle) and next step.
 
         Returns:
-            The judgement with corrected lights and, if it was such a request, another next step.
+            The judgement with such lights and such a next step replaced; all others are as before.
         """
         lights = dict(judgement.lights)
         for part, light in lights.items():
             if self._advises_unanswered_request(light):
-                # By this figure the light says that the message was requested, and advises something else.
+                # The sentence of a light with this figure is that the message was requested in vain.
                 lights[part] = light.replace(is_asked=True)
         if lights == judgement.lights:
             return judgement
         next_step = judgement.next_step
-        advised_fact = next_step.figures.get("reason")
-        if isinstance(advised_fact, Fact) and self._advises_unanswered_request(advised_fact):
+        repeated_light = next_step.figures.get("reason")
+        if isinstance(repeated_light, Fact) and self._advises_unanswered_request(repeated_light):
+            # No step is offered that improves the model, which matters less than a part that is not judged.
             next_step = choose_next_step(judgement.headline, lights, model_step=None)
         return replace(judgement, next_step=next_step, lights=lights)
 

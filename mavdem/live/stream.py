@@ -523,7 +523,7 @@ class LiveStream:
 
     @property
     def _is_vehicle_unknown(self) -> bool:
-        """Whether no vehicle has been received that can be followed."""
+        """Whether no vehicle has been found yet that can be followed."""
         reason = self._vehicles.not_followed_reason
         return reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET
 

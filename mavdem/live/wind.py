@@ -125,25 +125,25 @@ class WindEstimate:
 
     @cached_property
     def compass(self) -> CompassWind:
-        """The same estimate as speed and direction with their 90 % intervals, instead of north and east components.
+        """The estimate as speed, m/s, and direction that the wind comes from, degrees, with their 90 % intervals.
 
-        The direction is also as uncertain as the autopilot's heading, by which north is known, whose standard deviation
-        is ``HEADING_SD``. The two errors are independent, so that the root of the sum of their squares is taken.
+        An error of the autopilot's heading (standard deviation ``HEADING_SD``, degrees) turns the direction as much. It
+        is independent of the error of the velocity, so that the half widths of their intervals add as root of the sum
+        of squares.
         """
-        # The function takes many estimates, here a single one.
-        speeds, directions, speed_bands, direction_bands = speed_and_direction(
+        # The function takes arrays over time, here of length 1.
+        speeds, directions, speed_half_widths, direction_half_widths = speed_and_direction(
             self.velocity[None], self.band[None]
         )
-        speed = speeds[0]
-        speed_band = speed_bands[0]
-        heading_band = coverage_factor() * HEADING_SD
-        direction_band = min(np.hypot(direction_bands[0], heading_band), MAX_DIRECTION_BAND)
+        speed, speed_half_width = speeds[0], speed_half_widths[0]
+        heading_half_width = coverage_factor() * HEADING_SD
+        direction_half_width = np.hypot(direction_half_widths[0], heading_half_width)
         return CompassWind(
             speed,
-            speed_low=max(speed - speed_band, 0.0),
-            speed_high=speed + speed_band,
+            speed_low=max(speed - speed_half_width, 0.0),
+            speed_high=speed + speed_half_width,
             direction=directions[0],
-            direction_half_width=direction_band,
+            direction_half_width=min(direction_half_width, MAX_DIRECTION_BAND),
         )
 
     @property

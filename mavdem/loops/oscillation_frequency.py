@@ -32,7 +32,7 @@ than 3 dB below its corner frequency, and the rest is noise of the angle."""
 def with_unaliased_frequency(
     cycle: Oscillation, attitude: Attitude, gyro: TimeSeries | None
 ) -> Oscillation:
-    """Returns a limit cycle whose attitude is too slow to show its frequency, with that frequency.
+    """Returns a limit cycle, an oscillation of one axis, with the frequency that its slow attitude messages hide.
 
     Args:
         cycle: the limit cycle of one axis; one whose frequency is known is returned as it is.
@@ -49,15 +49,19 @@ def with_unaliased_frequency(
     if gyro is not None:
         body_rates.append(gyro)
     frequency = unaliased_frequency(body_rates, attitude.angle_series, cycle.span)
-    sampled_rates = [_values_and_rate(body_rate, cycle.span)[0] for body_rate in body_rates]
-    fastest = max(sampled_rates, key=len)
-    return cycle._replace(frequency=frequency, rate=float(np.degrees(fastest.std())))
+    # Each with its samples in the segment, rad/s. More of them show the amplitude better.
+    samples_of_rates = [_values_and_sampling_rate(rate, cycle.span)[0] for rate in body_rates]
+    most_samples = max(samples_of_rates, key=len)
+    return cycle._replace(frequency=frequency, rate=float(np.degrees(most_samples.std())))
 
 
 def unaliased_frequency(
     body_rates: Sequence[TimeSeries], angle: TimeSeries, span: Segment
 ) -> float | None:
     """Returns the frequency of an oscillation of one axis from messages that may come more slowly than it oscillates.
+
+    In slow samples an oscillation shows at a lower frequency, its alias. Candidate frequencies are excluded whose
+    aliases do not show in each signal, and those that do not fit the ratio of body rate and angle.
 
     Args:
         body_rates: the body rate of the axis, rad/s, in messages of one or several rates. The first has the stamps of
@@ -78,26 +82,33 @@ def unaliased_frequency(
 
 
 def _share_at_aliases(signal: TimeSeries, span: Segment) -> Array:
-    """Returns how much of the variance of a signal is where each candidate frequency would show, as fractions (F,).
+    """Returns for each of the ``CANDIDATE_FREQUENCIES`` how much of a signal's variance is at its alias.
 
     Args:
         signal: samples at about even times.
-        span: segment of the flight to use; all fractions are 0 if it is shorter than a window.
+        span: segment of the flight to use.
+
+    Returns:
+        (F,) fractions of the variance; all are 0 if the segment is shorter than a window of the spectrum.
     """
-    values, sampling_rate = _values_and_rate(signal, span)
+    values, sampling_rate = _values_and_sampling_rate(signal, span)
     size = round(WINDOW_SECONDS * sampling_rate)
     if len(values) < max(size, 2):
         return np.zeros(len(CANDIDATE_FREQUENCIES))
     power = np.square(abs(windowed_transforms(values[None, :], size)[0])).sum(axis=0)
     frequency = np.fft.rfftfreq(size, 1 / sampling_rate)
-    cycles = CANDIDATE_FREQUENCIES / sampling_rate
-    alias = abs(cycles - np.round(cycles)) * sampling_rate
+    # A frequency f sampled at the rate r shows at its distance from the nearest multiple of r.
+    cycles_per_sample = CANDIDATE_FREQUENCIES / sampling_rate
+    alias = abs(cycles_per_sample - np.round(cycles_per_sample)) * sampling_rate
     is_in_line = abs(frequency - alias[:, None]) <= LINE_HALF_WIDTH
     return (power * is_in_line).sum(axis=1) / power.sum()
 
 
 def _frequency_by_angle(body_rate: TimeSeries, angle: TimeSeries, span: Segment) -> float:
-    """Returns the frequency, Hz, that the amplitudes of body rate and angle give, by their strongest common line.
+    """Returns the frequency of an oscillation by the ratio of the amplitudes of its body rate and its angle.
+
+    The rate is the derivative of the angle, so that its amplitude is 2 π f times that of the angle. Sampling does not
+    change amplitudes, so that this holds also for the aliases, of which the strongest line of the rate is used.
 
     Args:
         body_rate: body rate of the axis, rad/s.
@@ -105,10 +116,10 @@ def _frequency_by_angle(body_rate: TimeSeries, angle: TimeSeries, span: Segment)
         span: segment of the flight to use.
 
     Returns:
-        The frequency; NaN if the segment is shorter than a window.
+        The frequency, Hz; NaN if the segment is shorter than a window of the spectrum.
     """
-    rates, sampling_rate = _values_and_rate(body_rate, span)
-    angles, _ = _values_and_rate(angle, span)
+    rates, sampling_rate = _values_and_sampling_rate(body_rate, span)
+    angles, _ = _values_and_sampling_rate(angle, span)
     size = round(WINDOW_SECONDS * sampling_rate)
     if len(rates) < max(size, 2):
         return np.nan
@@ -121,12 +132,15 @@ def _frequency_by_angle(body_rate: TimeSeries, angle: TimeSeries, span: Segment)
     return float(np.sqrt(power_ratio) / (2 * np.pi))
 
 
-def _values_and_rate(signal: TimeSeries, span: Segment) -> tuple[Array, float]:
-    """Returns the samples of a signal in a segment of the flight, and their rate, Hz (0 with fewer than two)."""
+def _values_and_sampling_rate(signal: TimeSeries, span: Segment) -> tuple[Array, float]:
+    """Returns the N samples of a signal in a segment of the flight, (N,), and how many come in a second, Hz.
+
+    The sampling rate follows from the median interval; it is 0 with fewer than two samples.
+    """
     is_in_span = in_segments(signal, span)
     time = signal.time[is_in_span]
-    rate = 1 / float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    return signal.values[is_in_span], rate
+    sampling_rate = 1 / float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    return signal.values[is_in_span], sampling_rate
 
 
 def _middle_of_only_group(agrees: Flags) -> float | None:

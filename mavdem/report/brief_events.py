@@ -325,9 +325,9 @@ def _included_in_others(events: Sequence[Fact]) -> set[int]:
 
 
 def _became_loss(event: Fact, events: Sequence[Fact]) -> bool:
-    """Returns whether an event of the motion, such as an impact, is that with which the flight was lost.
+    """Returns whether an event, such as an impact, is the one by which the flight was lost.
 
-    The events then also have the loss itself, with the same time and the same evidence, and with what failed first.
+    The list of events then has the loss itself, too, which says the same, and what failed first.
 
     Args:
         event: the event, a coded finding.

@@ -111,16 +111,18 @@ def gain_changes(
     gains_to_lower: Mapping[str, Gain] = NO_GAINS,
     notch_parameters: Parameters = NO_PARAMETERS,
 ) -> GainChanges | None:
-    """Returns a table of the gains to set after a judged flight, and parameter files with them to download.
+    """Returns a table of the gains to set after a flight, and parameter files with them to download.
 
-    These are the advised gains of axes with a known loop, and the gains to lower on other axes. Advised gains that
-    another flight is to confirm are in a table of their own, and in no file.
+    Where the control loop of an axis was identified, its gains are computed (the advice). On other axes gains may have
+    to be lowered, for example because of an oscillation. If changes must not be loaded at once, each set that is flown
+    by itself has a table and files of its own.
 
     Args:
         log_name: name of the log, after which the files are named.
         vehicle: the vehicle, with its present parameters.
-        advice: advised gains by axis, or why there are none.
-        gains_to_lower: gains of axes for which none can be computed, by the autopilot's names.
+        advice: for each axis the advice on its gains, or a fact that says why there is none. Advice that is not sound
+            has to be confirmed by another flight: its gains are in a table of their own, and in no file.
+        gains_to_lower: gains of axes without advice, by the autopilot's names.
         notch_parameters: parameters of the notch filter that the advised gains presuppose; they are set together with
             the first set of gains.
 
@@ -128,19 +130,23 @@ def gain_changes(
         The tables with their files; None if no gain changes.
     """
     advice_on_loops = [each for each in advice.values() if isinstance(each, Advice)]
-    gains = {**_changed_gains(advice_on_loops), **gains_to_lower}
-    sets = parameter_sets(advice_on_loops, notch_parameters, gains_to_lower)
-    tried_gains = _changed_gains(each for each in advice_on_loops if not each.is_sound)
-    if not sets and not tried_gains:
+    parameter_sets_to_fly = parameter_sets(advice_on_loops, notch_parameters, gains_to_lower)
+    unconfirmed_gains = _changed_gains(each for each in advice_on_loops if not each.is_sound)
+    if not parameter_sets_to_fly and not unconfirmed_gains:
         return None
+    gains = {**_changed_gains(advice_on_loops), **gains_to_lower}
+    tables = []
+    for parameter_set in parameter_sets_to_fly:
+        stage = _stage_of_set(parameter_set, parameter_sets_to_fly)
+        tables.append(_table_of_set(parameter_set, stage, gains, vehicle))
+    log_stem = PurePath(log_name).stem
+    lowered_axes = _axes_of_gains(gains_to_lower, vehicle)
     return GainChanges(
-        tables=tuple(
-            _table_of_set(each, _stage_of_set(each, sets), gains, vehicle) for each in sets
-        ),
-        downloads=tuple(_downloads_of_sets(sets, PurePath(log_name).stem, vehicle)),
-        tried_gains=_table_of_tried_gains(tried_gains) if tried_gains else None,
-        cautions=tuple(_cautions_on_gains(advice, _axes_of_gains(gains_to_lower, vehicle))),
-        new_values=_new_values(sets, tried_gains),
+        tables=tuple(tables),
+        downloads=tuple(_downloads_of_sets(parameter_sets_to_fly, log_stem, vehicle)),
+        tried_gains=_table_of_tried_gains(unconfirmed_gains) if unconfirmed_gains else None,
+        cautions=tuple(_cautions_on_gains(advice, lowered_axes)),
+        new_values=_new_values(parameter_sets_to_fly, unconfirmed_gains),
     )
 
 

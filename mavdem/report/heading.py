@@ -24,7 +24,11 @@ class Heading(NamedTuple):
 
 
 def heading_of(fact: Fact, text: str) -> Heading:
-    """Divides the headline of a flight's page into the finding and its details.
+    """Divides the headline of a flight's page into the finding, in large letters, and its details below.
+
+    A headline that is short enough has no details. That of a lost flight is shortened first by what measured height and
+    descent; if it is still too long, the finding names only what failed first, and the
+    details are the causes in full. Any other headline is divided at a clause.
 
     Args:
         fact: the headline, a coded finding. If it is the verdict on one of several flights or vehicles, its figure
@@ -49,12 +53,12 @@ def heading_of(fact: Fact, text: str) -> Heading:
 
 
 def _without_source_of_height(ending: Fact) -> Fact:
-    """Returns how a flight was lost without what measured its height and descent, which the list of events names.
+    """Removes from the loss of a flight which sensors measured height and descent; the list of events names them.
 
-    A height that satellites contradict keeps both sources.
+    If satellites contradict the height, the sensors stay, since they say which height is meant.
 
     Args:
-        ending: how the flight was lost, a coded finding.
+        ending: the loss, a coded finding.
     """
     is_contradicted = ending.figures.get("satellite_height") is not None
     if is_contradicted:
@@ -63,11 +67,13 @@ def _without_source_of_height(ending: Fact) -> Fact:
 
 
 def _with_cause_in_short(ending: Fact) -> Fact:
-    """Returns how a flight was lost with only the headline of what failed first.
+    """Shortens the loss of a flight to what happened and the headline of what failed first.
 
     Args:
-        ending: how the flight was lost, a coded finding. Its figure ``cause`` is what failed first, or None; ``word``,
-            a report of the autopilot, and ``weak_motor`` are left out.
+        ending: the loss, a coded finding. Its figure ``cause`` is what failed first; without one, nothing is shortened.
+
+    Returns:
+        The loss without two other figures: ``word``, a report of the autopilot, and ``weak_motor``, found before.
     """
     cause = ending.figures.get("cause")
     if cause is None:

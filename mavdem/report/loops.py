@@ -158,9 +158,10 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
 
 
 def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
-    """Returns what leads to gains of each axis that gets none, and that the next step does not say.
+    """Returns what to do so that the next log gives gains for the axes that get none now.
 
-    The next step is that of the most urgent axis. Another one may need more, such as a setpoint that is logged faster.
+    The next step already says so of the most urgent axis, and is not repeated. Another axis may need more, such as a
+    setpoint that is logged faster.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
@@ -170,6 +171,7 @@ def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
     """
     steps = {}
     for axis, advice in tuning.axes.items():
+        # Gains of a controller that is not known cannot be computed from any flight.
         is_useless_flight = axis in tuning.axes_without_controller and _advises_flight(advice)
         if _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_GAINS and not is_useless_flight:
             steps_of_axis = _steps_towards_gains_of_axis(tuning, axis)
@@ -179,7 +181,7 @@ def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
 
 
 def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
-    """Returns what leads to gains of an axis without any, in sentences that the next step does not contain.
+    """Returns what to do so that the next log gives gains for one axis, in sentences that the next step lacks.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
@@ -365,13 +367,17 @@ def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -
 
 
 def level_of_summary(tuning: Tuning, result: Fact) -> Level:
-    """Returns the level of the summary of a tuning: the worst one of its result and of what the flight shows besides.
+    """Returns the level of the worst finding in the summary of a tuning report, such as "bad".
+
+    The summary states the result of the tuning, and faults of the flight that are not about control loops, such as a
+    weak motor. A flight with such a fault is marked as bad even if its gains are good.
 
     Args:
-        tuning: the judgement of the flight.
-        result: the most important result (:func:`tuning_result`), whose level may be unknown.
+        tuning: the advice on the gains of each axis, with the judgement of the whole flight.
+        result: the most important result of the tuning (:func:`tuning_result`), a fact with a level.
     """
-    return worst_fact([result, *faults_besides_loops(tuning.judgement)]).level
+    findings = [result, *faults_besides_loops(tuning.judgement)]
+    return worst_fact(findings).level
 
 
 def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
@@ -539,10 +545,10 @@ def tune_blocks(
 
 
 def _without_reason_above(fact: Fact, headline_above: str) -> Fact:
-    """Returns the fact that no gains are computed such that its sentence does not repeat the headline as the reason.
+    """Marks the fact that no gains are advised if its only reason is the headline, which its sentence then leaves out.
 
     Args:
-        fact: a coded finding, which is returned unchanged if it is another one, or has another reason.
+        fact: any fact (a coded finding) on an axis; others are returned unchanged.
         headline_above: sentence at the top of the page or of the terminal's report; empty without one.
     """
     if fact.code is not GainFact.NO_GAINS_ADVISED:
@@ -706,16 +712,17 @@ def _without_contained_texts(texts: list[str]) -> list[str]:
 
 
 def _most_complete(text: str, texts: Collection[str]) -> str:
-    """Returns the longest of some texts that says what a text says, and perhaps more; the text itself without another.
+    """Returns the longest of some texts that contains a text; the text itself if none does.
 
-    "Fly doublets, with rates logged at 100 Hz." says what "Fly doublets." does.
+    "Fly doublets, with rates logged at 100 Hz." contains "Fly doublets." but for its full stop.
 
     Args:
         text: the text, one or several sentences.
         texts: texts to choose from.
     """
-    beginning = text.removesuffix(".")
-    return max([text, *(other for other in texts if beginning in other)], key=len)
+    text_without_stop = text.removesuffix(".")
+    containing_texts = [other for other in texts if text_without_stop in other]
+    return max([text, *containing_texts], key=len)
 
 
 def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
@@ -773,11 +780,14 @@ def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sen
 
 
 def _states_cause(decision: LoopDecision, fact: Fact) -> bool:
-    """Returns whether a decision on an axis states what a fact on the margins of the axis states.
+    """Returns whether the report on an axis says already what a fact on its margins says.
+
+    The report states the reason of the decision on the axis if that is a warning. If the axis oscillates, that also
+    explains every fact on its margins.
 
     Args:
-        decision: the decision, whose reason stands in the report if it is a warning.
-        fact: the fact, a coded finding.
+        decision: the decision on the control loops of the axis, with its reason.
+        fact: the fact on the margins, a coded finding.
     """
     if not decision.reason.is_watch_or_bad:
         return False
@@ -1404,7 +1414,9 @@ def tuning_result(tuning: Tuning) -> Fact:
 
 
 def _headline_by_decision(judgement: Judgement) -> Fact:
-    """Returns the headline of a flight or, if it is about a doubtful model of a loop, the measurement that decided.
+    """Returns the headline of a flight or, where it is about margins by a model, the resonance that was measured.
+
+    Where a resonance decides what to do about an axis, the model that the margins come from is doubtful.
 
     Args:
         judgement: the judgement of the flight, with the decision on the loops of each axis.

@@ -864,7 +864,14 @@ def _percent(share: float, decimals: int = 0) -> str:
 
 
 def model_share(share: float) -> str:
-    """Formats a share of models, which are random draws, as percent: never as 0 %, and 100 % only if all are meant."""
+    """Formats the share of vehicle models that reach a goal, as percent or in words.
+
+    The models are random draws that agree with a flight. Some hundred of them cannot show that none reaches the goal,
+    so that 0 is "fewer than 0.5 %". Only 1 is "all"; 0.998 would be rounded to 100 % and is "over 99 %" instead.
+
+    Args:
+        share: the share, 0 to 1.
+    """
     if share < ROUNDS_TO_NO_PERCENT:
         return "fewer than 0.5 %"
     if share >= 1:

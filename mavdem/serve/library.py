@@ -557,29 +557,32 @@ class Library:
         return worst_rows
 
     def compared_entries(self, entries: Sequence[LibraryEntry]) -> ComparedEntries:
-        """Returns flights with the verdicts that are shown: by their logs, and by the vehicles' other flights.
+        """Returns flights with the verdict that users see, in which faults count that only other flights show.
+
+        A log alone does not show that a motor has become weaker. That is found in the background, when the motors of
+        all flights of the vehicle are compared; then the fault replaces headline, lights and next step of the flight.
 
         Args:
-            entries: index entries of the flights, whose verdicts are by their logs alone.
+            entries: index entries of the flights, with the verdicts that follow from each log alone.
 
         Returns:
-            The entries in the same order, the anomalies of the motors, and which flights are still to be compared.
+            The entries in the same order with their verdicts replaced, the faults of the motors, and the flights that
+            are not compared yet.
         """
         if not entries:
             return ComparedEntries([], {}, set())
-        # Asked before the verdicts are read: a comparison that ends in between is in them, and the flight counts as one
-        # that is still to be compared. In the other order its milder verdict would be taken for the final one.
+        # The order of these two queries matters, since a comparison may end between them. As it is, its result is shown
+        # a little later. In the other order a verdict without its result would be taken for the final one.
         uncompared_ids = self._uncompared_ids(entries)
-        anomalous_rows = {}
-        for id, row in self.rows_with_motor_anomaly(entries).items():
-            # A former verdict, such as that beside a former baseline, does not count any more.
-            if id not in uncompared_ids:
-                anomalous_rows[id] = row
+        rows_with_fault = self.rows_with_motor_anomaly(entries)
+        for id in uncompared_ids:
+            # This fault is of an earlier comparison, such as one with another baseline, and may not be true any more.
+            rows_with_fault.pop(id, None)
         compared_entries = []
         for entry in entries:
-            anomalous_row = anomalous_rows.get(entry.id)
-            compared_entries.append(entry_compared_with_fleet(entry, anomalous_row))
-        return ComparedEntries(compared_entries, anomalous_rows, uncompared_ids)
+            row_with_fault = rows_with_fault.get(entry.id)
+            compared_entries.append(entry_compared_with_fleet(entry, row_with_fault))
+        return ComparedEntries(compared_entries, rows_with_fault, uncompared_ids)
 
     def _uncompared_ids(self, entries: Iterable[LibraryEntry]) -> set[str]:
         """Returns the ids of those flights whose motors have not been compared with the vehicle's other flights yet.
@@ -965,26 +968,27 @@ class Library:
         return True
 
     def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
-        """Stores the results of a worker process on a log: rows in the fleet's store, and columns in the index.
+        """Stores what a worker process has found in a log: rows in the fleet's store, and columns in the index.
 
-        If the log was read before, to make its page anew, and now no page could be made, everything stays as it was. If
-        the entry was deleted while the log was read, the results are removed.
+        A log that has a page is only read again to make that page anew. If that fails, its former page and results
+        stay. If the log was deleted while it was read, its results are removed, too.
 
         Args:
             entry: the log, as a server claimed it for reading.
-            outcome: result of reading it, with the fleet's rows.
+            outcome: result of reading it: rows of the fleet's table, which name the page if one was made.
             limits: the limits of time and memory within which it was read.
         """
-        has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
+        had_page = (self.results_folder(entry) / PAGE_FILE).is_file()
         has_new_page = any(row.page for row in outcome.rows)
         try:
             # The index, the rows and the log on the disk change together, or not at all.
             with self.transaction():
-                if has_page and not has_new_page:
+                if had_page and not has_new_page:
                     self.change(entry.id, stage=Stage.DONE, claimed="", problem="")
                 else:
                     self._store_outcome(entry, outcome, limits)
         except Refusal as error:
+            # Both ways of storing refuse an entry that is no longer in the index.
             was_deleted = error.fact.code is RefusalReason.NO_SUCH_FLIGHT
             if not was_deleted:
                 raise

@@ -202,7 +202,8 @@ class _FlightState:
 
     Attributes:
         has_landed: whether the latest flight has ended with a landing.
-        has_restarted: whether the vehicle has restarted since, so that its next flight is one of its own.
+        has_restarted: whether the vehicle has restarted on the ground since, so that the flight is over and the next
+            one gets a session of its own.
     """
 
     def __init__(self) -> None:
@@ -218,12 +219,12 @@ class _FlightState:
     def update(self, fact: Fact) -> None:
         """Notes a take-off, landing, arming or restart of the vehicle.
 
-        A restart after a landing ends the flight. A restart of a vehicle that was last received in the air does not end
-        it, unless what comes later shows that it restarted on the ground: a take-off, or motors that are armed on the
-        ground (:meth:`note_status`).
+        A restart after a landing ends the flight. A vehicle that was last received in the air may have restarted there
+        and fly on, or may have landed while its link was lost. So such a restart ends the flight only if what comes
+        later shows that it was on the ground: a take-off, or motors that are armed on the ground (:meth:`note_status`).
 
         Args:
-            fact: any event of the session; all others are ignored.
+            fact: an event of the session; those of other kinds are ignored.
         """
         if fact.code is ReportedEvent.OFF_GROUND:
             self.has_landed = False
@@ -233,7 +234,7 @@ class _FlightState:
                 self.has_restarted = True
             self._was_in_air_before_restart = False
         elif fact.code is ReportedEvent.ON_GROUND:
-            # A flight that went on over a restart in the air ends with its landing, as any other.
+            # If it restarted in the air, it has flown on until this landing, which ends the flight as usual.
             self.has_landed = True
             self._is_in_air = False
             self._was_in_air_before_restart = False

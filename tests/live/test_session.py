@@ -313,8 +313,8 @@ def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
     """The flight was too short, ended during the fit, or the computer skipped samples."""
     session, _, _ = session_of([])
     assert session.status.shortfall is None
-    session.flight.no_rows_reason = Fact(RowsFact.NO_LIVE_MOTORS)
-    assert session.status.shortfall == session.flight.no_rows_reason
+    session.flight.unusable_messages_reason = Fact(RowsFact.NO_LIVE_MOTORS)
+    assert session.status.shortfall == session.flight.unusable_messages_reason
     session.flight.learning.learner = Mock(no_model_reason=None)
     session.flight.learning._row_format = Mock(dt=0.01)
     reasons = []

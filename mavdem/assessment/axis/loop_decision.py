@@ -475,7 +475,7 @@ def _action_by_tracking(observations: LoopObservations) -> Fact:
         return _action_to_remedy(swing)
     return Fact(
         LoopAction.CHECK_VEHICLE,
-        # None of both where no angle is asked for.
+        # Both are None for a vehicle that flies by setpoints of the rate alone.
         angle_error=tracking.figures.get("angle_error"),
         offset_angle=tracking.figures.get("offset_angle"),
         axis=observations.margins.axis,
@@ -700,8 +700,8 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
 
     The other axes wait, since the flight after this action will show what they still need. There are two exceptions:
 
-    - Gains that are to be lowered, for good or for a hover that shows the cause of a peak, are lowered on all axes at
-      once, before that flight: their changes, and what is said of gains that changed already, are joined in one action.
+    - If the first action is to lower gains, for good or for one hover that shows the cause of a peak, the gains of all
+      axes that need the same are lowered before the next flight. One action has the changes of all these axes.
     - Gains that one axis surely needs are not put off because another axis is to fly first.
 
     Args:

@@ -322,14 +322,16 @@ def _identified_plant(
 
 
 def _reason_for_no_plant(closed_loop_reason: Fact, gray_box_reason: Fact | None) -> Fact:
-    """Returns why neither method identifies the plant of an axis; the reason of the closed loop is usually enough.
+    """Returns why the plant of an axis (the vehicle without its controller) could not be identified by either method.
 
-    If the setpoint of the rate was not logged, that alone would mislead: on other axes of the same log, which lack it
-    too, inputs and outputs may suffice. So the reason of the gray-box fit is added.
+    The first method, identification in the closed loop, is the better one, and its reason is usually enough. But if it
+    only lacks the setpoint of the rate, the log lacks that for all axes, and yet the second method may have succeeded
+    on others. So it is said as well why that failed here.
 
     Args:
         closed_loop_reason: why the identification in the closed loop failed.
-        gray_box_reason: why the gray-box fit of inputs and outputs failed; None if it has no reason.
+        gray_box_reason: why the second method, a physical model fitted to inputs and outputs, failed; None if that is
+            not known.
     """
     is_setpoint_missing = closed_loop_reason.code is LoopFact.NO_RATE_SETPOINT
     if not is_setpoint_missing or gray_box_reason is None:

@@ -16,13 +16,15 @@ LOWERING = (GainFact.LOWER_GAINS, LoopAction.LOWER_BY_A_THIRD)
 
 
 def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> dict[str, Gain]:
-    """Returns the gains that the next step and the decisions on some axes advise to lower, by the autopilot's names.
+    """Returns the gains to lower before the next flight, by the autopilot's names.
+
+    The next step may advise to lower gains, for example against an oscillation. On axes whose loops were measured to
+    lack stability margin, the decisions advise it.
 
     Args:
-        next_step: what to do next, a coded finding. The advice to lower gains is this fact or one that it contains,
-            such as its reason.
-        decisions: decisions on the loops of the axes whose gains are set with those of the next step. Of these, the
-            gains of a loop with a measured lack of margin are lowered; against a limit cycle the next step lowers all.
+        next_step: what to do next, a fact (a coded finding). The advice is this fact or one that it contains, such as
+            its reason.
+        decisions: decisions on the loops of the axes whose gains are set together with those of the next step.
 
     Returns:
         Each gain with its value now and the value to set; empty if none is to be lowered.
@@ -37,13 +39,13 @@ def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> di
 
 
 def reductions_by_a_third(decisions: Iterable[LoopDecision]) -> list[Fact]:
-    """Returns the actions of some decisions on loops that are to lower the gains of an axis by a third.
+    """Returns the advice to lower gains by a third, for each of some axes that needs it.
 
     Args:
-        decisions: decisions on the loops of some axes, each with an action or None.
+        decisions: what was decided for the loops of each axis, with an action, or None if nothing is to be done.
 
     Returns:
-        The actions (coded findings), each with the name of the ``axis`` and the ``changes`` of its gains.
+        The actions as facts (coded findings), each with the name of the ``axis`` and the ``changes`` of its gains.
     """
     actions = [decision.action for decision in decisions if decision.action is not None]
     return [action for action in actions if action.code is LoopAction.LOWER_BY_A_THIRD]

@@ -110,6 +110,19 @@ class SetpointErrors(NamedTuple):
     """Response after each delay minus setpoint (D, N)."""
 
 
+class _ErrorsAtBestDelay(NamedTuple):
+    """Errors of an angle or a rate behind its setpoint, after the delay for which they are smallest."""
+
+    rms_error: float
+    """RMS value of the errors, rad or rad/s."""
+
+    errors: Array
+    """(N,) The errors, rad or rad/s."""
+
+    delay: float | None
+    """The delay, s; None if the smallest error is at an end of the ``DELAYS``, so that it is not measured."""
+
+
 class ResponsePeak(NamedTuple):
     """The largest response of an angle to its setpoint, over all frequencies at which the two are coherent."""
 
@@ -155,7 +168,35 @@ def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
 
 
 def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
-    """Judges how one axis follows the setpoint of its angle.
+    """Judges how one axis follows its setpoint: that of the angle or, for roll and pitch without one, of the rate.
+
+    Args:
+        signals: signals of the vehicle, for the axis to judge.
+        segments: segments of the flight that are judged.
+
+    Returns:
+        The fact of :func:`_angle_tracking` or of :func:`_rate_tracking`. If the log shows neither, the fact that the
+        tracking is unknown, with ``asked``, whether there is a setpoint of the angle, and the ``rate_error``, rad/s.
+    """
+    setpoint = signals.angle_setpoint
+    tracking = None
+    if setpoint is not None:
+        tracking = _angle_tracking(signals, setpoint, segments)
+    elif signals.axis in TILT_AXES:
+        tracking = _rate_tracking(signals, segments)
+    if tracking is not None:
+        return tracking
+    return Fact(
+        TrackingLight.TRACKING_UNKNOWN,
+        axis=signals.axis,
+        asked=setpoint is not None,
+        recorder=signals.telemetry.translated_from,
+        rate_error=_rate_error(signals, segments),
+    )
+
+
+def _angle_tracking(signals: Signals, setpoint: TimeSeries, segments: Segments) -> Fact | None:
+    """Judges how the angle of an axis follows its setpoint.
 
     A vehicle that follows well still follows with a delay. So the angle is compared with the setpoint at each of the
     ``DELAYS`` before. The delay with the smallest RMS difference is the delay of the vehicle, and this difference is
@@ -163,10 +204,11 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
 
     Args:
         signals: signals of the vehicle, for the axis to judge.
+        setpoint: setpoint of the angle, rad.
         segments: segments of the flight that are judged.
 
     Returns:
-        A fact with these figures:
+        None without angles, or with too few setpoints in the segments. Otherwise a fact with these figures:
 
         - ``angle_error``, the ``error_limit`` from which it is bad, and the mean error ``offset_angle``, rad;
         - ``largest_error``, rad, and ``largest_error_time``, when it was, s since boot;
@@ -175,30 +217,15 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         - ``ratio`` and ``frequency``, Hz, of the largest response of the angle to its setpoint;
         - ``overshoot`` of a step as a fraction of the step, if it was measured;
         - ``rate_setpoint`` and ``reached_rate``, rad/s, and ``at_limit_share`` in turns.
-
-        Without a setpoint of the angle, roll and pitch are judged by their rates (:func:`_rate_tracking`).
     """
-    setpoint = signals.angle_setpoint
-    if setpoint is None and signals.axis in TILT_AXES:
-        rate_tracking = _rate_tracking(signals, segments)
-        if rate_tracking is not None:
-            return rate_tracking
-    rate_error = _rate_error(signals, segments)
-    unknown_tracking = Fact(
-        TrackingLight.TRACKING_UNKNOWN,
-        axis=signals.axis,
-        asked=setpoint is not None,
-        recorder=signals.telemetry.translated_from,
-        rate_error=rate_error,
-    )
-    if signals.attitude is None or setpoint is None:
-        return unknown_tracking
+    if signals.attitude is None:
+        return None
     angle = signals.attitude.angle_series
     is_tilt = signals.axis in TILT_AXES
     angle_segments = segments if is_tilt else _segments_without_turns(setpoint, segments)
     compared = _setpoint_errors(setpoint, angle, angle_segments, DELAYS)
     if len(compared.setpoints) < MIN_SAMPLES_FOR_STATISTICS:
-        return unknown_tracking
+        return None
     # How far the setpoint moves, rad: the larger, the larger an error may be.
     if is_tilt:
         movement = float(compared.setpoints.std())
@@ -226,7 +253,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         **error_figures,
         error_limit=limits.bad,
         overshoot=rating.overshoot,
-        rate_error=rate_error,
+        rate_error=_rate_error(signals, segments),
         ratio=None if peak is None else peak.ratio,
         frequency=None if peak is None else peak.frequency,
     )
@@ -262,18 +289,32 @@ def _rate_tracking(signals: Signals, segments: Segments) -> Fact | None:
     too_few = len(compared.setpoints) < MIN_SAMPLES_FOR_STATISTICS
     if too_few or slowest_rate < MIN_RATE_SAMPLES_PER_SECOND:
         return None
-    figures = _error_figures(compared)
-    rate_error = figures["angle_error"]
+    best = _best_delay(compared)
     limits = _error_limits(float(compared.setpoints.std()), RATE_ERROR_LIMITS)
-    level = limits.level(rate_error)
+    level = limits.level(best.rms_error)
     is_good = level is Level.GOOD
     return Fact(
         TrackingLight.FOLLOWS_RATE_SETPOINT if is_good else TrackingLight.MISSES_RATE_SETPOINT,
         level,
         axis=signals.axis,
-        rate_error=rate_error,
+        rate_error=best.rms_error,
         rate_error_limit=limits.bad,
-        delay=figures["delay"],
+        delay=best.delay,
+    )
+
+
+def _best_delay(compared: SetpointErrors) -> _ErrorsAtBestDelay:
+    """Returns the errors behind the setpoint after the delay for which their RMS value is smallest.
+
+    Args:
+        compared: errors of N samples for each of the ``DELAYS``; N is at least 1.
+    """
+    rms_errors = np.sqrt(np.mean(np.square(compared.errors), axis=1))
+    best = np.argmin(rms_errors)
+    # At an end of the range of delays, the smallest error may be outside of it.
+    is_delay_measured = 0 < best < len(DELAYS) - 1
+    return _ErrorsAtBestDelay(
+        rms_errors[best], compared.errors[best], DELAYS[best] if is_delay_measured else None
     )
 
 
@@ -287,18 +328,14 @@ def _error_figures(compared: SetpointErrors) -> dict[str, Any]:
         By name: the RMS ``angle_error``, the mean ``offset_angle`` and the ``largest_error``, rad; the
         ``largest_error_time``, s since boot; and the ``delay``, s, None if it is not measured.
     """
-    rms_errors = np.sqrt(np.mean(np.square(compared.errors), axis=1))
-    best_delay = np.argmin(rms_errors)
-    # At an end of the range of delays, the smallest error may be outside of it.
-    is_delay_measured = 0 < best_delay < len(DELAYS) - 1
-    errors = compared.errors[best_delay]
-    worst_sample = np.argmax(abs(errors))
+    best = _best_delay(compared)
+    worst_sample = np.argmax(abs(best.errors))
     return {
-        "angle_error": rms_errors[best_delay],
-        "offset_angle": np.mean(errors),
-        "largest_error": abs(errors[worst_sample]),
+        "angle_error": best.rms_error,
+        "offset_angle": np.mean(best.errors),
+        "largest_error": abs(best.errors[worst_sample]),
         "largest_error_time": compared.times[worst_sample],
-        "delay": DELAYS[best_delay] if is_delay_measured else None,
+        "delay": best.delay,
     }
 
 

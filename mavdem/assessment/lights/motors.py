@@ -119,18 +119,20 @@ def _missing_hover(evidence: Evidence) -> Fact:
 
 
 def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) -> Fact | None:
-    """Returns the motors that were at their upper limit in the hover or, if that was too short, in most of the flight.
+    """Returns the fact which motors were at their upper limit for long, so that no thrust was left to steer with.
 
-    A hover shows best how hard the motors work, unless it is so short that one manoeuvre decides the result. But a
-    motor that is at its limit all the time may keep the vehicle from settling, so that there is hardly a hover. Then
-    the whole flight is judged, with a stricter limit, since manoeuvres are in it: ``MIN_MOST_FRACTION`` of the time.
+    A hover shows best how hard the motors work. But a motor that is always at its limit may keep the vehicle from
+    settling, so that the hover is shorter than ``MIN_STEADY_SECONDS`` or missing. Then the whole flight is judged. A
+    manoeuvre may drive motors to their limit, too; so they must have been there in most of that time, more than
+    ``MIN_MOST_FRACTION``, and not because of a hard climb.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         hover: outputs of its motors in the hover; None if none was measured.
 
     Returns:
-        The fact; None if no motor was at its limit for long, or the limits are no sign of weak motors.
+        The fact, whose figure ``is_settled`` says whether it is about the hover; None if no motor was at its limit for
+        long, or if something else explains the full throttle.
     """
     motors = evidence.signals.motors
     if motors is None or _has_explained_full_throttle(evidence):

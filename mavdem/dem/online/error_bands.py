@@ -86,8 +86,8 @@ class ErrorBands:
         # shape (1 + H, m, capacity), counts and quantiles (1 + H, m, 1).
         sizes = np.sort(abs(self._errors))
         count = np.isfinite(sizes).sum(axis=-1, keepdims=True)
-        # The next error is below the k-th smallest of n independent errors with probability k / (n + 1), so that k is
-        # CONFIDENCE_LEVEL times n + 1. Among all errors, which are more, it has that rank times their ratio.
+        # The next error is below the k-th smallest of n independent errors with probability k / (n + 1). So k is
+        # CONFIDENCE_LEVEL · (n + 1). Of the more numerous errors that overlap, each stands for a fraction of one.
         independent_count = count / self._errors_per_independent
         independent_rank = CONFIDENCE_LEVEL * (independent_count + 1)
         rank = np.ceil(independent_rank * self._errors_per_independent).astype(int)
@@ -100,5 +100,16 @@ class ErrorBands:
 
 
 def _errors_per_independent_one(steps_ahead: Array) -> Array:
-    """Returns how many errors in a row count as one independent error, for predictions (N,) steps ahead."""
+    """Returns how many errors in a row tell as much as one independent error.
+
+    The error of a prediction h steps ahead is a sum over h steps, so that errors k steps apart share h - k of them:
+    their correlation is 1 - k/h. The sum of its squares over all k is the number (2 h² + 1) / (3 h), such as 1 one step
+    ahead and about 7 ten steps ahead.
+
+    Args:
+        steps_ahead: (N,) steps h ahead of which the predictions are made.
+
+    Returns:
+        (N,) numbers of errors.
+    """
     return (2 * steps_ahead**2 + 1) / (3 * steps_ahead)

@@ -120,12 +120,13 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
 def headline_in_two_sizes(
     reviewed: ReviewedDifference, headline: Sequence[Sentence]
 ) -> list[Sentence]:
-    """Returns the sentences that head page and terminal: important ones in large letters, the others as usual text.
+    """Returns the sentences at the top of page and terminal, the important ones with large letters.
 
-    What a light warns of stands in large letters above its sentence. Of other important sentences, the first sentence
-    of the text is in large letters. Usual text has cautions, such as that the flights are of two vehicles, what is only
-    to be watched, and that nothing else changed for sure, unless nothing is above it. Two vehicles differ in much, so
-    that of their differences only the first is in large letters.
+    - A sentence on a status light that warns has what it warns of above it in large letters.
+    - Of any other difference the first sentence is in large letters. Two vehicles differ in much, so that of theirs
+      only the first difference is.
+    - That nothing else changed is in large letters only if no difference is above it.
+    - Cautions, such as that the flights are of two vehicles, and lights that are only to be watched stay usual text.
 
     Args:
         reviewed: comparison of both flights.

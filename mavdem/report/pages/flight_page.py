@@ -442,11 +442,12 @@ def unfold_chapters_of_warnings(
 def _titles_to_open(
     chapters: Sequence[Chapter], lights: NamedFacts, headline: Fact
 ) -> Collection[str]:
-    """Returns the titles of the chapters that are open when a page is loaded.
+    """Returns the titles of the chapters that are open when a page is loaded; all others are folded.
 
-    These are all chapters in which something is bad. If nothing is, there are two, so that the page stays short: a
-    chapter with a light to be watched (the one in the headline if there is one), and the row of pictures by which a
-    tuning is judged at a glance. The chapter of the log opens only where it is bad, since its light says everything.
+    If something is bad, these are the chapters that show it. Otherwise they are the charts by which a pilot judges the
+    tuning at a glance and, if there are warnings, one chapter with a warning: the one that the headline is about, or
+    else the first. More would make the page long. The chapter on the log is not opened for a warning, since the
+    sentence of its light says all that it shows.
 
     Args:
         chapters: the chapters, with the levels of their sections.
@@ -462,7 +463,6 @@ def _titles_to_open(
     for title in watched_titles:
         if _explains_headline(title, lights, headline):
             return [title, TUNING_TITLE]
-    # The headline is about an event, or nothing warns. So the first chapter with a warning is opened, if any.
     return [*watched_titles[:1], TUNING_TITLE]
 
 
@@ -493,21 +493,21 @@ def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
 
 
 def _title_of_headline(headline: Fact, lights: NamedFacts) -> str:
-    """Returns the title of the chapter about what failed by the headline, such as "Motors"; empty without one.
+    """Returns the title of the chapter about the fault in the headline, such as "Motors"; empty without such a chapter.
 
-    A loss of the flight has its cause as a figure, which may have a cause itself. The chapter is that of the light that
-    states the innermost of these or, without one, the next. Of several lights the first one counts.
+    If the flight was lost, the chapter about the cause explains most, and best of all that about the cause of the
+    cause. So causes come before the loss itself: the first that the light of a chapter states decides.
 
     Args:
         headline: the fact in the headline, a light or an event.
         lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
     """
-    codes = [headline.code]
+    first_cause_first = [headline.code]
     cause = headline.figures.get("cause")
     while isinstance(cause, Fact):
-        codes.insert(0, cause.code)
+        first_cause_first.insert(0, cause.code)
         cause = cause.figures.get("cause")
-    for code in codes:
+    for code in first_cause_first:
         for name in CHAPTER_OF_LIGHT:
             if name in lights and lights[name].code is code:
                 return chapter_of_light(name, lights[name])
