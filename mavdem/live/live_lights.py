@@ -41,7 +41,8 @@ def lights_before_model(
         watch_facts: for each quantity that is watched on the followed vehicle, by its name: since when, or why it is
             not.
         no_wind_reason: why there is no estimate of the wind although the vehicle flies; None if nothing prevents it.
-        provisional_margins: the light of the margins where setpoints of the body rate will show them; None elsewhere.
+        provisional_margins: the light of the margins until they are computed from setpoints of the body rate; None if
+            the vehicle does not send these.
 
     Returns:
         A fact for each light, by name, in the order in which they are shown.
@@ -148,7 +149,8 @@ def _margins_light(
     Args:
         watch_facts: since when each quantity is watched, or why it is not, by its name.
         no_model_reason: why there is no model.
-        provisional_margins: the light where setpoints of the body rate will show the margins; None elsewhere.
+        provisional_margins: the light until the margins are computed from setpoints of the body rate; None if the
+            vehicle does not send these.
 
     Returns:
         The fact. Its figure ``reason`` is why the margins themselves are not known.

@@ -1041,10 +1041,10 @@ class LiveSession:
             self._presentation.log(fact)
 
     def _is_reason_reported_already(self, gains_unchanged: Fact) -> bool:
-        """Returns whether the user has read already why there are no new gains.
+        """Returns whether another report has said already why there are no new gains.
 
-        The alarm that the vehicle was lost says it. So does the report after the landing if messages came too slowly to
-        learn a model, and the gains stay for the same reason.
+        After a loss of the vehicle its alarm says enough. If messages came too slowly for a model, the report after the
+        landing says so; it need not be repeated if the gains stay for the same reason.
 
         Args:
             gains_unchanged: the fact that the gains stay as they are, with the reason.

@@ -208,7 +208,9 @@ class StatusReport:
         return silence_fact
 
     def _has_unusable_attitudes(self, now: float) -> bool:
-        """Returns whether attitudes of the only vehicle come, none of which has a time on its clock.
+        """Returns whether attitudes come, but cannot be used, since none has a time on the vehicle's clock.
+
+        It is False if the link has several vehicles, since the attitudes may then be another one's.
 
         Args:
             now: time up to which every received byte has been analysed, s of the monotonic clock.

@@ -436,15 +436,14 @@ def unrepaired_fault_text(status: SessionStatus) -> str:
 
 
 def unrepaired_fault_beside_next_step(status: SessionStatus) -> str:
-    """Returns the line on a fault of an earlier flight for a surface that shows headline and next step of the session.
+    """Returns what to say of a fault of an earlier flight below the headline and the next step of a session.
 
     Args:
         status: state of the session.
 
     Returns:
-        - In flight, where the next step says to land because of the fault: what the fault is.
-        - Empty if the headline states the fault, and without one.
-        - Otherwise the fault, and what to do about it.
+        The fault that nobody has stated to be repaired, with what to do about it; without that where the next step
+        says so already. Empty if there is no such fault, or if the headline states it.
     """
     judgement = status.session_judgement
     fault = status.unrepaired_fault

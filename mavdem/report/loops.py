@@ -204,11 +204,11 @@ def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
 
 
 def _without_texts(text: str, texts_beside: Iterable[str]) -> str:
-    """Returns a text without the sentences in it that stand in other texts beside it; it may be empty.
+    """Removes from a text what other texts, which the reader has beside it, say already; nothing may be left.
 
     Args:
         text: one or several sentences.
-        texts_beside: the other texts, each of which may be a part of it.
+        texts_beside: the other texts. Each of them that is contained in the text as a whole is removed.
     """
     for other in texts_beside:
         if other:
@@ -1464,7 +1464,12 @@ def _headline_on_all_axes(flight_headline: Fact, decisions: DecisionsByAxis) -> 
 
 
 def states_max_sensitivity(result: Fact) -> bool:
-    """Returns whether a result is about the maximum sensitivity Ms, which a chart of the sensitivity shows."""
+    """Returns whether a result of a tuning is about the maximum sensitivity Ms, and not about another margin.
+
+    Args:
+        result: a fact (a coded finding). One on a measured resonance has the interval of Ms as a figure; one on an
+            identified loop also has the name of the margin that is ``lacking``.
+    """
     return "ms_interval" in result.figures and result.figures.get("lacking", "ms") == "ms"
 
 

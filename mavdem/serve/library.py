@@ -516,9 +516,9 @@ class Library:
         return self.store.brief_rows_of(map(self._source_of, entries))
 
     def rows_of_named_vehicles(self) -> FlightRows:
-        """Returns the fleet's rows of the flights of all vehicles (:meth:`vehicle_names`), as an index shows them.
+        """Returns rows of the fleet's table for all flights of vehicles with a name, for a table of the vehicles.
 
-        A log may have several vehicles; its rows are those of the vehicle under which it is listed.
+        A log may have several vehicles. Only the one under which the log is listed has rows here.
         """
         names = {*self.vehicle_names()}
         entries = self.find("vehicle <> ''", (), sys.maxsize).entries

@@ -156,7 +156,7 @@ def _is_uncertain_margin(headline: Fact) -> bool:
 
 
 def _makes_margins_sure(headline: Fact, advice_by_axis: AdviceByAxis) -> bool:
-    """Returns whether there are new gains with which uncertain margins become sure, as ``mavdem tune --more`` finds.
+    """Returns whether new gains make the uncertain margins of an axis sure, as those of ``mavdem tune --more`` do.
 
     Args:
         headline: the most serious fact of the flight, which may be that the margins of an axis are uncertain.

@@ -151,16 +151,16 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
 
 
 def _rate_of_replaced_outputs(evidence: Evidence, model_inputs: MotorOutputs) -> float | None:
-    """Returns the rate of motor outputs that a model does not use, since they came too slowly, Hz.
+    """Returns how fast motor outputs were logged, Hz, if that is too slow for a model and it uses other inputs instead.
 
-    It uses the controller's demand in their place.
+    These other inputs are the demand of the controller.
 
     Args:
         evidence: flights and motor outputs of the vehicle.
-        model_inputs: what the model uses.
+        model_inputs: the inputs that the model uses.
 
     Returns:
-        The rate; 0 if no motor outputs were recorded. None if the model uses the motor outputs.
+        The rate; 0 if no motor outputs were logged. None if the model uses the motor outputs.
     """
     motors = evidence.signals.motors
     if model_inputs is motors:

@@ -176,7 +176,9 @@ def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
 
 
 def trims_explained_by_lean(reviewed: ReviewedDifference) -> list[QuantityChange]:
-    """Returns the changed or doubtful trims that another lean explains, without the evidence of a weak motor.
+    """Returns the changes of motors' trims that come only from another lean of the vehicle, such as in other wind.
+
+    Changes that agree with a weak motor are left out, since the sentence on that motor quotes them.
 
     Args:
         reviewed: comparison of two states.

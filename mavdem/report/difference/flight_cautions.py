@@ -48,7 +48,9 @@ def flight_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def mixed_sides(reviewed: ReviewedDifference) -> list[MixedSide]:
-    """Returns the sides whose motors were good in some flights and not in others, so that their means are of neither.
+    """Returns the sides of a comparison whose motors were good in some flights and bad or to be watched in others.
+
+    The means over such flights describe neither the sound vehicle nor the faulty one.
 
     Args:
         reviewed: comparison of two states, of which one or both are fleets.
@@ -62,7 +64,7 @@ def mixed_sides(reviewed: ReviewedDifference) -> list[MixedSide]:
 
 
 def _mixed_side(reviewed: ReviewedDifference, side: str) -> MixedSide | None:
-    """Returns in how many flights of a side the motors were good, and in how many not; None if it is no mixture."""
+    """Returns in how many flights of a side the motors were good, and in how many not; None unless there are both."""
     review = reviewed.reviews.get(side, {})
     levels = value_at(review, f"lights.{Light.MOTORS}.levels") or []
     good = levels.count(Level.GOOD)

@@ -164,15 +164,15 @@ class ComparedLevels(NamedTuple):
 
 
 def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
-    """Compares a status light, the judgement of one subject, of two logs: its levels, and the reason for the worse one.
+    """Compares a status light, the judgement of one subject such as the motors, of two logs.
 
     Args:
         lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to be
             watched.
 
     Returns:
-        Levels and reasons. If both lights warn, for different reasons, there are both reasons; if one of the lights is
-        unknown, its reason follows that of the other.
+        The levels as text, such as "bad in A, good in B", and the reasons: that of the light that warns, and that of
+        the other one if it warns, too, for another reason, or is unknown.
     """
     first_side, second_side = STATE_NAMES
     first = lights_by_side[first_side]

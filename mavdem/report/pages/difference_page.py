@@ -859,7 +859,9 @@ def _flight_dots(side: str, name: str, trim_changes: Sequence[QuantityChange]) -
 
 
 def _with_common_abscissae(lines: Sequence[Line]) -> tuple[Line, ...]:
-    """Puts lines of dots on the abscissae of all of them, with NaN where a line has no dot, so that none is resampled.
+    """Gives all lines of dots of a chart the same abscissae, with NaN where a line has no dot.
+
+    A chart resamples lines with different abscissae, which would move dots.
 
     Args:
         lines: lines with different abscissae, such as means at the motors and single flights beside them.

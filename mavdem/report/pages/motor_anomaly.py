@@ -112,7 +112,7 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
 
 
 def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:
-    """Returns the review of a flight with its motors judged also by comparison with other flights of the vehicle.
+    """Adds to the review of a flight what a comparison with other flights of the vehicle shows of its motors.
 
     Args:
         review: review document of the flight, by its log alone; empty for a fleet, which has no review as a whole.
