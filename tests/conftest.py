@@ -4,6 +4,7 @@ import faulthandler
 import gc
 import os
 import pickle
+import re
 from contextlib import closing, nullcontext
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -44,6 +45,20 @@ def pytest_addoption(parser):
         action="store_true",
         help="compare figures of many more flights and all pictures, and check all logs",
     )
+
+
+SLOW_FILE = re.compile(r"^pytestmark = .*\bmark\.slow\b", re.MULTILINE)
+"""The mark of a file whose tests are all slow."""
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Leaves out files of slow tests where slow tests are left out: each worker would import them for nothing.
+
+    Returns None, which leaves the choice to pytest, for all others.
+    """
+    if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
+        return None
+    return True if SLOW_FILE.search(collection_path.read_text("utf-8")) else None
 
 
 def one_at_a_time(config, name, *, is_stored):

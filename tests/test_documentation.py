@@ -63,6 +63,7 @@ def test_examples_run(page, printed, here, monkeypatch, capsys):
     assert printed in capsys.readouterr().out
 
 
+@mark.slow
 def test_every_command_that_is_shown_exists_with_its_options():
     blocks = [
         re.findall(r"^```\n(.*?)^```", text, re.DOTALL | re.MULTILINE) for text in PAGES.values()

@@ -58,6 +58,7 @@ def test_no_table_was_changed_by_hand_and_summaries_follow_from_their_pages():
     assert not evidence.is_inconsistent()
 
 
+@mark.slow
 def test_a_changed_figure_is_noticed(page):
     (table,) = evidence.measured_tables()
     assert (table.command, table.output) == (

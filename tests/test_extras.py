@@ -146,6 +146,7 @@ def test_what_was_started_for_browsers_ends_where_the_page_cannot_be_served(monk
     viewer.close.assert_called_once_with()
 
 
+@mark.slow
 def test_a_second_session_has_its_page_at_another_port(monkeypatch):
     without_modules(monkeypatch, "rerun")
     with socket.create_server(("127.0.0.1", 0)) as other:

@@ -26,6 +26,8 @@ from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live.link import ReceivedPiece
 
+pytestmark = mark.slow
+
 GOLDEN = Path(__file__).parent / "golden"
 FULL_GOLDEN = Path(__file__).parents[1] / "build" / "golden"
 MANY = 6  # Count, ends, mean, deviation and quartiles represent more numbers than this.
@@ -290,7 +292,6 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize("scenario, seconds", scenarios.items(), ids=scenarios)
 
 
-@mark.slow
 @mark.usefixtures("logs_read_once")
 def test_the_figures_of_a_flight_are_those_of_before(
     log, commands, here, monkeypatch, capsys, request
@@ -333,7 +334,6 @@ def test_the_figures_of_a_flight_are_those_of_before(
     hold(Path(log).stem, values_by_name, request)
 
 
-@mark.slow
 def test_a_scenario_is_flown_as_before(scenario, seconds, here, capsys, request):
     assert run("fly", scenario, "--duration", seconds, "--out", FLOWN, "--json") == 0
     values_by_name = figures(strict_json(capsys.readouterr().out))
@@ -342,7 +342,6 @@ def test_a_scenario_is_flown_as_before(scenario, seconds, here, capsys, request)
     hold(scenario, values_by_name, request)
 
 
-@mark.slow
 def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
     assert run("fly", "calm", "--describe") == 0
     hold("described", lines(capsys.readouterr().out), request)

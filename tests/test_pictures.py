@@ -21,6 +21,8 @@ from rerun_file import first_texts
 from mavdem.cli.commands import main
 from mavdem.view.live_content import Channels, live_blueprint
 
+pytestmark = mark.slow
+
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures.json"
 NUMBER = re.compile(r"-?(?:\d+,)*\d+(?:\.\d+)?")
@@ -109,7 +111,6 @@ def template(name):
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-@mark.slow
 def test_a_picture_is_as_new_as_what_it_shows(here, request):
     """Words with their figures; of pictures that take minutes or need a screen, the code that draws them.
 
@@ -158,7 +159,6 @@ def shown_after_commands(page):
     ]
 
 
-@mark.slow
 @mark.usefixtures("without_pages", "logs_read_once")
 def test_the_tutorial_shows_what_its_commands_print(here, monkeypatch, request):
     """On a terminal of 80 columns: what the commands of the block before print.

@@ -76,6 +76,7 @@ def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
     assert figures.battery.voltage_min == approx(10.5)
 
 
+@mark.slow
 def test_sound_batteries_are_all_shown_with_their_voltage():
     fact = power_light(evidence(with_batteries({0: FULL, 1: FULL - 0.5, 2: FULL - 0.2})))
     assert (fact.level, fact.subject) == ("good", "battery 2")
@@ -107,6 +108,7 @@ def test_without_a_flight_the_battery_that_the_autopilot_calls_empty_is_bad():
     assert power_light(replace(on_ground, events=())).code is PowerLight.POWER_UNMEASURED
 
 
+@mark.slow
 def test_a_battery_is_judged_until_the_vehicle_was_lost():
     sagging = np.where(TIME > 30.0, 15.0, FULL)
     flight = evidence(with_batteries({0: sagging}))
@@ -118,12 +120,14 @@ def test_a_battery_is_judged_until_the_vehicle_was_lost():
     assert power_light(flight).end_time is None
 
 
+@mark.slow
 def test_a_second_battery_that_never_changes_is_shown_and_not_judged():
     fact = power_light(evidence(with_batteries({0: FULL, 1: 0 * FULL + 10.0})))
     assert (fact.subject, fact.level) == ("battery 1", "good")
     assert "; battery 2 reads 10.0 V whatever the load" in str(fact)
 
 
+@mark.slow
 def test_a_resistance_that_no_battery_has_is_not_stated():
     amperes = 20.0 + 5 * np.sin(5 * TIME)
     telemetry = HOVER.telemetry(20.0, 20.0)

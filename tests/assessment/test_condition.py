@@ -51,6 +51,7 @@ def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
     assert condition.battery.voltage_start > condition.battery.voltage_end
 
 
+@mark.slow
 def test_a_clock_that_jumps_by_more_than_a_day_leaves_the_armed_time_unknown():
     """The heartbeats of the second half of a hover are four months late."""
     telemetry = HOVER.telemetry(10.0, 10.0)
@@ -78,6 +79,7 @@ def test_without_motor_outputs_the_lean_is_known_all_the_same():
     assert condition.lean["roll"].mean == approx(0.05)
 
 
+@mark.slow
 def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
     condition = measure_condition(Signals(telemetry_with_current(1.0 * (BEAT < 20)))).battery
     assert condition.voltage_mean == approx(15.6, abs=0.2) and condition.current_mean is None
@@ -90,6 +92,7 @@ def test_the_interval_is_by_cosines_slower_than_a_twentieth_of_a_hertz():
     assert [np.isinf(mean_interval(fast[:n, None], 200.0))[0] for n in (40, 41)] == [True, False]
 
 
+@mark.slow
 @mark.parametrize(
     "stop, parameters, low",
     [
@@ -165,6 +168,7 @@ def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version(
     )
 
 
+@mark.slow
 def test_a_board_on_another_frame_is_another_vehicle():
     quadrotor = with_texts(flown(), TEXT.encode())
     unknown_frame = replace(quadrotor, vehicle=UNNAMED)
@@ -174,6 +178,7 @@ def test_a_board_on_another_frame_is_another_vehicle():
     assert short_name(name_of(hexarotor)[0]) == short_name(name_of(quadrotor)[0])
 
 
+@mark.slow
 def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
     vehicle_name, basis = name_of(flown(CALIBRATED))
     assert basis == "accelerometer"
@@ -249,6 +254,7 @@ def test_the_place_is_that_of_the_first_fix():
     assert identity.place == (50.0, 8.0)
 
 
+@mark.slow
 def test_firmware_is_what_the_autopilot_says_or_sends():
     telemetry_with_text = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
     assert identify_vehicle(Signals(telemetry_with_text)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"

@@ -130,6 +130,7 @@ def test_a_motor_whose_number_is_assumed_is_named_with_that_remark():
     assert "assumed" not in known.sentence
 
 
+@mark.slow
 @mark.parametrize("rate", [10.0, 50.0])
 @mark.parametrize("motor", range(4))
 def test_a_loss_names_the_motor_on_the_side_of_the_fall_that_was_driven_hardest(motor, rate):
@@ -144,6 +145,7 @@ def test_a_loss_names_the_motor_on_the_side_of_the_fall_that_was_driven_hardest(
     assert ending.subject == ending.figures["cause"].subject == NAMES[motor]
 
 
+@mark.slow
 @mark.parametrize("motor", range(4))
 def test_the_answer_of_the_motors_before_the_attitude_left_names_the_motor(motor):
     """A controller answers the rate, and once the attitude has left, it works against its own first answer."""
@@ -162,6 +164,7 @@ def test_the_answer_of_the_motors_before_the_attitude_left_names_the_motor(motor
     assert ending.subject == NAMES[motor]
 
 
+@mark.slow
 @mark.parametrize(
     "output, code, words",
     [
@@ -193,6 +196,7 @@ def test_a_loss_names_no_motor_if_the_controller_overturned_or_swung_the_vehicle
     assert events_and_ending(swung)[1].subject == ""
 
 
+@mark.slow
 def test_a_loss_names_no_motor_if_the_positions_of_motors_are_unknown():
     assert (
         events_and_ending(replace(telemetry_of_lost_motor(1), vehicle="HEXAROTOR", parameters={}))[
@@ -232,6 +236,7 @@ def test_a_motor_is_off_where_the_others_carry_the_vehicle_on_little_of_their_ra
     assert events[MotionEvent.MOTOR_OFF].subject.startswith("motor 3")
 
 
+@mark.slow
 def test_an_output_that_stands_still_is_no_weak_motor_on_the_other_side():
     """The output of motor 1 freezes a little below its mean in hover: too high, once the vehicle leans away from it."""
     telemetry = with_fall(with_lean(flight(50.0), QUAD[1], 120.0, 100.0))
@@ -273,6 +278,7 @@ def test_an_output_that_stands_still_in_flight_has_frozen(
         assert frozen.time == approx(FAILS, abs=0.15)
 
 
+@mark.slow
 def test_a_loss_names_the_motor_whose_output_froze():
     telemetry = with_fall(with_lean(flight(50.0), QUAD[0], 120.0, 100.0))
     swings = 100.0 * np.sin(40.0 * stamps(telemetry, "SERVO_OUTPUT_RAW"))
@@ -379,6 +385,7 @@ def test_a_setpoint_that_turns_the_vehicle_over_is_what_failed_first(lead, is_co
         assert cause is None
 
 
+@mark.slow
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():
     telemetry = with_lean(flight(), RIGHT, 120.0, 100.0)
     rates = attitude_target(np.zeros((len(stamps(telemetry, "ATTITUDE")), 3)))
@@ -462,6 +469,7 @@ def test_a_descent_faster_than_five_metres_a_second_is_a_fall(speed):
         assert MotionEvent.FELL not in events
 
 
+@mark.slow
 @mark.parametrize("seconds, caught", [(4.0, False), (6.0, True)])
 def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
     telemetry = with_lean(flight(50.0), RIGHT, 70.0, 1.0)
@@ -495,6 +503,7 @@ def test_a_dive_that_the_motors_end_is_no_impact():
     assert MotionEvent.HIT not in events_and_ending(telemetry)[0]
 
 
+@mark.slow
 def test_a_landing_that_was_only_assumed_is_what_came_first():
     telemetry = with_motor_output(with_fall(with_lean(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
     time = np.arange(0.0, 40.0, 0.2)
@@ -548,6 +557,7 @@ def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
     assert alone.subject == alone.figures["word"].subject == NAMES[3]
 
 
+@mark.slow
 def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
     crash = Fact(ReportedEvent.CRASH_DETECTED, Level.BAD, time=FAILS, height=2.0, boot=0)
     _, ending = events_and_ending(flight(), crash)
@@ -556,6 +566,7 @@ def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
     assert events_and_ending(flight(), crash.replace(Level.WATCH))[1] is None
 
 
+@mark.slow
 def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     """The log ends at a height of 10 m, unless it was ended on purpose or the autopilot restarted."""
     telemetry = with_end_of_log(flight(), 0.0)
@@ -642,6 +653,7 @@ def test_a_loss_is_stated_without_its_cause_where_nothing_else_is_computed():
     assert loss_of_flight(Signals(flight())) is None
 
 
+@mark.slow
 def test_every_witness_says_when_and_agrees_with_its_event():
     events, ending = events_and_ending(telemetry_of_lost_motor(1))
     for event in (*events.values(), ending):
@@ -686,6 +698,7 @@ def evidence_of_cause(telemetry):
     return ending, ending.figures["cause"].figures["witnesses"]
 
 
+@mark.slow
 def test_the_climb_of_its_command_is_the_first_evidence_for_a_weak_motor():
     """The controller drives motor 2 up over the last 6 s, before it reaches its limit."""
     telemetry = telemetry_of_lost_motor(1)
@@ -719,6 +732,7 @@ def test_of_a_motor_without_output_the_evidence_is_that_its_command_fell():
     )
 
 
+@mark.slow
 def test_motors_that_idled_together_show_it_in_their_mean_command():
     telemetry = with_motor_output(with_fall(with_lean(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
     ending, (fall,) = evidence_of_cause(telemetry)
@@ -757,6 +771,7 @@ def test_the_landing_that_the_autopilot_detected_is_the_first_evidence_that_it_a
     assert raise_level_of_assumed_landings(None, [detected]) == [detected]
 
 
+@mark.slow
 def test_a_motor_that_failed_is_drawn_as_it_was_commanded_then():
     telemetry = telemetry_of_lost_motor(1)
     signals = Signals(telemetry, inputs="motors")

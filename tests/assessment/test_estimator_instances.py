@@ -68,6 +68,7 @@ def test_the_instance_that_flies_is_judged_and_named():
     assert fact.subject == "core 1" and "(core 1)" in str(fact)
 
 
+@pytest.mark.slow
 def test_a_spare_instance_that_rejects_is_to_be_watched():
     fact = estimator_light(evidence(two_instances(primary=0, rejecting=1)))
     assert (fact.code, fact.level) == (EstimatorLight.SPARE_DOUBTED, "watch")
@@ -82,6 +83,7 @@ def test_agreeing_instances_are_good():
 GLITCHING = 831 | 1 << 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("receiver", "parameters", "is_flagged"),
     [

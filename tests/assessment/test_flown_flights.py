@@ -68,6 +68,7 @@ def flying_north(shift=0.0):
     )
 
 
+@mark.slow
 def test_a_flight_has_time_distance_and_height():
     (flight,) = flown_flights(Signals(flying_north()))
     assert flight.start == approx(6.0, abs=1.0) and flight.end == approx(HOVER.landed, abs=1.0)
@@ -89,6 +90,7 @@ def test_a_vehicle_that_the_ground_holds_does_not_fly():
     assert "armed, " in review_title(assess(log_of(telemetry))).text
 
 
+@mark.slow
 def test_a_reset_of_the_position_is_no_distance():
     assert total_distance(flown_flights(Signals(flying_north(shift=500.0)))) == approx(
         total_distance(flown_flights(Signals(flying_north()))), abs=2 * SPEED
@@ -106,6 +108,7 @@ def test_a_flight_without_a_position_for_most_of_it_has_no_distance():
         assert flight.distance == distance
 
 
+@mark.slow
 def test_each_boot_has_its_flights_and_without_a_position_no_distance_is_known():
     telemetry = HOVER.telemetry(without=("LOCAL_POSITION_NED",))
     messages = {}

@@ -68,6 +68,7 @@ def test_repeated_and_late_fixes_do_not_jump():
     assert not len(position_jumps(telemetry_with_glitch(ONE_SAMPLE, late)).time)
 
 
+@mark.slow
 @mark.parametrize(("step", "code"), [(1e6, "motion_impossible"), (40.0, "filter_agreed")])
 def test_a_step_that_nothing_flies_is_watched_without_a_flag(step, code):
     """The receiver, and the height above the take-off; 40 m may be what the filter accepts after a gap."""
@@ -84,6 +85,7 @@ def test_a_step_that_nothing_flies_is_watched_without_a_flag(step, code):
     assert fact.code == code
 
 
+@mark.slow
 def test_a_jump_elsewhere_is_not_that_of_the_flag():
     north = fast_flight() + np.where(TIME > 50.0, 40.0, 0.0)
     fact = estimator_light(evidence_of(Signals(telemetry_with_glitch(ONE_SAMPLE, north))))

@@ -127,6 +127,7 @@ def test_gaps_in_flight_are_found_with_their_time():
     assert fact.figures["longest_gap"] == approx(1.6)
 
 
+@mark.slow
 def test_messages_of_the_barometer_that_are_missing_in_flight_are_reported():
     time = TELEMETRY.messages["ATTITUDE"]["time"]
     altitude = 100.0 + 0.1 * np.sin(time)

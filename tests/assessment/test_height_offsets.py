@@ -48,6 +48,7 @@ def test_a_height_that_both_sensors_refute_is_to_be_watched(error, side):
     assert f"up to 3.0 m {side} what both barometer and satellites show" in event.sentence
 
 
+@mark.slow
 @mark.parametrize(
     ("error", "satellite_error"),
     [(1.5, 0.0), (3.0, 3.0), (3.0, 2.0)],

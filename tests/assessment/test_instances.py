@@ -62,6 +62,7 @@ def with_sensors():
     return changed(telemetry, "ESC", **controllers)
 
 
+@mark.slow
 def test_every_instance_has_its_range_and_state():
     instances = by_name(with_sensors())
     assert (instances["GPS 1"].high, instances["GPS 1"].state.level) == (12, "good")
@@ -125,6 +126,7 @@ def test_the_share_of_an_estimator_counts_the_flight_alone():
     assert (instances["EKF core 0"].used_share, instances["EKF core 1"].used_share) == (0.0, 1.0)
 
 
+@mark.slow
 def test_the_table_has_a_row_for_each_instance():
     instances = list_instances(evidence_of(Signals(with_sensors())))
     table = instance_table(instances, Fact(VibrationLight.VIBRATION_UNKNOWN), has_flown=True)
@@ -143,6 +145,7 @@ def test_the_row_of_an_imu_warns_as_the_light_of_the_vibration_does():
     assert (first[4], first[4].level, second[4]) == ("Bad: see vibration", "bad", "Measured")
 
 
+@mark.slow
 def test_the_row_of_an_imu_warns_of_its_clips():
     """The first IMU clips in two periods, and the second in one of them."""
     levels = {f"vibration_{axis}": np.sin(TIME) ** 2 for axis in "xyz"}
@@ -166,6 +169,7 @@ def test_ranges_of_a_log_without_flight_are_not_called_ranges_in_flight():
     assert "range" in instance_table(instances, unknown, has_flown=False).header
 
 
+@mark.slow
 def test_further_sensors_of_a_dataflash_log_have_messages_of_their_own(tmp_path, monkeypatch):
     """Second sensors are numbered by an instance (GPS, BARO), or are in messages of their own (MAG2, ESC2)."""
     definitions = {
@@ -283,6 +287,7 @@ def test_a_barometer_that_differs_from_the_used_one_in_flight_is_to_be_watched()
     assert (differing.level, differing.figures["name"]) == ("watch", "barometer 2")
 
 
+@mark.slow
 def test_a_compass_that_is_not_used_is_not_judged_and_a_used_one_is_named():
     telemetry = HOVER.telemetry(20.0, 20.0, parameters={"COMPASS_USE": 0.0})
     is_flying = (TIME > 8.0) & (TIME < 60.0)

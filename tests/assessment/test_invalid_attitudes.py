@@ -14,6 +14,8 @@ from mavdem.facts.lights import Light
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 
+pytestmark = mark.slow
+
 
 @dataclass(frozen=True)
 class FailingFlight(Flight):
@@ -37,7 +39,6 @@ def frames_of_flight(**options):
     )
 
 
-@mark.slow
 def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
     """From 15 s on the attitude is NaN until the end."""
     frames = frames_of_flight()
@@ -57,7 +58,6 @@ def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
     assert MotionEvent.LOG_ENDED_IN_AIR not in codes
 
 
-@mark.slow
 @mark.parametrize("end_time", [15.5, 18.0])
 def test_the_event_ends_with_the_next_number_and_needs_a_second(end_time):
     """The attitude is NaN from 15 s to its end time: only a second or more is an alarm."""

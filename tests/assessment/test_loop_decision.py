@@ -285,6 +285,7 @@ def integrating_loop(crossover):
     return OpenLoop(frequency, response[None])
 
 
+@mark.slow
 @mark.parametrize(
     "crossover, diagnosis, gains",
     [
@@ -302,6 +303,7 @@ def test_an_injected_signal_outranks_the_identified_loop(crossover, diagnosis, g
     assert (decision.action and changed_gains(decision)) == gains
 
 
+@mark.slow
 def test_a_resonance_outranks_an_injected_signal_that_shows_none():
     decision = decision_on_roll(made_up(), injected=integrating_loop(5.0), response=RESONANCE)
     assert decision.reason.code is MarginsLight.RESONATES

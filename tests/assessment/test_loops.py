@@ -63,6 +63,7 @@ def spans(parts):
     return [(round(part.time[0]), round(part.time[-1])) for part in parts]
 
 
+@mark.slow
 def test_parts_with_the_same_gains_count_together():
     parts, _ = sections_and_caution([(P, 1.0, 0.5), (P, 24.0, 0.25), (P, 39.0, 0.5)])
     assert spans(parts) == [(12, 24), (39, 51)]
@@ -74,6 +75,7 @@ def test_parameters_of_other_axes_do_not_divide_the_flight(name):
     assert caution is None and round(part.duration) == 39
 
 
+@mark.slow
 def test_a_change_after_the_flight_leaves_the_gains_that_were_flown():
     (part,), caution = sections_and_caution([(P, 1.0, 0.5), (P, 70.0, 0.25)])
     assert caution is None and part.provenance["parameters"][P] == 0.5
@@ -121,6 +123,7 @@ def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
     assert "At the end of the log the parameters are those from before" in autotune.sentence
 
 
+@mark.slow
 def test_without_a_rate_setpoint_the_reason_includes_what_inputs_and_outputs_show(monkeypatch):
     telemetry = Hover().telemetry()
     not_logged = NotLearnable(LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0)

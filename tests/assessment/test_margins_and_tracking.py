@@ -413,6 +413,7 @@ def telemetry_of_turns(turn_rate, asked_rate, outputs=None):
     )
 
 
+@mark.slow
 def test_yaw_follows_its_setpoint_through_whole_turns():
     flight_evidence = evidence(telemetry_of_turns(100.0, 100.0))
     yaw = flight_evidence.tracking["yaw"]
@@ -461,11 +462,13 @@ def test_small_rates_that_answer_the_wind_do_not_fall_short():
     assert yaw.code is not TrackingLight.RATE_FALLS_SHORT and "reached_rate" not in yaw.figures
 
 
+@mark.slow
 def test_a_yaw_setpoint_that_never_changes_is_none():
     flight_evidence = evidence(with_setpoint(HOVER.telemetry(), angle=0.1 * np.sin(TIME)))
     assert flight_evidence.tracking["yaw"].code is TrackingLight.TRACKING_UNKNOWN
 
 
+@mark.slow
 def test_a_flight_for_a_model_of_yaw_has_the_setpoint_of_the_rate_only():
     signals = Signals(telemetry_of_turns(100.0, 100.0), "yaw")
     assert [setpoint.unit for setpoint in signals.setpoints] == ["rad/s", "rad"]

@@ -75,6 +75,7 @@ def sagging_voltage(cell, seconds=20.0):
     return np.where(low, 4 * cell, 16.4)
 
 
+@mark.slow
 def test_a_battery_is_judged_by_its_cells_and_its_load():
     """The voltage sags by 0.04 V for each ampere: the resistance of the battery is estimated."""
     amperes = np.where(FLYING, 20.0 + 5 * np.sin(5 * TIME), 0.5)
@@ -88,6 +89,7 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     assert power_light(evidence(telemetry_reversed)).figures["resistance"] is None
 
 
+@mark.slow
 def test_a_current_too_small_to_hover_on_is_not_a_measured_one():
     volts = 16.4 + SAG
     parameters = {"BATT_AMP_PERVLT": 17.0}
@@ -171,6 +173,7 @@ def test_what_is_no_battery_is_not_judged(volts, parameters):
         assert code is not PowerLight.POWER_UNMEASURED
 
 
+@mark.slow
 def test_what_follows_a_loss_is_no_fault_of_the_battery():
     volts = np.where(TIME > 40.0, 11.0, 16.4)
     lost = Fact(PowerLight.BATTERY_LOW, Level.BAD, time=39.0)
@@ -225,6 +228,7 @@ def test_a_voltage_that_changes_is_not_called_one_whatever_the_load():
     assert "16.4 V while the current rises to" in power_light(evidence(loaded)).sentence
 
 
+@mark.slow
 def test_a_vehicle_that_stayed_on_the_ground_has_no_flight_to_judge_the_power_by():
     flight_evidence = evidence(battery(16.4 + SAG))
     stayed = Fact(MotionEvent.NOT_FLOWN, Level.WATCH, time=12.0, boot=0)
@@ -322,12 +326,14 @@ def test_the_failsafe_may_doubt_a_filter_that_rejects_nothing():
     assert "rejected" not in fact.sentence and "(80 %) for 1.8 s: velocity 90 %" in fact.sentence
 
 
+@mark.slow
 def test_an_innovation_far_beyond_its_limit_is_to_be_watched_however_short_it_is():
     fact = estimator_light(evidence(telemetry_with_innovations(pos_vert=(8.63, 0.1))))
     assert (fact.code, fact.level) == (EstimatorLight.FILTER_AGREED, "watch")
     assert "863 %" in fact.sentence and fact.remedy
 
 
+@mark.slow
 def test_the_largest_innovation_of_all_flights_is_named(monkeypatch):
     flight_evidence = evidence(telemetry_with_innovations(compass=(0.5, 0.1)))
     monkeypatch.setattr(
@@ -351,6 +357,7 @@ def test_a_rejection_with_single_accepted_samples_has_its_total_too():
     assert fact.sentence.endswith("the autopilot's failsafe does not check the height.")
 
 
+@mark.slow
 def test_where_the_failsafe_acts_an_innovation_that_it_checks_is_named():
     fact = estimator_light(
         evidence(telemetry_with_innovations(pos_vert=(9.0, 5.0), velocity=(2 * BEYOND, 3.0)))
@@ -359,6 +366,7 @@ def test_where_the_failsafe_acts_an_innovation_that_it_checks_is_named():
     assert "is_unchecked" not in fact.figures
 
 
+@mark.slow
 def test_poor_fixes_of_one_flight_of_several_have_its_time(monkeypatch):
     dilution = np.where(TIME < 40.0, 200, 260)
     report = columns(TIME, fix_type=3, satellites_visible=7, eph=dilution)
@@ -371,6 +379,7 @@ def test_poor_fixes_of_one_flight_of_several_have_its_time(monkeypatch):
     assert fact.sentence.startswith("GPS was poor in flight from 41.")
 
 
+@mark.slow
 def test_a_lost_position_is_the_light_of_the_estimator():
     lost = Fact(
         MotionEvent.POSITION_LOST, Level.BAD, time=30.0, end_time=48.0, duration=18.0, boot=0
@@ -503,6 +512,7 @@ def test_an_accelerometer_that_is_wrong_at_rest_is_to_be_watched(force, level):
             assert estimator_light(evidence(flown)).code is EstimatorLight.ACCELEROMETER_WRONG
 
 
+@mark.slow
 @mark.parametrize(
     "autopilot, recorder, parameters, advice",
     [
@@ -689,6 +699,7 @@ def test_commands_that_end_early_in_flight_are_incomplete(last_share, code):
     assert ("what the motors did" in fact.sentence) is (code == "commands_incomplete")
 
 
+@mark.slow
 def test_the_log_states_how_often_the_attitude_was_recorded():
     interpolated = Fact(Repair.ATTITUDE_INTERPOLATED, attitude_rate=20.0, rate=50.0)
     fact = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(interpolated,))))
@@ -738,6 +749,7 @@ def repair_of_skipped_bytes(count):
     return Fact(Repair.BYTES_SKIPPED, count=count, total=10_000_000, part="message")
 
 
+@mark.slow
 def test_damage_of_which_only_the_bytes_are_known_is_to_be_watched():
     """Damaged messages of DataFlash have no checksum, so that they count as bytes."""
     for count, code in (

@@ -66,6 +66,7 @@ def climb_rate_of_fall(elapsed):
     return -GRAVITY * elapsed
 
 
+@mark.slow
 def test_a_sound_flight_has_no_event_of_motion():
     events, ending = events_and_ending(instrumented())
     assert ending is None
@@ -79,6 +80,7 @@ def height_runaway(mode="Alt hold"):
     return driven(telemetry, 2000.0, EVENT + 1.0, EVENT + 5.0)
 
 
+@mark.slow
 def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
     events, _ = events_and_ending(height_runaway())
     diverged = events[MotionEvent.HEIGHT_DIVERGED]
@@ -95,6 +97,7 @@ def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
     assert MotionEvent.MOTOR_AT_ITS_STOP not in events
 
 
+@mark.slow
 def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle_sinks():
     telemetry = moving(instrumented("Alt hold"), lambda elapsed: -1.5 * (elapsed < 5.0))
     telemetry = estimating(telemetry, lambda elapsed: 2.0 * (elapsed < 5.0))
@@ -105,6 +108,7 @@ def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle
     assert SensorFact.MOTORS_FULL not in witnesses(diverged, Side.FOR)
 
 
+@mark.slow
 def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
     telemetry = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
     cause = events_and_ending(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
@@ -112,6 +116,7 @@ def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
     assert cause.figures["acceleration"] == approx(8.0)
 
 
+@mark.slow
 def test_vibration_is_the_cause_where_the_error_at_rest_does_not_explain_that_in_flight():
     telemetry = height_runaway()
     time = stamps(telemetry, "HIGHRES_IMU")
@@ -135,6 +140,7 @@ def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_ca
     assert (SensorFact.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
 
 
+@mark.slow
 def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
     """It rises to 20 m by a false height; in Stabilize the pilot closes the throttle, and it falls."""
     fell = EVENT + 6.5
@@ -163,6 +169,7 @@ def test_where_the_stick_is_the_thrust_no_height_is_followed(mode):
     assert MotionEvent.HEIGHT_DIVERGED not in events_and_ending(height_runaway(mode))[0]
 
 
+@mark.slow
 def test_a_climb_that_the_pilot_asks_for_is_no_divergence():
     telemetry = stick(height_runaway(), 1900)
     assert MotionEvent.HEIGHT_DIVERGED not in events_and_ending(telemetry)[0]
@@ -239,6 +246,7 @@ def test_a_radio_that_was_lost_until_the_motors_stopped_is_the_reason():
     assert cause.figures["cause"].code is ReportedEvent.RADIO_LOST
 
 
+@mark.slow
 def test_a_throttle_that_the_pilot_closes_in_the_air_is_the_cause():
     telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
     _, ending = events_and_ending(stick(telemetry, STICK_CLOSED))
@@ -253,12 +261,14 @@ def test_a_throttle_closed_after_the_motors_stopped_is_no_cause(text):
     assert ending.figures["cause"].code is not FailedFirst.THROTTLE_CLOSED_FIRST
 
 
+@mark.slow
 def test_a_warning_of_a_low_battery_does_not_outrank_the_closed_throttle():
     telemetry = saying(failsafe_in_the_air(), EVENT, "Battery 1 low voltage")
     _, ending = events_and_ending(stick(telemetry, STICK_CLOSED))
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
+@mark.slow
 def test_a_pilot_who_closes_the_throttle_once_it_topples_is_no_cause():
     telemetry = moving(instrumented("Stabilize"), lambda elapsed: -1.0 * (elapsed < 9.8))
     touch_down = EVENT + 9.8
@@ -318,6 +328,7 @@ def test_a_dive_that_the_pilot_ends_is_no_crash():
     assert SensorFact.THROTTLE_CLOSED in witnesses(dived, Side.FOR)
 
 
+@mark.slow
 def test_without_a_stick_nobody_knows_that_the_pilot_dived():
     dived = events_and_ending(only(dive(), lambda time: time < 0, "RC_CHANNELS"))[0][
         MotionEvent.DIVED
@@ -340,6 +351,7 @@ def impact(speed=6.0):
     return driven(knocked(telemetry, EVENT + seconds), 1000.0, EVENT + seconds)
 
 
+@mark.slow
 def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
     events, ending = events_and_ending(impact())
     assert ending.code is Ending.CRASHED
@@ -350,6 +362,7 @@ def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
     assert ending.figures["witnesses"] == hit.figures["witnesses"]
 
 
+@mark.slow
 def test_the_speed_of_an_impact_is_the_one_at_its_end_and_not_of_the_fall_before():
     """It falls at 7 m/s, and the pilot brakes it to 3.5 m/s before the ground."""
     telemetry = moving(
@@ -389,6 +402,7 @@ def test_a_throttle_lowered_before_an_impact_is_its_cause(mode, pulse, is_cause)
         assert cause is None
 
 
+@mark.slow
 def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
     """At 2.5 m it begins to tumble, hits the ground 0.6 s later, and harder once more after that."""
     tumble = EVENT + 7.5
@@ -407,6 +421,7 @@ def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
     assert ending.sentence.startswith("Hit the ground at 38.1 s")
 
 
+@mark.slow
 def test_the_slope_of_a_barometer_does_not_contradict_a_short_fall():
     """It falls freely for 1.4 s from 10 m, and its estimate goes on falling."""
     telemetry = moving(instrumented(), climb_rate_of_fall)
@@ -440,6 +455,7 @@ def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_t
     assert (cause is not None and "sank at full throttle" in cause.sentence) is is_spent
 
 
+@mark.slow
 @mark.parametrize(
     "pulse, climb, level, is_full",
     [(2000, 3.0, "good", True), (2000, 0.0, "watch", True), (1500, 3.0, "watch", False)],
@@ -480,6 +496,7 @@ def test_two_slow_samples_at_the_limit_are_no_event(seconds, share):
         )
 
 
+@mark.slow
 def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     telemetry = impact()
     position = telemetry.messages["LOCAL_POSITION_NED"]
@@ -495,6 +512,7 @@ def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     assert hit.figures["speed"] < 10
 
 
+@mark.slow
 @mark.parametrize(
     "mode, angle, period, swings",
     [
@@ -578,6 +596,7 @@ def test_a_path_at_constant_speed_needs_no_lean_wherever_it_is_or_begins():
     assert abs(path_leans(signals, 0, attitude_tracking(signals, 0))).max() < 1e-6
 
 
+@mark.slow
 def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller():
     """The setpoint stays level, while the vehicle leans by 50° to both sides: that is bad, though it came back."""
     telemetry = instrumented("Auto")
@@ -619,6 +638,7 @@ def left_running(seconds):
     return changed(telemetry, "ATTITUDE", pitch=np.where(time > impact_time, -1.0, 0.0))
 
 
+@mark.slow
 @mark.parametrize("seconds, is_left_running", [(2.0, False), (12.0, True)])
 def test_motors_that_run_on_after_an_impact_are_an_event(seconds, is_left_running):
     events, ending = events_and_ending(left_running(seconds))
@@ -630,6 +650,7 @@ def test_motors_that_run_on_after_an_impact_are_an_event(seconds, is_left_runnin
         assert "to the end of the record" not in event.sentence
 
 
+@mark.slow
 def test_motors_that_run_again_after_a_pause_of_the_record_were_not_left_running():
     telemetry = left_running(np.inf)
     elapsed = stamps(telemetry, "SERVO_OUTPUT_RAW") - EVENT
@@ -641,6 +662,7 @@ def test_motors_that_run_again_after_a_pause_of_the_record_were_not_left_running
     assert MotionEvent.MOTORS_RAN_ON not in events
 
 
+@mark.slow
 @mark.parametrize("crash_check", [0.0, 1.0])
 def test_the_advice_on_motors_left_running_knows_the_crash_check(crash_check):
     telemetry = left_running(np.inf)
@@ -652,6 +674,7 @@ def test_the_advice_on_motors_left_running_knows_the_crash_check(crash_check):
     assert ("with FS_CRASH_CHECK 1" in event.remedy) is (crash_check == 0.0)
 
 
+@mark.slow
 @mark.parametrize(
     "turns, commanded_turns, spins",
     [(3.0, 0.0, True), (3.0, -3.0, True), (3.0, 3.0, False), (0.6, 0.0, False)],
@@ -672,6 +695,7 @@ def test_a_turn_beyond_the_yaw_command_is_a_spin(turns, commanded_turns, spins):
         assert "to the right" in spun.sentence
 
 
+@mark.slow
 def test_what_was_not_recorded_between_two_turns_is_no_spin():
     """It yaws at 40 °/s for a second before and after half a minute without attitude."""
     telemetry = instrumented()
@@ -685,6 +709,7 @@ def test_what_was_not_recorded_between_two_turns_is_no_spin():
     assert MotionEvent.SPUN not in events_and_ending(with_gap)[0]
 
 
+@mark.slow
 def test_a_slow_drift_between_two_fast_turns_is_no_spin():
     """It drifts by 1.3 turns at 9 °/s, and yaws at 30 °/s for a second before and after."""
     telemetry = instrumented()
@@ -696,6 +721,7 @@ def test_a_slow_drift_between_two_fast_turns_is_no_spin():
     assert MotionEvent.SPUN not in events_and_ending(telemetry)[0]
 
 
+@mark.slow
 def test_a_hard_landing_upright_is_to_be_watched():
     events, ending = events_and_ending(impact(2.5))
     assert ending is None
@@ -704,6 +730,7 @@ def test_a_hard_landing_upright_is_to_be_watched():
     assert "sinking" not in Fact(MotionEvent.LANDED_HARD, time=3.0, speed=0.04).sentence
 
 
+@mark.slow
 def test_an_estimate_that_sinks_at_rest_shows_no_speed_of_a_landing():
     sound = impact(2.5)
     position = sound.messages["LOCAL_POSITION_NED"]
@@ -716,6 +743,7 @@ def test_an_estimate_that_sinks_at_rest_shows_no_speed_of_a_landing():
     assert sources == [HeightSource.ESTIMATE, HeightSource.BAROMETER]
 
 
+@mark.slow
 def test_a_knock_at_the_take_off_does_not_hide_a_hard_landing():
     """The vehicle is knocked harder when it lands than 21 s before, by a force that no vibration reaches."""
     telemetry = knocked(impact(2.5), 9.0, 35.0)
@@ -723,6 +751,7 @@ def test_a_knock_at_the_take_off_does_not_hide_a_hard_landing():
     assert MotionEvent.LANDED_HARD in events
 
 
+@mark.slow
 @mark.parametrize("knock, is_hard", [(36.0, False), (80.0, True)])
 def test_the_largest_force_of_strong_vibration_is_no_hard_landing(knock, is_hard):
     """It shakes by a normal force, by up to 35 m/s² in flight, and a little more close to the ground."""
@@ -742,6 +771,7 @@ def test_the_contact_of_a_flight_whose_take_off_was_not_received_is_at_its_knock
     assert search.contact_time(EVENT + 2.0, EVENT + 6.0) == approx(EVENT + 4.0, abs=0.05)
 
 
+@mark.slow
 def test_a_setpoint_that_nothing_follows_is_no_tumble():
     """The attitude is 60° from its setpoint, but neither gyro nor height moves."""
     telemetry = instrumented("Stabilize")
@@ -800,6 +830,7 @@ def test_a_position_that_never_comes_back_is_lost_to_the_end_of_the_flight():
     )
 
 
+@mark.slow
 def test_flags_that_flicker_before_a_loss_do_not_hide_it():
     telemetry = without_position(instrumented(), 18.0)
     is_valid = telemetry.messages["LOCAL_POSITION_NED"]["valid"].copy()
@@ -821,12 +852,14 @@ def without_fix(*receivers):
     return telemetry
 
 
+@mark.slow
 def test_receivers_without_a_fix_alone_do_not_speak_for_the_estimator():
     lost = events_and_ending(without_fix("GPS_RAW_INT", "GPS2_RAW"))[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.WATCH
     assert witnesses(lost, Side.FOR) == {SensorFact.NO_FIX}
 
 
+@mark.slow
 def test_a_second_receiver_with_a_fix_holds_the_position():
     assert MotionEvent.POSITION_LOST not in events_and_ending(without_fix("GPS_RAW_INT"))[0]
 
@@ -841,6 +874,7 @@ def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
     assert ending.code is Ending.CRASHED
 
 
+@mark.slow
 def test_a_reported_crash_that_no_sensor_could_show_counts():
     sensors = ("ATTITUDE", "LOCAL_POSITION_NED", "SCALED_PRESSURE", "HIGHRES_IMU")
     telemetry = only(instrumented(), lambda time: time < EVENT - 11.0, *sensors)
@@ -856,6 +890,7 @@ def bench():
     return changed(telemetry, "SCALED_PRESSURE", altitude=120.0 + 0.1 * np.sin(time))
 
 
+@mark.slow
 def test_what_never_flew_has_no_other_event():
     telemetry = knocked(bench(), EVENT)
     events, ending = events_and_ending(telemetry)

@@ -51,6 +51,7 @@ def test_a_change_of_the_steady_torque_is_none_of_a_motor():
     assert not changes.has_weak_motor.any()
 
 
+@mark.slow
 @mark.parametrize("samples, status", [([], Status.REPORTED), ([50], Status.BIASED)])
 def test_an_effect_is_none_of_the_whole_flight_where_a_motor_changed(samples, status):
     plant = made_up().plant

@@ -54,6 +54,7 @@ def codes(event, side):
     return {fact.code for fact in event.figures["witnesses"] if fact.figures["side"] == side}
 
 
+@mark.slow
 @mark.parametrize("rate", [10.0, 4.0])
 def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness(rate):
     events, ending = events_and_ending(with_speeds(lost_motor(), rate=rate))
@@ -73,6 +74,7 @@ def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness
     )
 
 
+@mark.slow
 def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
     events, ending = events_and_ending(with_speeds(instrumented()))
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
@@ -91,6 +93,7 @@ def test_a_lost_motor_that_turns_in_the_wind_for_most_of_the_flight_stands_still
     assert events[MotionEvent.MOTOR_STOOD_STILL].time == approx(EVENT, abs=0.2)
 
 
+@mark.slow
 def test_motors_that_all_turn_are_no_event():
     events, _ = events_and_ending(with_speeds(instrumented(), 5000.0))
     assert MotionEvent.MOTOR_STOOD_STILL not in events
@@ -135,6 +138,7 @@ def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
     assert unnamed == torque_change
 
 
+@mark.slow
 def test_the_table_names_the_motor_of_a_controller_and_that_it_stood_still():
     signals = Signals(with_speeds(instrumented()), inputs="motors")
     evidence = evidence_of(signals, events=motion_events(signals))

@@ -352,6 +352,7 @@ def test_outputs_that_never_change_are_not_called_missing():
     assert "no output in SERVO_OUTPUT_RAW ever changes." in fact.sentence
 
 
+@mark.slow
 def test_no_headroom_is_stated_under_a_height_that_diverged():
     sound = evidence_of(Signals(Hover(hovering=40.0).telemetry(20.0, 20.0)))
     diverged = Fact(MotionEvent.HEIGHT_DIVERGED, Level.BAD, time=20.0, boot=0)

@@ -62,6 +62,7 @@ def test_sensors_and_battery_of_every_vehicle_are_judged(vehicle):
     assert lights["log"].figures["attitude_rate"] == approx(10.0, rel=0.01)
 
 
+@mark.slow
 def test_a_position_that_is_lost_is_an_event_of_every_vehicle(vehicle):
     is_lost = (TIME > 40.0) & (TIME < 50.0)
     fix = columns(TIME, fix_type=np.where(is_lost, 1, 3))
@@ -154,6 +155,7 @@ def test_of_other_vehicles_the_sensors_are_checked_and_no_flight(vehicle):
     ]
 
 
+@mark.slow
 def test_a_damaged_log_of_a_plane_has_a_light_to_be_watched():
     damage = Fact(Repair.FRAMES_LEFT_OUT, count=150, flaw=Flaw.DAMAGE)
     log = replace(log_of(replace(telemetry("FIXED_WING"), repairs=(damage,))), frames=1000)

@@ -166,6 +166,7 @@ def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
     assert problems[4].subject == "lane 0"
 
 
+@mark.slow
 def test_the_land_detector_dates_the_take_off_of_what_climbed():
     landed = columns([0.0, 5.0, 6.2, 70.0, 75.0], landed_state=[1, 1, 2, 2, 1])
     (up,) = events(changed(FLOWN, "EXTENDED_SYS_STATE", **landed), ReportedEvent.OFF_GROUND)
@@ -259,6 +260,7 @@ def test_a_fix_that_a_boot_has_not_had_yet_is_not_lost():
     assert not events(changed(FLOWN, "GPS_RAW_INT", **receiver), ReportedEvent.GPS_LOST)
 
 
+@mark.slow
 def test_a_fix_is_not_lost_while_the_second_receiver_has_one():
     first = columns(TIMES, fix_type=np.where(LOST, 1, 3))
     telemetry = changed(FLOWN, "GPS_RAW_INT", **first)
@@ -301,6 +303,7 @@ def test_reports_while_disarmed_are_not_bad():
     assert fact.level == "bad"
 
 
+@mark.slow
 def test_a_failsafe_and_a_lane_are_states_too():
     """A failsafe lasts from 31 s to 39 s, the estimator switches lanes twice, and resets at 30 s."""
     beats = FLOWN.messages["HEARTBEAT"]["time"]
@@ -326,6 +329,7 @@ def test_a_failsafe_and_a_lane_are_states_too():
     assert (fact.time, fact.level) == (30.0, "good")
 
 
+@mark.slow
 @mark.parametrize(
     "text, message, field, sound, faulty",
     [
@@ -500,6 +504,7 @@ def test_a_landing_that_is_detected_high_in_a_flight_is_an_event(time, is_report
     assert all("10 m above the take-off" in report.sentence for report in reports)
 
 
+@mark.slow
 def test_reports_of_the_ground_throughout_a_flight_are_an_event_and_hide_no_flight():
     stuck = changed(FLOWN, "EXTENDED_SYS_STATE", **columns(np.arange(0.0, 80.0), landed_state=1))
     (wrong,) = events(stuck, ReportedEvent.GROUND_REPORTED_IN_FLIGHT)

@@ -133,6 +133,7 @@ def test_a_flight_of_another_autopilot_has_the_parameters_that_this_one_reported
     assert ["MC_ROLLRATE_P" in values for values in parameters] == [False, True, False]
 
 
+@mark.slow
 def test_what_comes_before_the_first_clock_of_a_boot_does_not_count_in_the_boot_before():
     """A report has the time of the message before it, which was sent before the restart."""
     signals = recording((SOUND, 0.25), (SOUND, 0.3))
@@ -156,6 +157,7 @@ def test_a_command_that_uses_all_flights_together_says_so(capsys):
     assert capsys.readouterr().err.startswith("All 2 flights of the log are used together")
 
 
+@mark.slow
 def test_a_gain_that_a_later_boot_lowered_is_not_lowered_again():
     first, *_ = separate_flights(recording((SOUND, 2.262), (SOUND, 0.3), (SOUND, 0.197)))
     in_flight = [Segment(0, 10.0, 20.0)]

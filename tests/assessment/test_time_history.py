@@ -39,6 +39,7 @@ def armed_from_20_to_40_s():
     return changed(HOVER.telemetry(), "HEARTBEAT", base_mode=base_mode)
 
 
+@mark.slow
 def test_a_time_history_lasts_from_before_arming_to_after_disarming():
     history = history_of(armed_from_20_to_40_s())
     assert history.segment.start == approx(20.0 - SECONDS_AROUND_FLIGHT, abs=HEARTBEAT_PERIOD)
@@ -59,6 +60,7 @@ def test_setpoints_are_held_at_the_times_of_the_measured_signal():
     assert history_of(HOVER.telemetry()).axes["roll"].rate.setpoint is None
 
 
+@mark.slow
 def test_motors_are_in_percent_of_their_range_and_of_their_mean():
     motors = history_of(HOVER.telemetry()).motors
     hovering = (motors.outputs.time > 20.0) & (motors.outputs.time < 40.0)
@@ -67,6 +69,7 @@ def test_motors_are_in_percent_of_their_range_and_of_their_mean():
     assert_allclose(np.diff(motors.deviations.values), np.diff(motors.outputs.values), atol=1e-9)
 
 
+@mark.slow
 def test_the_barometer_begins_at_the_height_and_shows_where_that_diverged():
     telemetry = instrumented()
     position = telemetry.messages["LOCAL_POSITION_NED"]
@@ -81,6 +84,7 @@ def test_the_barometer_begins_at_the_height_and_shows_where_that_diverged():
     assert history_of(without).barometer_height is None
 
 
+@mark.slow
 def test_the_flights_of_all_boots_are_drawn_one_after_the_other():
     """The same flight is recorded in two boots.
 
@@ -123,6 +127,7 @@ def test_a_signal_with_a_single_sample_in_flight_is_left_out():
         assert (height is not None) is is_shown
 
 
+@mark.slow
 def test_a_receiver_gives_path_and_height_where_nothing_else_does():
     """The vehicle moves 0.001° north, 111.2 m, and climbs 5 m; without a fix the position is no place."""
     time = [10.0, 20.0, 30.0, 31.0]
@@ -149,6 +154,7 @@ def test_voltages_are_named_by_their_battery():
     assert not history_of(HOVER.telemetry()).voltages
 
 
+@mark.slow
 def test_events_of_another_boot_or_of_no_time_are_left_out():
     here = Fact(ReportedEvent.BATTERY_WARNED, time=20.0, boot=0)
     of_no_boot = Fact(ReportedEvent.BATTERY_WARNED, time=30.0)

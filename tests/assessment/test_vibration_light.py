@@ -43,6 +43,7 @@ def light(*arguments, **keywords):
     return vibration_light(partial_record(Evidence, signals=shaken_signals(*arguments, **keywords)))
 
 
+@mark.slow
 @mark.parametrize("autopilot, limits", [("ARDUPILOTMEGA", ARDUPILOT_LEVELS), ("PX4", PX4_LEVELS)])
 def test_the_limits_are_the_autopilot_s(autopilot, limits):
     near = [share * limit for limit in limits for share in (0.99, 1.01)]
@@ -66,6 +67,7 @@ def test_the_worst_axis_of_the_worst_imu_is_named():
     assert "other IMU" not in light([1, 2, 15.5, 1, 1, 16]).sentence
 
 
+@mark.slow
 def test_clips_of_the_accelerometer_have_the_levels_of_their_limits():
     assert "no clips in settled flight" in light([1, 1, 1]).sentence
     assert {light([1, 1, 1], clips=count).level for count in (1, CLIP_LIMITS.bad)} == {"watch"}

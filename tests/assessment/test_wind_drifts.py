@@ -68,6 +68,7 @@ def test_a_lean_limit_in_the_parameters_replaces_the_usual_one():
     assert drift_of(25.0, -2.0, ATC_ANGLE_MAX=25.0) is not None
 
 
+@mark.slow
 def test_a_lean_limit_that_was_set_after_the_flight_is_not_that_of_the_flight():
     """At the limit of 25° the wind carries the vehicle away for 10 s; after the landing 60° are allowed."""
     telemetry = Hover().telemetry(20.0, 20.0)

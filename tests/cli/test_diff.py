@@ -159,6 +159,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert "Parameters: 1 of 2 that A and B have in common are equal; 1 set anew." in printed.out
 
 
+@mark.slow
 def test_a_flight_in_which_a_motor_failed_is_a_result_without_figures(monkeypatch, capsys):
     without_models = {f"{name}_status": "refused" for name in ("effect", "damping", "lag")}
     rows = {

@@ -10,6 +10,8 @@ from pytest import fail, mark
 
 from sitl_scenarios.files import load, names, scenario_from_table, scenario_toml
 
+pytestmark = mark.slow
+
 SHORT = ["--duration", "20"]
 
 
@@ -17,7 +19,6 @@ def fly(capsys, *words):
     return document_of(capsys, "fly", *words)
 
 
-@mark.slow
 def test_the_list_is_one_a_line_name_first(capsys):
     assert run("fly", "--list") == 0
     listed = capsys.readouterr().out.splitlines()
@@ -27,7 +28,6 @@ def test_the_list_is_one_a_line_name_first(capsys):
     }
 
 
-@mark.slow
 @mark.parametrize("name", names())
 def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)
@@ -37,7 +37,6 @@ def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     assert text.count("; true or false") == len(re.findall(r"(?m)^\w+ = (?:true|false)\b", text))
 
 
-@mark.slow
 @mark.parametrize(
     "text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"]
 )
@@ -57,7 +56,6 @@ def test_a_description_of_any_characters_reads_back_and_sends_none_to_the_termin
     assert load(again) == load(own_file)
 
 
-@mark.slow
 @mark.parametrize("speed, flown, slow", [(2, 18.0004, True), (2, 19.2, False), (0.5, 4.7, True)])
 def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
     speed, flown, slow, monkeypatch, capsys
@@ -84,7 +82,6 @@ def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
     assert 0 < shown_texts[0] <= 0.25 and shown_texts[1] == 1.0
 
 
-@mark.slow
 def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
     full = Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr("mavdem.cli.fly.write_truth", full)
@@ -94,7 +91,6 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 
-@mark.slow
 @mark.parametrize("words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"])
 def test_a_place_that_takes_no_file_is_refused_before_the_work(words, here, capsys, monkeypatch):
     # It takes none, as /proc does, though its mode says that it would.

@@ -238,6 +238,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     assert headline in live and remedy in live and ">GOOD<" not in live
 
 
+@mark.slow
 def test_reasons_in_a_table_wrap_as_far_as_a_terminal_has_lines(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     reason = "The estimate changes by 15 % with the wind spectrum that is assumed."

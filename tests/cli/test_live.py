@@ -33,6 +33,7 @@ from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.simulation import Simulation
 
 
+@mark.slow
 @mark.parametrize(
     "line, said",
     {

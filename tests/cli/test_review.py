@@ -49,6 +49,7 @@ def test_a_log_of_no_vehicle_that_can_be_judged_has_its_page(tmp_path, capsys):
     assert "There is no vehicle 7" in (tmp_path / "report.html").read_text()
 
 
+@mark.slow
 def test_the_library_returns_what_is_printed(tmp_path):
     other_review = mavdem.review(SLOW, vehicle="9")
     assert other_review.headline.code is NotLearnableReason.NO_SUCH_VEHICLE

@@ -4,8 +4,9 @@ from command_line import run, unwrapped
 from pytest import mark
 from recorded_flights import SLOW
 
+pytestmark = mark.slow
 
-@mark.slow
+
 def test_a_refusal_wraps_at_the_width_and_is_one_line_without_one(tmp_path, monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
     assert run("wind", SLOW, "--out", tmp_path) == 1

@@ -20,8 +20,9 @@ from mavdem.wind_velocity.compass import compass_text, compass_words
 from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import load, scenario_toml
 
+pytestmark = mark.slow
 
-@mark.slow
+
 def test_the_page_of_a_log_without_wind_says_why_and_what_to_do(tmp_path, capsys):
     assert run("wind", SLOW, "--out", tmp_path) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["wind.html"]
@@ -31,7 +32,6 @@ def test_the_page_of_a_log_without_wind_says_why_and_what_to_do(tmp_path, capsys
     assert sentence in page and remedy in page
 
 
-@mark.slow
 @mark.usefixtures("coarse_physics", "without_pages", "logs_read_once")
 def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     log = tmp_path / "legs.tlog"

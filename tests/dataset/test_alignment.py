@@ -116,6 +116,7 @@ def test_each_of_two_boots_whose_clocks_overlap_has_its_segment():
     assert segments == (*settled_segments(Signals(telemetry)), *parts)
 
 
+@mark.slow
 def test_the_segment_is_the_hover_between_a_climb_and_a_sinking_however_slow():
     slow = HOVER.telemetry()
     slow = changed(slow, "LOCAL_POSITION_NED", vz=0.56 * slow.messages["LOCAL_POSITION_NED"]["vz"])
@@ -287,6 +288,7 @@ def test_a_silence_of_at_most_a_tenth_of_a_second_is_bridged(silence, segment_co
     assert len(settled_segments(Signals(telemetry))) == segment_count
 
 
+@mark.slow
 def test_a_uniform_source_keeps_its_samples():
     telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.0004)
     flight = aligned_flight(Signals(telemetry), settled_segments(Signals(telemetry))[0])
@@ -315,6 +317,7 @@ def test_neither_motors_nor_attitude_get_a_lag(stamps, offset):
         assert abs(delays[np.argmin(errors)]) <= 0.0002
 
 
+@mark.slow
 def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     """49 Hz, seen well at 400 Hz, would be 1 Hz on the 50 Hz of the motors; at the ends of the segment too."""
     telemetry = HOVER.telemetry(attitude_time=400.0, motor_time=50.0)
@@ -364,6 +367,7 @@ def test_a_grid_has_the_last_sample_and_begins_where_the_low_pass_has_settled():
     assert gains == approx([256 / 257, 1 / 2, 1 / 257], abs=0.005)
 
 
+@mark.slow
 def test_lost_messages_and_jitter_part_nothing():
     random = default_rng(5)
     lossy = np.sort(random.permutation(HOVER.stamps(50.0))[: round(HOVER.end * 40)])
@@ -380,6 +384,7 @@ def with_roll_demand(motor_rate, demand_rate):
     return with_demand(Hover().telemetry(motor_time=motor_rate), demand_rate, pace=3.0)
 
 
+@mark.slow
 @mark.parametrize(
     "motor_rate, demand_rate, taken", [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")]
 )

@@ -25,6 +25,7 @@ def segments_of(log):
     return usable_segments(Signals(log.vehicles[0]), log.components)
 
 
+@mark.slow
 def test_a_flight_carries_the_cautions_of_its_learnability():
     telemetry = HOVER.telemetry()
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
@@ -48,6 +49,7 @@ def received(wanted):
     return only(HOVER.telemetry(), wanted, "ATTITUDE", "SERVO_OUTPUT_RAW")
 
 
+@mark.slow
 def test_segments_have_one_step_also_where_a_link_lost_messages():
     lossy = received(
         lambda time: (abs(time - 25) >= 0.5) & ((time >= 25) | (np.round(100 * time) % 9 != 0))
@@ -120,6 +122,7 @@ def flight_of(telemetry):
     return aligned_flight(signals, settled_segments(signals)[0])
 
 
+@mark.slow
 def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future():
     flight = flight_of(with_targets(rate=10.0))
     assert flight.setpoint_names == ("roll rate setpoint", "roll setpoint")
@@ -145,6 +148,7 @@ def test_masked_fields_are_no_setpoints(mask, units):
     assert [one.unit for one in recorded_setpoints(with_targets(type_mask=mask), "roll")] == units
 
 
+@mark.slow
 def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
     known = np.isfinite(flight.setpoints[:, 0])

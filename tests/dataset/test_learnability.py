@@ -43,6 +43,7 @@ def codes(facts):
     return {fact.code for fact in facts}
 
 
+@mark.slow
 def test_messages_are_called_by_their_names_in_the_log():
     hover = Hover().telemetry(4.0, 4.0)
     names = {"ATTITUDE": "ATT", "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE"}
@@ -98,6 +99,7 @@ def test_a_demand_that_never_moves_is_no_input():
     assert learnability_of(signals).reason.code is NotLearnableReason.DEMAND_CONSTANT
 
 
+@mark.slow
 def test_what_was_assumed_and_left_out_is_said():
     telemetry = dataclasses.replace(HOVER.telemetry(), vehicle="UNKNOWN")
     roll = telemetry.messages["ATTITUDE"]["roll"].copy()
@@ -165,6 +167,7 @@ def test_a_hover_on_little_of_the_range_is_a_flight_where_the_autopilot_idles_lo
     assert judged(strong).learnable
 
 
+@mark.slow
 @mark.parametrize(
     "figure, limit, caution",
     [
@@ -325,6 +328,7 @@ def test_another_vehicle_is_named_only_where_there_is_one():
             assert "--vehicle" not in reason.remedy
 
 
+@mark.slow
 def test_a_rate_that_explains_more_than_half_of_the_angle_is_let_through():
     assert judged(shaking(0.26)).cautions[-1].code is Caution.RATE_EXPLAINS_LITTLE
 
@@ -498,6 +502,7 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     assert abs(flight.outputs).max() < 1
 
 
+@mark.slow
 def test_one_wild_rate_does_not_decide_and_degrees_are_reported_as_such():
     telemetry = Hover(sway=0.01).telemetry()
     rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()

@@ -47,6 +47,7 @@ def with_quaternion(rate):
     return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **sent)
 
 
+@mark.slow
 def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     telemetry = with_quaternion(100.0)
     roll = attitude.attitude_of_axis(telemetry, "roll")

@@ -9,6 +9,8 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import steady_intervals
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
+pytestmark = mark.slow
+
 HOVER = Hover(hovering=40.0)
 
 
@@ -27,7 +29,6 @@ def steady_seconds(turn=0.0, stray=0.0):
     return total_duration(steady_intervals(Signals(telemetry, inputs="motors"), 0))
 
 
-@mark.slow
 def test_a_turn_and_what_strays_are_not_steady():
     whole = steady_seconds()
     assert whole == approx(40.0, abs=3.0)

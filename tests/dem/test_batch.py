@@ -20,6 +20,8 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import WorkerFact
 
+pytestmark = mark.slow
+
 
 def walk(seed):
     """Random walks: there is something to fit, quickly; what it is does not matter here."""
@@ -65,7 +67,6 @@ def two_workers(monkeypatch):
     monkeypatch.setattr("mavdem.dem.parallel.available_workers", lambda: 2)
 
 
-@mark.slow
 def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expected):
     answers = learn_many(JOBS)
     first = next(answers)
@@ -75,7 +76,6 @@ def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expec
     assert not multiprocessing.active_children()
 
 
-@mark.slow
 def test_a_job_without_an_answer_is_answered_by_its_error():
     answers = list(learn_many(JOBS[4:7]))  # For so few jobs no process starts.
     assert [type(each) for each in answers] == [Learned, NotLearnable, Learned]
@@ -84,7 +84,6 @@ def test_a_job_without_an_answer_is_answered_by_its_error():
     assert [str(each).startswith("settings must be") for each in wrong] == [True, True, False]
 
 
-@mark.slow
 def test_a_given_executor_does_the_work_and_is_left_open(expected):
     with ThreadPoolExecutor(3) as executor:
         assert list(learn_many([], executor)) == list(learn_many([])) == []
@@ -92,7 +91,6 @@ def test_a_given_executor_does_the_work_and_is_left_open(expected):
         assert executor.submit(int, "3").result() == 3
 
 
-@mark.slow
 def test_a_killed_worker_is_reported(two_workers):
     answers = learn_many(repeat(JOBS[0]))
     next(answers)
@@ -116,7 +114,6 @@ class Postponing(Executor):
         return future
 
 
-@mark.slow
 def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
     executor = Postponing()
     answers = learn_many(repeat(JOBS[0]), executor)
@@ -128,7 +125,6 @@ def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
     assert all(future.cancelled() for future in executor.futures[3:])
 
 
-@mark.slow
 def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_path):
     """The script ends when all processes have that hold its output."""
     script = tmp_path / "script.py"
@@ -145,7 +141,6 @@ def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_
     assert ended.returncode == -signal.SIGKILL and ended.stdout == "1\n"
 
 
-@mark.slow
 def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
@@ -156,7 +151,6 @@ def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
     assert str(Fact(WorkerFact.SCRIPT_IMPORTED_BY_WORKER)) in ended.stderr
 
 
-@mark.slow
 def test_threads_that_learn_take_turns(monkeypatch):
     """Six threads learn the same model: no two may be in the fit at a time, and all get the same result."""
 

@@ -185,6 +185,7 @@ def test_while_another_thread_learns_no_update_waits_for_it():
         assert len(updates.result(timeout=300)) == 350
 
 
+@mark.slow
 @mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 @mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_process_forked_while_another_thread_learns_can_learn():

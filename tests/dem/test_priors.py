@@ -52,6 +52,7 @@ def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
     assert_array_equal(precision, np.diag([0.5, 12.0]))
 
 
+@mark.slow
 def test_a_known_parameter_stays_and_coupled_ones_may_be_known_by_their_sum_alone():
     """A precision matrix with off-diagonal entries: the first two motors' gains must cancel."""
     off = 1.3

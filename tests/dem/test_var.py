@@ -5,6 +5,7 @@ from itertools import product
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import mark
 
 from mavdem import Flight
 from mavdem.dem.forecast.lag_regression import (
@@ -89,6 +90,7 @@ def conditional_gaussian(
     ), conditional_covariance.diagonal()
 
 
+@mark.slow
 def test_predictions_filtering_and_smoothing_are_the_joint_gaussian_s_for_each_past():
     """Forecasts with unknown and with known inputs equal the conditional Gaussian that is computed directly."""
     true = model()

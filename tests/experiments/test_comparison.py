@@ -97,6 +97,7 @@ def test_a_window_without_a_unit_of_error_fails_for_all_and_our_own_fault_is_rai
         assert "vary" in str(evaluate_window(method, window).failure)
 
 
+@mark.slow
 def test_a_first_method_that_fails_everywhere_is_said_to_have_failed():
     headline, *_ = comparison_report(compare(WINDOWS[:1], [REFUSES, MEAN]))
     assert (
@@ -123,6 +124,7 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
 
 
+@mark.slow
 def test_horizons_of_several_flights_are_matched_in_seconds():
     """A flight at 50 Hz has no horizons of 0.01 s and 0.05 s, and its 12th sample is after 0.24 s."""
     fast = FLIGHTS["a"]

@@ -70,6 +70,7 @@ def case() -> ForecastCase:
     )
 
 
+@pytest.mark.slow
 def test_prediction_is_the_conditional_mean_without_motors(case: ForecastCase) -> None:
     predicted = case.model.predict_every(5, case.motors, case.outputs)
     expected = case.conditional_mean(np.arange(3 * TRAINING), TRAINING + 2)

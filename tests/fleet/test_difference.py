@@ -260,6 +260,7 @@ def test_limits_and_gains_of_the_attitude_change_no_rate_loop():
     assert axes_with_other_gains(filters) == ("roll", "pitch", "yaw")
 
 
+@mark.slow
 def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others():
     """All motors lose half of their effect: the mean effect changed, and no motor relative to the others."""
     before = state(range(8))

@@ -42,6 +42,7 @@ def test_the_light_of_the_motors_is_as_bad_as_their_health_in_a_fleet():
         assert light_level(flight, Light.WIND) == "good"
 
 
+@mark.slow
 def test_a_summary_is_the_same_after_it_was_kept():
     for summary in vehicle_summaries(fleet_rows(20)):
         adapter = summary_adapter()

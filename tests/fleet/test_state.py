@@ -4,6 +4,8 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+from pytest import mark
+
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.common_flights import separate_states
 from mavdem.fleet.row import FlightRow
@@ -99,6 +101,7 @@ def healths(vehicle_state):
     return [row.health for row in vehicle_state.rows]
 
 
+@mark.slow
 def test_a_fleet_that_is_weak_in_all_flights_is_not_taken_for_healthy_beside_an_older_log():
     """Three flights with an equally weak motor are sound beside each other alone, and one earlier flight shows it."""
     weak_fleet = fleet([2, 3, 4], weak_days=[2, 3, 4])

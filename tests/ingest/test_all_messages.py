@@ -3,6 +3,7 @@
 import dataflash_logs
 import numpy as np
 import ulog_files
+from pytest import mark
 
 from mavdem.ingest import read_log
 from mavdem.ingest.all_messages import with_all_messages
@@ -27,6 +28,7 @@ def test_a_dataflash_log_has_all_its_messages_under_its_own_names(tmp_path):
     assert messages["BARO"]["Alt"].tolist() == [3.5]
 
 
+@mark.slow
 def test_a_ulog_has_all_its_topics_with_instances_in_order_of_time(tmp_path):
     second_battery = ulog_files.subscription("battery_status", instance=1)
     batteries = [

@@ -84,6 +84,7 @@ def test_the_unit_of_rate_is_told_by_the_gyro(tmp_path, rate, gyro):
     assert CENTIDEGREES not in [fact.code for fact in log(tmp_path, 100.0, swing=0.001).repairs]
 
 
+@mark.slow
 def test_demands_of_4500_are_full_demands(tmp_path):
     controls = log(tmp_path, 100.0).messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert_allclose(controls[:, 0], 10.0 / 4500)
@@ -114,6 +115,7 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     assert np.unique(armed.time[armed.values > 0]).tolist() == [21.02, 23.0]
 
 
+@mark.slow
 def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):
     """A text log has blank lines, nonsense, and a line that is cut off."""
     complete_log = log(tmp_path, firmware="a, text, with commas")

@@ -72,6 +72,7 @@ def px4_heartbeat(sub_mode):
     return message("HEARTBEAT", **fields)
 
 
+@mark.slow
 def test_external_modes_of_a_telemetry_log_have_their_announced_names(tmp_path):
     """Modes 11 and 12 are external. Only mode 12 was announced with a name, by the message AVAILABLE_MODES."""
     announced = message("AVAILABLE_MODES", custom_mode=px4_mode(4, 12), mode_name=b"Wall follower")

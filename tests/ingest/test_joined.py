@@ -69,6 +69,7 @@ def codes_of_reports(telemetry):
     return {event.code for event in reported_events(Signals(telemetry))}
 
 
+@mark.slow
 @mark.parametrize("has_utc", [True, False])
 def test_a_restart_in_flight_joins_two_logs(has_utc):
     first, second = halves(has_utc=has_utc)

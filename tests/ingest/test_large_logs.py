@@ -59,6 +59,7 @@ def test_columns_go_to_other_processes_without_the_recording(tmp_path):
     np.testing.assert_array_equal(pickled["roll"], attitude["roll"])
 
 
+@mark.slow
 def test_a_column_is_known_before_it_is_decoded(tmp_path):
     attitude = read_tlog(flight_log(tmp_path)).vehicles[0].messages["ATTITUDE"]
     assert "pitch" in attitude

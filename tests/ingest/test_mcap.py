@@ -129,6 +129,7 @@ def test_blueos(recorder):
     assert vehicle.messages["SYS_STATUS"]["onboard_control_sensors_enabled"].tolist() == [0]
 
 
+@mark.slow
 def test_gaps_in_the_headers_sequence_are_losses(recorder):
     for row in range(300):
         if not 100 <= row < 107:

@@ -85,6 +85,7 @@ def test_a_log_that_is_there_twice_is_read_once(tmp_path):
     assert [fact.code for fact in vehicle.repairs] == [Repair.OLD_BLOCKS_LEFT_OUT]
 
 
+@mark.slow
 def test_a_block_near_the_beginning_that_is_repeated_is_no_boot(tmp_path):
     """A block of 3321 bytes, which begins in the midst of a message, is there twice."""
     flight = attitudes(20.0, 90.0)
@@ -122,6 +123,7 @@ def with_satellites(start, end, utc_at_boot):
     )
 
 
+@mark.slow
 @mark.parametrize("old_start", [5, 400])
 def test_a_tail_of_an_older_flight_is_left_out_by_its_satellite_time(old_start, tmp_path):
     content = with_satellites(20, 80, utc_at_boot=90_000)
@@ -190,6 +192,7 @@ def test_a_clock_that_falls_without_a_pause_and_not_to_zero_is_no_reboot():
     assert boots_and_codes(vehicle) == (1, [Repair.OTHER_CLOCK_LEFT_OUT])
 
 
+@mark.slow
 @mark.parametrize("set_to", [250.0, 20.0])
 def test_a_clock_that_is_set_back_while_the_sequence_numbers_go_on_is_continued(set_to):
     """The autopilot neither restarted, nor is it another sender: nothing of its flight is left out."""

@@ -117,6 +117,7 @@ def test_failures_are_distinguished(tmp_path):
     assert log.frames == len(frames)
 
 
+@mark.slow
 def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
     """Sequence numbers show that ten messages are missing, although others are swapped or there twice."""
     steps = np.array([0, 1, 2, 128, 129, -32, -33])
@@ -293,6 +294,7 @@ def test_what_is_no_path_is_named(path):
         read_log(path)
 
 
+@mark.slow
 @mark.filterwarnings("error")
 def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     """Which a conversion to another width of number complains of."""

@@ -227,6 +227,7 @@ def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
     assert Repair.CLOCK_WRAPPED in [fact.code for fact in vehicle.repairs]
 
 
+@mark.slow
 def test_without_the_library_the_command_that_installs_it_is_reported(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with raises(MissingExtra, match=r"pip install 'mavdem\[ros2\]'"):

@@ -8,6 +8,8 @@ from mavdem.ingest.mavlink.sender_links import SenderLinks
 from mavdem.ingest.mavlink.sender_streams import sender_stream_of
 from tests.ingest.mavlink_streams import frames_in, message
 
+pytestmark = mark.slow
+
 
 def vehicle_frames(random, count, start, heading, first_sequence):
     """Returns frames of a vehicle whose heading turns and whose position is sent now and then.
@@ -52,7 +54,6 @@ def streams(seed):
     yield single + single
 
 
-@mark.slow
 @mark.parametrize("seed", range(2))
 @mark.parametrize("kind", range(5))
 def test_runs_of_frames_give_what_single_frames_give(seed, kind):

@@ -223,6 +223,7 @@ def test_a_topic_subscribed_to_twice_is_one(tmp_path):
     assert controls[:, 0].tolist() == list(range(10))
 
 
+@mark.slow
 def test_setpoints_are_in_order_and_without_attitudes_that_are_not_valid(tmp_path):
     """Setpoints of attitude and rate are published alternately; the third attitude is marked as invalid."""
     pieces = flight(TIMES)
@@ -372,6 +373,7 @@ def test_a_serial_number_of_zeros_names_no_board(tmp_path, number, board):
     assert vehicle_in(tmp_path, *flight(TIMES[:9]), parameters=information).board == board
 
 
+@mark.slow
 def test_damaged_levels_of_texts_and_stamps_of_another_type_are_left_out(tmp_path):
     texts = [message("L", struct.pack("<BQ", level, 21_000_000) + b"odd") for level in (3, 51, 255)]
     topic = b"vehicle_torque_setpoint:"
@@ -423,6 +425,7 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path):
     assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 2.2
 
 
+@mark.slow
 def test_a_part_whose_clock_is_years_ahead_is_left_out(tmp_path):
     ten_years = 315_360_000.0
     pieces = [*flight(TIMES[:100]), *flight(TIMES[100:200] + ten_years), *flight(TIMES[200:])]

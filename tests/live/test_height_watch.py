@@ -11,6 +11,8 @@ from pytest import approx, mark
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Light
 
+pytestmark = mark.slow
+
 HECTOPASCALS_PER_METRE = 0.12
 """Decrease of the pressure with the height near the ground."""
 
@@ -62,7 +64,6 @@ class FallingEstimate(Flight):
             yield time, name, fields | ({"vz": 2.0} if 20.0 <= time < 24.0 else {})
 
 
-@mark.slow
 @mark.parametrize("drift", [8.0, 0.0])
 def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
     """The barometer's height is wrong by 8 m at the end of the flight, while satellites show the true height."""
@@ -78,7 +79,6 @@ def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
         assert estimator == drifts[0]
 
 
-@mark.slow
 def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
     flight = Flight(Still(), attitude=25.0, motors=25.0).frames(start=0.5, end=40.0)
     replayed = replay(by_time(flight, pressure_messages(40.0, -10.0), position_messages(40.0)))
@@ -94,7 +94,6 @@ def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
     assert light.figures["height"] == approx(-10.0, abs=0.6)
 
 
-@mark.slow
 def test_an_estimated_height_that_falls_while_the_barometer_rises_is_reported_within_four_seconds():
     flight = FallingEstimate(Still(), attitude=25.0, motors=25.0).frames(end=27.0)
     replayed = replay(by_time(flight, pressure_messages(27.0, rise=4.0)))

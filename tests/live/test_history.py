@@ -71,6 +71,7 @@ def test_slow_samples_after_rows_are_drawn():
     assert np.isfinite(measured.y[measured.x < 107.8]).all() and measured.x[-1] > 107.8
 
 
+@mark.slow
 def test_rows_of_a_time_that_samples_have_shown_are_not_drawn_again():
     history = LiveHistory()
     add_flight(history, 2.0, learnt=False)

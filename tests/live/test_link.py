@@ -103,6 +103,7 @@ def test_datagrams_come_whole_in_order_and_stamped():
         assert len(link.receive(60.0)) == 1 and link.dropped_datagrams == 400 - received_count > 0
 
 
+@mark.slow
 def test_what_waits_at_the_end_is_received_and_what_was_dropped_before_is_counted():
     with listening() as (link, address), udp() as vehicle:
         for _ in range(2 * MAX_PIECES):

@@ -209,6 +209,7 @@ def test_alarms_that_come_late_are_the_headline_and_leave_no_light_good(slow):
     assert alarmed.overall_judgement.headline == weak
 
 
+@mark.slow
 def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     battery = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
     awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)

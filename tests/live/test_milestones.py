@@ -80,6 +80,7 @@ def test_the_motion_of_a_falling_vehicle_is_no_disturbance(pulse, is_reported):
     assert learning._log.called is is_reported
 
 
+@mark.slow
 def test_a_landing_reports_what_the_flight_has_shown():
     """After the landing one sentence states parameters, margins, wind and latency of the flight."""
     facts = []
@@ -208,6 +209,7 @@ def test_the_verdict_on_a_lost_flight_comes_at_its_end_and_not_again_at_the_next
         assert counts == [0, 1, 1, 1]
 
 
+@mark.slow
 def test_a_take_off_does_not_hide_what_forbids_to_fly():
     """The second flight is too short to be judged, and nothing shows that the motor was inspected."""
     milestones = Milestones("roll", Mock())

@@ -101,6 +101,7 @@ def test_a_take_off_is_seen_once_the_motors_are_known():
     assert flown.is_flying and flown.takeoff_time == -inf
 
 
+@mark.slow
 @mark.parametrize("has_landed", [False, True])
 def test_a_flight_goes_on_after_a_silence_of_the_link(has_landed):
     """The first messages after a minute do not show yet whether the vehicle flies, and no other take-off follows."""

@@ -245,6 +245,7 @@ def test_rates_that_another_ground_station_sets_back_are_requested_again():
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
 
 
+@mark.slow
 def test_rates_are_by_the_clock_of_a_simulator_that_falls_behind():
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0)
     for vehicle.clock_speed in (0.1, 1.0, 0.3):

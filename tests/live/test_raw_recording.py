@@ -88,6 +88,7 @@ def test_it_replaces_nothing(tmp_path):
     )
 
 
+@mark.slow
 def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_moved_for_its_successor(tmp_path):
     """Vehicle 1 is silent and vehicle 4 is followed.
 
@@ -143,6 +144,7 @@ def test_what_a_vehicle_sent_since_its_restart_is_moved_to_its_next_flight(tmp_p
     assert recording.frame_count == len(frames_before_restart) + 1
 
 
+@mark.slow
 def test_hours_before_a_restart_are_not_read_to_find_it(tmp_path, monkeypatch):
     """Of a recording with 40 s before the restart, less than a tenth of the bytes are read."""
     recording = RawRecording(tmp_path / "flight.tlog")

@@ -17,6 +17,8 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import vehicle_text
 
+pytestmark = mark.slow
+
 
 class Unplaced(Flight):
     """A flight that sends no position: the test does."""
@@ -25,7 +27,6 @@ class Unplaced(Flight):
         return []
 
 
-@mark.slow
 def test_without_a_local_position_the_global_one_shows_distance_and_height():
     """The vehicle moves by 1e-4 degrees of latitude, 11 m, and climbs by 10 m; before that no position is known."""
     positions = [
@@ -48,7 +49,6 @@ def test_without_a_local_position_the_global_one_shows_distance_and_height():
     assert status.last_position[:3] == (approx(47.0001), approx(8.5), approx(10.5))
 
 
-@mark.slow
 def test_a_vehicle_without_a_position_of_its_own_is_searched_where_satellites_saw_it_last():
     fixes = [
         (time, message("GPS_RAW_INT", fix_type=fix_type, lat=round(1e7 * degrees), lon=85_000_000))
@@ -62,7 +62,6 @@ def test_a_vehicle_without_a_position_of_its_own_is_searched_where_satellites_sa
     assert lost[:3] == (approx(47.15), approx(8.5), 0.0)
 
 
-@mark.slow
 def test_a_vehicle_is_not_searched_where_it_was_in_a_flight_before_a_reboot():
     """After the reboot no position comes; until it flies again, the last one is where the vehicle lies."""
     fix = message("GPS_RAW_INT", fix_type=3, lat=470000000, lon=85_000_000)
@@ -90,7 +89,6 @@ def test_a_vehicle_is_not_searched_where_it_was_in_a_flight_before_a_reboot():
     assert text.endswith("no position received in this flight.")
 
 
-@mark.slow
 def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     """Positions 20 m east of the take-off and 10 m above it are received."""
     drift_samples = Mock(wraps=drift_sample)
@@ -129,7 +127,6 @@ def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     assert text.startswith("1:1, in flight 20 m from the take-off and 10 m above it, battery")
 
 
-@mark.slow
 def test_no_distance_is_shown_where_the_take_off_was_not_seen():
     flight = Unplaced(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(start=12.0, end=19.0)
     positions = [
@@ -140,7 +137,6 @@ def test_no_distance_is_shown_where_the_take_off_was_not_seen():
     assert status.is_flying and status.displacement_from_takeoff is None
 
 
-@mark.slow
 def test_a_vehicle_that_was_met_in_flight_is_so_far_from_its_home_position():
     """The take-off was not seen. The vehicle is 1e-4 degrees of latitude, 11 m, from home, and 10 m above it."""
     flight = Unplaced(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(start=12.0, end=19.0)
@@ -160,7 +156,6 @@ def test_a_vehicle_that_was_met_in_flight_is_so_far_from_its_home_position():
     assert replay(by_time(flight, [(18.0, own)])).stream.status().place_in_flight is None
 
 
-@mark.slow
 def test_a_take_off_before_the_vehicle_is_followed_is_seen():
     """It is followed from its third HEARTBEAT on, at 6 s, when it takes off."""
     stream = replay(Flight().frames(start=4.5, end=20.0)).stream

@@ -63,6 +63,7 @@ def test_rates_are_judged_where_the_attitude_is_to_be_ignored():
     assert light.is_good and light.code is TrackingLight.FOLLOWS_RATE_SETPOINT
 
 
+@mark.slow
 @mark.parametrize(
     "seconds_after_gap, level", [(1.0, None), (2.0 * MIN_SETTLED_SECONDS, Level.GOOD)]
 )

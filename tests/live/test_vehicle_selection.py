@@ -39,6 +39,7 @@ def with_parameters(frames, values):
     return by_time(frames, parameter_messages)
 
 
+@mark.slow
 def test_parameters_are_decoded_again_only_when_another_comes():
     stream = replay(with_parameters(only_heartbeats(), {b"A": 1.0})).stream
     before = stream.parameters

@@ -544,6 +544,7 @@ def test_a_vehicle_lost_in_flight_that_starts_again_on_the_ground_has_not_restar
     assert replayed.codes.count(ReportedEvent.OFF_GROUND) == 2
 
 
+@mark.slow
 def test_thinning_out_keeps_every_battery():
     recent = RecentMessages()
     for row in range(3 * MAX_ROWS):
@@ -639,6 +640,7 @@ def test_a_battery_that_nothing_measures_is_not_called_watched(volts, code):
     assert status.worst_lights[Light.POWER].is_good == (code is WatchFact.WATCHED)
 
 
+@mark.slow
 def test_rates_that_vary_are_no_news(capsys, monkeypatch):
     monkeypatch.setattr("mavdem.cli.live_status.SETTLING_SECONDS", 0.0)
     lines = StatusLines(None)
@@ -760,6 +762,7 @@ def shown_status(status, monkeypatch, width=80):
     return terminal_output.getvalue()
 
 
+@mark.slow
 def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
     """The headline names the first of four batteries, although all are nearly empty."""
     further = tuple(
@@ -785,6 +788,7 @@ def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
     assert "Land now." in text and "battery 4" not in text
 
 
+@mark.slow
 def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
     """After the landing, the status shows the lights of the flight without the advice to take off."""
     landed = SessionStatus(

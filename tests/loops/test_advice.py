@@ -393,6 +393,7 @@ def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():
     assert _advice_on_changed_loops([keeps]) == [keeps]
 
 
+@mark.slow
 def test_a_flight_that_barely_confirms_a_loop_below_its_crossover_is_named():
     advice = advise(made_up())
 

@@ -126,6 +126,7 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
     )
 
 
+@mark.slow
 def test_a_slam_turns_by_rotors_whose_speeds_lag():
     """Large steps of the demand accelerate the rotors.
 
@@ -225,6 +226,7 @@ def test_parameters_that_the_controller_model_leaves_out_are_reported():
     assert {one.level for one in px4_controller} == {"watch"}
 
 
+@mark.slow
 def test_gains_that_change_in_flight_come_with_it(monkeypatch):
     """A gain changes at 40 s; the flight has its earlier value, unless it begins after the change."""
     read = Mock(wraps=decoded_parameters)
@@ -442,6 +444,7 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
     )
 
 
+@mark.slow
 def test_advice_starts_from_the_gains_with_which_the_log_ends():
     sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 2.5], param_type=9)
     telemetry = changed(HOVER.telemetry(autopilot="PX4"), "PARAM_VALUE", **sent)
@@ -622,6 +625,7 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
         assert result == approx(parameters, rel=0.02)
 
 
+@mark.slow
 @mark.parametrize("with_correction, with_ahead", [(0, 1), (1, 1), (1, 0)])
 def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
     with_correction, with_ahead

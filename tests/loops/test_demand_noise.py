@@ -8,6 +8,8 @@ from pytest import mark
 
 from mavdem.loops.demand_noise import demand_deviation, gyro_noise
 
+pytestmark = mark.slow
+
 
 def of_slow_log(loop):
     """The loop of a log of 50 samples a second, with a controller that runs 50 times a second."""
@@ -15,7 +17,6 @@ def of_slow_log(loop):
     return replace(loop, controller=controller, record=replace(loop.record, dt=0.02))
 
 
-@mark.slow
 @mark.parametrize("factor", [1.0, 2.0, 4.0])
 def test_a_loop_with_a_high_crossover_has_a_bound_of_its_noise(factor):
     loop = of_slow_log(made_up(factor))
@@ -25,7 +26,6 @@ def test_a_loop_with_a_high_crossover_has_a_bound_of_its_noise(factor):
     assert demand_deviation(loop.controller, noise) > 0
 
 
-@mark.slow
 def test_a_loop_without_a_crossover_has_a_bound_of_its_noise():
     loop = made_up(1e-5)
     assert np.isnan(loop.rate.crossover)

@@ -52,6 +52,7 @@ def test_a_controller_that_explains_too_little_of_the_output_shows_no_step(loop)
     assert identified_steps(made_up(), TIME, 5) is None
 
 
+@mark.slow
 def test_a_loop_that_the_flight_contradicts_shows_no_step(loop):
     reason = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.3, 8.0), 20.0, 30.0, 1.0, reason)

@@ -59,6 +59,7 @@ def gusts(size):
     return series
 
 
+@mark.slow
 @mark.parametrize("hertz", [1.5, 7.0, 12.0])
 def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     """Roll swings at a frequency, Hz, with an amplitude of 85 °/s, and the motors between their limits.
@@ -82,6 +83,7 @@ YAW_QUAD = np.array([1.0, 1.0, -1.0, -1.0])
 """Sign of the yaw torque of the same motors."""
 
 
+@mark.slow
 def test_yaw_oscillates_like_the_other_axes():
     time = HOVER.stamps(100.0)
     yaw_rate = np.radians(swinging(6.0, 60.0)(time))
@@ -93,6 +95,7 @@ def test_yaw_oscillates_like_the_other_axes():
     assert condition.oscillation.at_limit > 0.5
 
 
+@mark.slow
 def test_a_yaw_that_a_rolling_vehicle_shakes_does_not_oscillate_by_itself():
     time = HOVER.stamps(100.0)
     roll_rate = np.radians(swinging(7.0, 85.0)(time))
@@ -132,6 +135,7 @@ def test_what_is_steered_to_identify_is_none(phase):
     assert found(swept(30.0), swept(60.0)) is None
 
 
+@mark.slow
 def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
     limit_cycle = found(gusts(100.0), swinging(17.0, 900.0))
     assert round(limit_cycle.frequency) == 17 and limit_cycle.rate < 20.0
@@ -198,6 +202,7 @@ def test_in_flight_a_slow_one_is_told_from_steering_by_the_setpoint(steered_shar
     assert (cycle is not None) == is_found
 
 
+@mark.slow
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():
     limit_cycle = found(swinging(12.0, 85.0), swinging(12.0, 900.0), 10.0)
     assert limit_cycle.frequency is None

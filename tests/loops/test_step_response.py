@@ -122,6 +122,7 @@ def body_yaw(setpoint, turn_by_tilt, angle_gain, *, has_feedforward):
     return np.array(angles)
 
 
+@mark.slow
 @mark.parametrize("has_feedforward", [True, False])
 def test_a_turn_of_the_heading_by_tilt_is_no_response_to_the_setpoint_of_yaw(has_feedforward):
     """Without it, the rest of the heading answers the rest of the setpoint as the loop does."""
@@ -226,6 +227,7 @@ def test_a_slow_setpoint_does_not_show_a_fast_response():
     assert measured_step.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
+@mark.slow
 def test_pieces_too_short_for_a_window_give_no_step_response():
     """Each gap in the messages begins another piece; here a flight is nothing but pieces of 2.2 s."""
     pieces = [Segment(0, start, start + 2.2) for start in np.arange(12.0, 60.0, 3.0)]

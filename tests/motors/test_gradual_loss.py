@@ -47,6 +47,7 @@ def found(flown, lean=(0.0, 0.0)):
     return gradual_loss(time, commands, leans, geometry(commands.shape[1]))
 
 
+@mark.slow
 @mark.parametrize("motors", FRAMES)
 def test_the_motor_that_lost_thrust_slowly_is_named(motors):
     for motor in range(motors):

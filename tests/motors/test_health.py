@@ -241,6 +241,7 @@ def test_a_repair_ends_the_fault():
     ]
 
 
+@mark.slow
 def test_flights_are_judged_in_order_of_date_and_without_dates_each_alone():
     vehicle = MadeUpVehicle(7)
     baseline = vehicle.flights(3)
@@ -283,6 +284,7 @@ def test_first_flights_that_are_not_sound_are_not_taken_for_healthy():
     }
 
 
+@mark.slow
 def test_more_effort_is_a_drift_and_no_fault():
     """All motors work 2 % or 12 % harder at the same voltage."""
     vehicle = MadeUpVehicle(3)
@@ -328,6 +330,7 @@ def test_of_two_flights_the_later_is_compared_with_the_earlier_and_a_weak_motor_
     assert "the vehicle's one flight before, taken for healthy" in str(later.fact)
 
 
+@mark.slow
 def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
     """Two logs of one flight count once, and flights with other motors do not count."""
     vehicle = MadeUpVehicle(1)

@@ -294,6 +294,7 @@ def test_a_bad_link_hides_no_fault_and_no_recovery():
     assert 120.0 < weak.time < 125.0 and 145.0 < sound.time < 150.0
 
 
+@mark.slow
 @mark.parametrize("silent", [MAX_GAP - 0.2, MAX_GAP + 0.2])
 def test_after_a_long_silence_what_was_before_is_no_reference(silent):
     time, commands = flight(6, 40.0, 0.005)
@@ -317,6 +318,7 @@ def test_a_motor_that_loses_a_fifth_of_its_thrust_is_named_at_the_rate_of_ground
     assert 150.0 < change.time <= 155.0
 
 
+@mark.slow
 def test_where_nothing_can_be_found_it_says_why():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[0])

@@ -44,6 +44,7 @@ def test_the_pattern_is_named(mean, code, figures):
     assert {name: trim_fact.figures[name] for name in figures} == approx(figures, abs=0.005)
 
 
+@mark.slow
 @mark.parametrize("motors", FRAMES)
 def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
     """Of eight motors neighbours help the weak one: other causes are as likely, so that it is a suspect."""

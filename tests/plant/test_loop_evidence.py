@@ -68,6 +68,7 @@ def log_density(record: DenseRecord) -> float:
     return -0.5 * float(log_determinant + record.samples @ record.weighted)
 
 
+@pytest.mark.slow
 def test_likelihood_is_that_of_the_dense_gaussian(dense: DenseRecord) -> None:
     (segment,) = dense.posterior.likelihoods(dense.theta[None])
     np.testing.assert_allclose(segment.log_likelihood, log_density(dense), rtol=1e-7)
@@ -124,6 +125,7 @@ def test_gradient_and_curvature_are_those_of_finite_differences(flight: LoopPost
         assert expansion.curvature[index, index] == pytest.approx(curvature, rel=0.4), name
 
 
+@pytest.mark.slow
 def test_free_energy_in_other_units_differs_by_their_jacobian(flight: LoopPosterior) -> None:
     scale = 250.0
     segments = [segment * [1.0, 1.0, scale] for segment in flight.data.segments]

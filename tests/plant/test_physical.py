@@ -104,6 +104,7 @@ def steered_windows():
     return FlightWindows.from_samples(inputs, rate, responses_to_innovations(inputs, rate), DT)
 
 
+@mark.slow
 def test_the_slope_of_the_log_joint_is_that_of_its_value():
     """The gradient of the log posterior equals its central differences."""
     windows = steered_windows()
@@ -126,6 +127,7 @@ def refined_model():
     return model, windows
 
 
+@mark.slow
 def test_errors_after_steps_are_those_at_the_changed_parameters():
     model, windows = refined_model()
     mean, sd = model.prior
@@ -134,6 +136,7 @@ def test_errors_after_steps_are_those_at_the_changed_parameters():
     assert_allclose(model.innovations_after_steps(theta, sd / 5, windows), errors, atol=1e-12)
 
 
+@mark.slow
 def test_a_fit_without_delay_has_the_curvature_of_delays():
     """The likelihood is flat below, and rounding must not choose on which side of the kink it is differentiated."""
     model, windows = refined_model()
@@ -384,6 +387,7 @@ VEHICLE = MOTORS, DAMPING, LAG, DT, np.zeros((7, 7)), *REPORTED, 0.0
 TRUE = Physical(*VEHICLE, 0.05, TURBULENCE, 0.005, {}, 1)
 
 
+@mark.slow
 def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     flight = in_closed_loop(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
     train = flight[:400]

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+from pytest import mark
 
 from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.judgement import unjudged
@@ -72,6 +73,7 @@ def test_the_headline_of_a_live_flight_leaves_what_was_checked_to_the_lights_bes
     assert statement_of_headline("Bad: this.", Fact(SessionFact.NOT_FLYING)) == "Bad: this."
 
 
+@mark.slow
 def test_an_alarm_that_is_over_is_neither_in_the_title_nor_beside_the_headline():
     """Motors were at their limit and recovered.
 
@@ -133,6 +135,7 @@ def test_a_telephone_always_shows_mode_height_battery_satellites_and_link():
     assert {cell.level for cell in last_values} == {Level.UNKNOWN}
 
 
+@mark.slow
 def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_flight():
     """The events have neither the gains nor what the twin does with them."""
     rating = Fact(
@@ -215,6 +218,7 @@ def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
     assert "12 m above the take-off" in headline(loss.replace(is_over=True))
 
 
+@mark.slow
 def test_plots_have_one_order_whatever_the_alarm():
     history = LiveHistory()
     for time in (100.0, 101.0, 102.0):
@@ -265,6 +269,7 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
     assert basis in page_with_verdict("Another fault.", dict.fromkeys(Light, "good"))
 
 
+@mark.slow
 def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are():
     """The session keeps the signals of its latest flight only."""
     account = dict.fromkeys(TimeUse, 0.0)

@@ -65,6 +65,8 @@ from mavdem.report.review import review_screen
 from mavdem.view.plots import recording_to_file
 from mavdem.view.recording import RecordingTabs
 
+pytestmark = mark.slow
+
 AXES = ("roll", "pitch")
 MIXERS = {"roll": X_ROLL, "pitch": (1.0, -1.0, 1.0, -1.0)}
 """Weights of the motors in the torque about an axis."""
@@ -381,7 +383,6 @@ LOWERED = ("Lower P and D", "P gain of the roll angle")
 """Words of advice on gains whose names are not known."""
 
 
-@mark.slow
 @mark.parametrize("name", FLIGHTS)
 def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunings, surfaces_of):
     """Screen, page and documents of a flight must raise or lower the same gains as the decision on its loops."""
@@ -411,7 +412,6 @@ def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunin
             assert not any(phrase in text for phrase in LOWERED), surface
 
 
-@mark.slow
 def test_the_lights_show_the_action_of_the_axis_that_they_name(assessments):
     for assessment in assessments.values():
         roll = assessment.loop_decisions["roll"]
@@ -421,7 +421,6 @@ def test_the_lights_show_the_action_of_the_axis_that_they_name(assessments):
                 assert light.remedy == roll.fact.remedy
 
 
-@mark.slow
 def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
     texts = surfaces_of("sound but slow")
     for surface, text in texts.items():
@@ -429,7 +428,6 @@ def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
     assert "Enough margin, but the axis does not follow its setpoint" in texts["tune"]
 
 
-@mark.slow
 def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
     """The present gains make the attitude loop unstable, the advised ones do not."""
     unstable, sound = loop("roll", 12.0), loop("roll", 1.0)
@@ -443,14 +441,12 @@ def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
         assert rows["crossover (Hz)"][0] != "-"
 
 
-@mark.slow
 def test_the_column_of_a_doubtful_loop_says_so_once():
     (rate, _) = margin_tables({"roll": loop("roll", 1.0), "pitch": loop("pitch", 1.0)}, {"pitch"})
     assert rate.header[1:] == ["roll", "pitch (doubtful)"]
     assert "doubtful" not in str(rate.rows)
 
 
-@mark.slow
 def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     fast = Fact(LoopFact.CROSSOVER_FAST, crossover=17.0, rate=100.0, least_rate=150.0)
     tuning = tunings["below the goal"]
@@ -469,7 +465,6 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
 
 
-@mark.slow
 def test_what_the_flight_warns_of_stands_beside_new_gains_and_colours_their_card(tunings):
     tuning = tunings["below the goal"]
     twist = Fact(TrimFact.TRIM_OF_YAW, Level.WATCH, share=0.13, headroom=None)
@@ -482,7 +477,6 @@ def test_what_the_flight_warns_of_stands_beside_new_gains_and_colours_their_card
     assert level_of_summary(tuning, good) is Level.WATCH
 
 
-@mark.slow
 def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, without_pictures):
     name = "below the goal"
     page = tune_page("flight", tunings[name], assessments[name])
@@ -496,7 +490,6 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     assert "attitude: overshoot without feed-forward (%)" in page
 
 
-@mark.slow
 def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings):
     tuning = tunings["sound"]
     good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
@@ -513,7 +506,6 @@ def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings)
     assert tuning_result(slow._replace(axes={"roll": slow.axes["roll"]})).level is Level.WATCH
 
 
-@mark.slow
 def test_room_for_higher_gains_heads_the_report_of_tune(tunings):
     tuning = tunings["below the goal"]
     good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
@@ -532,7 +524,6 @@ def test_room_for_higher_gains_heads_the_report_of_tune(tunings):
     )
 
 
-@mark.slow
 def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     tuning = tunings["below the goal"]
     roll = Fact(LoopFact.NO_LOOP, reasons=(Fact(LoopFact.NOT_STEERED, share=0.131),))
@@ -542,7 +533,6 @@ def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     assert [block.lead for block in report] == ["Roll and pitch:"]
 
 
-@mark.slow
 def test_the_axes_of_a_vehicle_that_oscillates_share_a_sentence_and_the_next_step_advises(tunings):
     tuning = tunings["oscillates"]
     decisions = tuning.judgement.loop_decisions
@@ -552,7 +542,6 @@ def test_the_axes_of_a_vehicle_that_oscillates_share_a_sentence_and_the_next_ste
     assert decisions["roll"].fact.remedy in str(tuning.judgement.next_step)
 
 
-@mark.slow
 def test_a_crash_that_the_light_of_tracking_shows_is_not_about_loops(tunings):
     judgement = tunings["sound"].judgement
     crash = Fact(Ending.CRASHED, Level.BAD, time=9.0, height=2.0, cause=None, word=None)

@@ -105,6 +105,7 @@ def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
         assert vehicle.command(400, *parameters)[0] == result
 
 
+@mark.slow
 @each_autopilot
 def test_parameters_are_listed_and_read(autopilot):
     vehicle = Vehicle(autopilot)
@@ -117,6 +118,7 @@ def test_parameters_are_listed_and_read(autopilot):
     assert (read.param_id, read.param_value) == (listed[3].param_id, listed[3].param_value)
 
 
+@mark.slow
 @each_autopilot
 def test_a_parameter_is_set_and_its_value_is_the_answer(autopilot):
     """A valid gain is set and confirmed; an invalid one is refused with the present value."""

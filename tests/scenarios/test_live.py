@@ -9,6 +9,8 @@ from pytest import approx, mark
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.scenario import Faults, Scenario
 
+pytestmark = mark.slow
+
 GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
 
 
@@ -64,7 +66,6 @@ class Nearby:
         return fly_live(scenario or Scenario(), simulation, self, speed, lambda _: None), simulation
 
 
-@mark.slow
 def test_it_flies_no_faster_than_asked(monkeypatch):
     """Two seconds at four times real time take half a second, with messages at an even rate."""
     ground = Nearby(monkeypatch)
@@ -76,7 +77,6 @@ def test_it_flies_no_faster_than_asked(monkeypatch):
     assert_allclose(sent[:, 1] / 1e3 - 1.0, 4.0 * (sent[:, 0] - 50.0), atol=0.03)
 
 
-@mark.slow
 def test_what_is_asked_for_is_done(monkeypatch):
     """A ground station sets the interval of the attitude to 40 ms, and disarms by force."""
     rate = dialect.MAVLink_command_long_message(1, 1, 511, 0, 30, 40_000, 0, 0, 0, 0, 0)
@@ -94,7 +94,6 @@ def test_what_is_asked_for_is_done(monkeypatch):
     assert len(ground.of("ATTITUDE")) == approx(75, abs=3)
 
 
-@mark.slow
 def test_a_slow_link_delivers_all_after_the_flight(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 8.0, Scenario(faults=Faults(delay=0.5, reordered=0.2, loss=0.5)))
@@ -103,7 +102,6 @@ def test_a_slow_link_delivers_all_after_the_flight(monkeypatch):
     assert ground.of("ATTITUDE")[-1][1].time_boot_ms > 2900
 
 
-@mark.slow
 def test_ctrl_c_ends_it():
     def interrupted(now):
         if now > 0.5:

@@ -19,6 +19,8 @@ from sitl_scenarios.simulation import simulation_of
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import airframe
 
+pytestmark = mark.slow
+
 MOVES = [{"up": 3.0, "speed": 3.0}, {"up": -3.0, "speed": 3.0}]
 LOOP_RATE = 600.0
 """Of the controller and of the logged gyro, Hz: more than twice that at which blades pass in hover."""
@@ -53,7 +55,6 @@ def beginning(scenario):
     return simulation_of(scenario).advance(round(FLOWN_SECONDS * LOOP_RATE))
 
 
-@mark.slow
 def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_frequency():
     """The simulated gyro has lines at the rotor speed, at twice that, and at the frequency of the frame, 75 Hz."""
     scenario = flight(SHAKING)
@@ -72,7 +73,6 @@ def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_frequenc
     assert GyroVibration(flight({}), 1e-3).sample((speed,) * 4) == (0.0, 0.0, 0.0)
 
 
-@mark.slow
 def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_path):
     """The same flight is simulated with and without the advised notch filter.
 

@@ -12,6 +12,8 @@ from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly, simulation_of
 
+pytestmark = mark.slow
+
 WINDY = (
     sections.SteadyWind(kind="steady", speed=4.0),
     sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2),
@@ -32,7 +34,6 @@ def flight():
     return fly(brief())
 
 
-@mark.slow
 def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
     simulation = Simulation(brief())
     rows = []
@@ -44,13 +45,11 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
         assert_array_equal(together, getattr(flight, field.name))
 
 
-@mark.slow
 def test_a_flight_in_wind_touches_down_as_slowly_as_autopilots_do(flight):
     last_in_air = np.flatnonzero(flight.position[:, 2] < 0)[-1]
     assert 0.3 < flight.velocity[last_in_air, 2] < 0.9
 
 
-@mark.slow
 def test_a_lasting_downdraught_does_not_hold_a_vehicle_on_the_ground_at_take_off():
     scenario = load("motor_stop").model_copy(update={"seed": 2502})
     motion = simulation_of(scenario).advance(round(6.0 / scenario.cycle))
@@ -59,14 +58,12 @@ def test_a_lasting_downdraught_does_not_hold_a_vehicle_on_the_ground_at_take_off
     assert -motion.position[-1, 2] == approx(planned_height, abs=1.5)
 
 
-@mark.slow
 def test_a_second_flight_is_armed_as_long_after_the_first_as_that_after_boot():
     twice = fly(brief(duration=15.0, flights=2))
     changes = twice.time[1:][np.diff(twice.armed.astype(int)) != 0]
     assert changes == approx([2, 17, 20, 35]) and twice.time[-1] == approx(36, abs=0.01)
 
 
-@mark.slow
 def test_disarming_is_refused_in_the_air_unless_forced():
     simulation = Simulation(brief())
     simulation.advance(250 * 10)
@@ -77,7 +74,6 @@ def test_disarming_is_refused_in_the_air_unless_forced():
     assert falling.position[-1, 2] == 0 and falling.landed_state[-1] == 1 and simulation.finished
 
 
-@mark.slow
 def test_a_vehicle_that_tumbles_is_no_flight():
     scenario = brief(
         vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),)

@@ -75,6 +75,7 @@ def test_an_upload_as_flight_review_has_it_is_answered_by_the_page(served, field
     assert entry.note == fields.get("description", "")
 
 
+@mark.slow
 def test_an_uploaded_log_is_listed_with_its_review(served):
     """Two made-up logs are uploaded: list, document, log and report have what the first one contains."""
     answer = served.upload(("a.ulg", log("One.")), ("b.ulg", log("Two.")))
@@ -594,6 +595,7 @@ def test_pages_of_an_earlier_version_may_run_their_scripts_after_an_upgrade(tmp_
         assert f"script-src 'self' {' '.join(expected)};" in policy
 
 
+@mark.slow
 def test_a_wrong_token_is_said_to_be_wrong_and_the_right_one_may_follow(guarded, monkeypatch):
     monkeypatch.setattr(Rights, "delay_wrong_token", lambda _: asyncio.sleep(0))
     wrong = guarded.ask("POST", "/enter", "token=another")
@@ -976,6 +978,7 @@ def test_wrong_tokens_on_several_connections_wait_one_after_another(monkeypatch)
     assert time.monotonic() - begin >= 0.2
 
 
+@mark.slow
 def test_only_a_wrong_cookie_is_removed(guarded, monkeypatch):
     monkeypatch.setattr("mavdem.serve.rights.WRONG_TOKEN_DELAY", 0.0)
     # The right token replaces the cookie of an earlier one.

@@ -299,6 +299,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
 
+@mark.slow
 @mark.parametrize("moment", ["os.replace", "sync_folder", "insert_entry"])
 def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     library, tmp_path, monkeypatch, moment
@@ -324,6 +325,7 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
         assert len(there) == 0
 
 
+@mark.slow
 def test_logs_outlive_a_lost_index(tmp_path):
     before = stored_entry(Library(tmp_path))
     for path in tmp_path.glob("fleet.sqlite*"):
@@ -357,6 +359,7 @@ def test_a_folder_that_is_named_by_its_parent_lists_each_flight_once(tmp_path):
         assert server.get("/api/flights").json["total"] == 1
 
 
+@mark.slow
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
     """Two servers claim logs in turn; the logs of a server that ended are claimed by the other."""
     first_library, other_library = Library(tmp_path), Library(tmp_path)
@@ -413,6 +416,7 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     assert (library.results_folder(entry) / PAGE_FILE).is_file()
 
 
+@mark.slow
 def test_a_whole_log_takes_over_what_users_added_to_its_part(library):
     """A name, a note and sharing that the first minutes of a flight were given stay when the whole flight is stored."""
     stored = []
@@ -584,6 +588,7 @@ def test_no_row_is_read_that_is_not_shown(library, order):
             assert "flights_with_anomaly" in step
 
 
+@mark.slow
 def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library):
     dates = ("2026-01-02T00:00:00", "", "2026-01-03T00:00:00")
     ids = []
@@ -596,6 +601,7 @@ def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library)
     assert [entry.id for entry in by_flight] == [ids[2], ids[0], ids[1]]
 
 
+@mark.slow
 def test_the_most_urgent_flights_come_first_and_unread_logs_last_in_every_order(library):
     """A library of an earlier version has the levels of headlines only."""
     levels = (Level.GOOD, Level.BAD, Level.WATCH)
@@ -623,6 +629,7 @@ def test_the_most_urgent_flights_come_first_and_unread_logs_last_in_every_order(
     assert [entry.id for entry in by_urgency] == [ids[1], ids[2], ids[0], unread.id]
 
 
+@mark.slow
 def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library):
     """Flights without a value come last in each order, and are not found by it."""
     figures = ((80.0, 500.0, None), (None, None, None), (620.0, 40.0, 12.0), (61.0, None, 90.0))
@@ -666,6 +673,7 @@ def test_a_vehicle_is_found_by_a_part_of_its_serial_number_or_of_its_given_name(
         assert library.find(*search_condition(search), 1).total == count, search
 
 
+@mark.slow
 def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(library):
     """The log has three flights, the last two after a restart."""
     flights = [FlownFlight(0, 32.0, 45.0, None, 3.1), FlownFlight(1, 12.5, 72.5, 1250.0, None)]
@@ -789,6 +797,7 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
     assert library.progress_columns(entry) == {}
 
 
+@mark.slow
 def test_a_log_whose_package_is_missing_is_kept_and_read_when_it_comes_again(library):
     entry = stored_entry(library, name="extra.ulg")
     path = library.log_path(entry)
@@ -799,6 +808,7 @@ def test_a_log_whose_package_is_missing_is_kept_and_read_when_it_comes_again(lib
     assert stored_entry(library, name="extra.ulg").stage == Stage.WAITING
 
 
+@mark.slow
 def test_a_log_whose_page_fails_keeps_headline_lights_and_log(library):
     entry = stored_entry(library, name="bug.ulg")
     path = library.log_path(entry)
@@ -838,6 +848,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch)
     assert [*tmp_path.rglob("*.parquet")]
 
 
+@mark.slow
 def test_a_log_that_the_disk_had_no_room_for_does_not_hold_up_others(library):
     large, small = stored_entry(library), stored_entry(library, "Two.")
     library.change(large.id, received="2026-11-20T10:00:00", problem="The disk is full.")

@@ -280,6 +280,7 @@ def test_the_page_of_a_vehicle_lost_in_the_air_is_not_over_and_has_the_log_as_th
     assert "The log has gaps." in page
 
 
+@mark.slow
 def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):
     """The page is rendered again for an alarm, and otherwise after ``PAGE_SECONDS``."""
     live, _ = idle
@@ -330,6 +331,7 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
     assert shown == ["finished", "finished", "running", "running"]
 
 
+@mark.slow
 def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_knew():
     """After the flight, the page must not say that nothing is received."""
     session = Mock()
@@ -374,6 +376,7 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     assert [str(event.fact) for event in told] == ["Too little margin."]
 
 
+@mark.slow
 def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_and_has_its_fault(
     idle,
 ):
@@ -405,6 +408,7 @@ def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_
     assert [str(event.fact) for event in told] == ["Motor 1 lost thrust."]
 
 
+@mark.slow
 def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(idle, monkeypatch):
     """So it does on the page and the terminal, but not of another one. What allows flight stands in the next."""
     live, told = idle
@@ -495,6 +499,7 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
     assert told and not any(event.is_alarm for event in told)
 
 
+@mark.slow
 def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle):
     """The library has it of the same vehicle, by its name, autopilot and frame; it is named as one of that flight."""
     live, told = idle
@@ -612,6 +617,7 @@ def test_the_next_flight_names_a_flight_whose_end_was_not_received(idle, monkeyp
     assert not fault_after("landed", landed)
 
 
+@mark.slow
 def test_the_status_of_a_link_that_waits_is_not_reported_after_a_flight(idle, monkeypatch):
     """The last line on a terminal would be to check the link, in the place of not to fly."""
     live, _ = idle

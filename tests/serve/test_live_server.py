@@ -98,6 +98,7 @@ def answer(server, path, **headers):
     return response.status, response.headers, response.read()
 
 
+@mark.slow
 def test_the_address_leads_to_a_page_that_is_made_again_when_it_is_old_or_lacks_an_event(
     monkeypatch,
 ):
@@ -151,6 +152,7 @@ def test_with_a_token_the_link_that_is_printed_signs_a_browser_in_to_read():
         assert clock.monotonic() - started >= WRONG_TOKEN_DELAY
 
 
+@mark.slow
 def test_without_rerun_there_is_the_page_alone():
     with live_server() as server:
         server.report(flying_session(), STATUS)
@@ -160,6 +162,7 @@ def test_without_rerun_there_is_the_page_alone():
         assert answer(server, "/rerun/re_viewer.js")[0] == 404
 
 
+@mark.slow
 def test_the_dashboard_names_the_vehicle_and_may_ask_nothing_of_other_machines(viewer):
     """The content security policy of the dashboard allows this computer only."""
     with live_server(viewer) as server:
@@ -178,6 +181,7 @@ def test_the_dashboard_names_the_vehicle_and_may_ask_nothing_of_other_machines(v
     assert policy["script-src"] == "'self' 'wasm-unsafe-eval'"
 
 
+@mark.slow
 def test_the_program_of_the_viewer_is_passed_on_as_its_process_sends_it(viewer):
     with live_server(viewer) as server:
         for name, content in PROGRAM.items():
@@ -302,6 +306,7 @@ def test_a_session_that_another_one_follows_goes_on_at_the_same_address():
             assert ("This session ended in flight" in server.page.html) is not goes_on
 
 
+@mark.slow
 def test_the_last_page_says_that_nothing_is_watched_where_the_session_ended_in_flight():
     """It does so without files too; a lost vehicle that has met the ground no longer flies."""
     flying = replace(STATUS, is_flying=True, flight_number=1, is_over=True)

@@ -127,6 +127,7 @@ def test_whoever_sees_a_flight_may_have_its_recordings_made_and_nobody_else(tmp_
         assert server.ask("POST", f"/api/flights/{other_flight}/recordings").status == 404
 
 
+@mark.slow
 def test_a_request_outlives_the_server(tmp_path):
     library = Library(tmp_path)
     recordings = RecordingRequests(library)
@@ -140,6 +141,7 @@ def test_a_request_outlives_the_server(tmp_path):
     assert (claimed.id, claimed.recording_stage) == (entry.id, Stage.READING)
 
 
+@mark.slow
 def test_recordings_of_a_deleted_flight_are_removed(tmp_path):
     library = Library(tmp_path)
     recordings = RecordingRequests(library)
@@ -152,6 +154,7 @@ def test_recordings_of_a_deleted_flight_are_removed(tmp_path):
     assert list((tmp_path / "results").iterdir()) == []
 
 
+@mark.slow
 def test_a_log_that_is_uploaded_again_is_read_while_the_recordings_of_the_deleted_flight_end(
     tmp_path,
 ):

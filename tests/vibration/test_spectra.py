@@ -67,6 +67,7 @@ def test_density_has_the_power_of_what_was_measured():
     assert of_d.unit == "1" and of_d.mean_power(75, 85) == approx(spectrum.mean_power(75, 85))
 
 
+@mark.slow
 def test_stamps_that_hardly_differ_have_no_spectrum():
     telemetry = shaken()
     time = np.linspace(8.0, 9.0, len(telemetry.messages["GYRO_BEFORE"]["time"])) * 1e-308
@@ -213,6 +214,7 @@ def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
     assert slow.code is NotchAdvice.NOTCH_NOT_NEEDED
 
 
+@mark.slow
 @mark.parametrize(("stride", "nyquist"), [(20, 25.0), (5, 100.0)])
 def test_a_spectrum_that_may_end_below_the_motors_is_no_reason_against_a_notch(stride, nyquist):
     telemetry = shaken()

@@ -5,7 +5,6 @@ import warnings
 from collections import defaultdict
 
 import numpy as np
-from rerun.chunk import RrdReader
 
 
 def chunks(path, static=False):
@@ -46,6 +45,9 @@ def first_texts(stream, column):
 
 
 def _reader(path):
+    # Rerun takes a second to import, and the quick tests of files that read recordings do without.
+    from rerun.chunk import RrdReader
+
     with warnings.catch_warnings():
         # Of a flight under way there is no table of chunks at the end of the file.
         warnings.simplefilter("ignore")

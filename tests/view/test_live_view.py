@@ -40,6 +40,8 @@ from mavdem.view.live_content import Channels, current_value_texts, status_docum
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, requested_sinks
 
+pytestmark = mark.slow
+
 DT = 0.01
 HORIZONS = (1, 25, 50)
 MOTORS = tuple(f"motor {i} (somewhere)" for i in range(1, 5))
@@ -160,7 +162,6 @@ def recording(tmp_path_factory):
     return path
 
 
-@mark.slow
 def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording):
     """Each view of the layout has entities with samples, which are sent in batches."""
     assert [text for text in texts(recording) if "unusual" not in text] == [
@@ -189,7 +190,6 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         )
 
 
-@mark.slow
 def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     tmp_path,
 ):
@@ -227,7 +227,6 @@ def test_a_wind_torque_smaller_than_its_error_is_not_identifiable():
     )
 
 
-@mark.slow
 def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording):
     """The lines of the recording have the values of the estimates, in degrees."""
     lines = drawn(recording)
@@ -249,7 +248,6 @@ def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording)
         assert high - low >= 2 * 10.0 ** np.floor(np.log10((high - low) / 2))
 
 
-@mark.slow
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     """The inputs change from four motors to the demand and back: the other lines go on."""
     path = tmp_path / "flight.rrd"
@@ -279,7 +277,6 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     assert_allclose(lines["axes/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
-@mark.slow
 def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path):
     """Three segments follow each other. The third is after a reboot, whose clock is 498 s behind."""
     path = tmp_path / "flight.rrd"
@@ -323,7 +320,6 @@ class Held(RecordingFile):
         return super().open(recording)
 
 
-@mark.slow
 def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path, monkeypatch):
     """One of two files hangs: it loses 500 of 1500 rows, the other none."""
     monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 1000)
@@ -392,7 +388,6 @@ def test_the_first_figure_has_headline_next_step_and_what_is_bad():
     assert "**bad: motors**" in first_figure and "\n\nunknown: vibration, " in first_figure
 
 
-@mark.slow
 def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path):
     """One estimate has no predictions, and one file is in a folder that does not exist."""
     path = tmp_path / "flight.rrd"
@@ -434,7 +429,6 @@ with closing(LiveView([sink])) as view:
 """
 
 
-@mark.slow
 def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
     command = [sys.executable, "-c", FULL_DISK, str(path), str(killed)]
@@ -444,7 +438,6 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     assert len(drawn(path)["motors/0_outputs"][0])  # The sink opens.
 
 
-@mark.slow
 def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     path = tmp_path / "flight.rrd"
     sending = SinkThread(RecordingFile(path), uuid4())
@@ -500,7 +493,6 @@ time.sleep(3600)
 """
 
 
-@mark.slow
 def test_the_server_is_local_reports_to_nobody_and_ends_with_its_starter(
     tmp_path,
 ):

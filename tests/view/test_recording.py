@@ -16,6 +16,7 @@ from mavdem.assessment.axis.options import Options
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.facts import Fact, Level
+from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.model import ModelName
 from mavdem.ingest import read_log
@@ -23,10 +24,13 @@ from mavdem.report.blocks import markdown
 from mavdem.report.screen import analysis_blocks, flight_title
 from mavdem.report.series import Series
 from mavdem.view import write_recording
+from mavdem.view.first_tab import events_text
 from mavdem.view.flown import Pose, write_pose
 from mavdem.view.logged_flight import flight_scene
 from mavdem.view.plots import recording_to_file
 from mavdem.view.recording import forecast_chart
+
+pytestmark = mark.slow
 
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
 
@@ -72,7 +76,6 @@ def documents(path):
     return texts_by_path
 
 
-@mark.slow
 def test_alarms_are_marked_in_every_plot(recording, assessed):
     shown_lines = lines(recording)
     flight = assessed.analysis.flights[0]
@@ -83,7 +86,11 @@ def test_alarms_are_marked_in_every_plot(recording, assessed):
         assert_allclose(times, 2 * [flight.time[100]], atol=1e-8)
 
 
-@mark.slow
+def test_an_event_from_before_the_record_is_listed_without_a_time():
+    gps_lost = Fact(ReportedEvent.GPS_LOST, Level.BAD, time=-np.inf, boot=0)
+    assert "inf" not in events_text([Event(gps_lost.time, gps_lost)])
+
+
 def test_angles_and_rates_are_drawn_as_measured_over_the_whole_record(recording, assessed):
     shown_lines = lines(recording)
     roll = assessed.evidence.time_history.axes["roll"]
@@ -94,7 +101,6 @@ def test_angles_and_rates_are_drawn_as_measured_over_the_whole_record(recording,
         assert_allclose(values, np.degrees(signal.measured.values[is_known]), atol=1e-4)
 
 
-@mark.slow
 def test_diverging_forecasts_are_clipped(assessed):
     held_out = assessed.analysis.held_out
     series = Series(held_out.time[0], ("roll",), held_out.measured[0])
@@ -119,7 +125,6 @@ def test_a_forecast_is_drawn_with_the_name_of_its_model():
     assert forecast_chart(0, held_out, measured, "rad").y.label.endswith("model: DEM")
 
 
-@mark.slow
 def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
     recording, assessed
 ):
@@ -146,7 +151,6 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
     assert "log" in shown_views and "/log" in entities
 
 
-@mark.slow
 def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
     flown = made_up_motion()
     columns = {field.name: getattr(flown, field.name, None) for field in fields(Pose)}
@@ -157,7 +161,6 @@ def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
     assert (tmp_path / "still.rrd").stat().st_size > 1000
 
 
-@mark.slow
 def test_the_vehicle_moves_along_its_path_in_3d_with_its_attitude(assessed, tmp_path):
     """The positions of the flight are replaced by a helix, which the scene must show."""
     history = assessed.evidence.time_history

@@ -8,10 +8,11 @@ from pathlib import Path
 from pytest import mark
 from recorded_flights import LOGS
 
+pytestmark = mark.slow
+
 HERE = Path(__file__).parent
 
 
-@mark.slow
 def test_nothing_needs_posix_or_a_console_in_utf_8_or_its_locale(tmp_path):
     """Also stops at a text file without an encoding, and at a sign that an old console of Windows does not have."""
     environment = os.environ | {

@@ -58,6 +58,7 @@ def drifts(telemetry):
     return [event for event in events if event.code is MotionEvent.BAROMETER_DRIFTED]
 
 
+@mark.slow
 @mark.parametrize("drift", [6.0, -6.0])
 def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
     (event,) = drifts(flight(drift))
@@ -129,6 +130,7 @@ def test_a_higher_landing_place_is_no_drift():
     assert not drifts(flight(6.0, satellite_change=6.0))
 
 
+@mark.slow
 def test_a_landing_elsewhere_shows_no_drift():
     assert not drifts(flight(6.0, north=60.0))
 
@@ -151,6 +153,7 @@ def test_satellites_that_wander_alone_are_no_fault():
     assert not event.remedy
 
 
+@mark.slow
 def test_noise_is_no_drift():
     assert not drifts(flight(3.5, noise=1.5))
 

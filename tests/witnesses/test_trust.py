@@ -164,6 +164,7 @@ def test_a_receiver_without_satellites_gives_no_position():
     assert trust(telemetry).position.fix_fraction == 0
 
 
+@mark.slow
 @mark.parametrize("gain, answers", [(0.9, True), (0.0, False)])
 def test_roll_answers_its_setpoint_or_not(gain, answers):
     telemetry = flight()

@@ -7,8 +7,9 @@ from pytest import approx, mark
 from mavdem.experiments.paper import landscape
 from mavdem.experiments.paper.scalar_system import TRUE_A, TRUE_B
 
+pytestmark = mark.slow
 
-@mark.slow
+
 def test_priors_end_at_one_point_but_not_under_the_papers_settings(monkeypatch):
     """20 priors on a circle converge to the maximum of the free energy, which has the numbers of the paper."""
     for grid in ("GRID_A", "GRID_B"):

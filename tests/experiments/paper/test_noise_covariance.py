@@ -85,6 +85,7 @@ def test_added_noise_of_flights_has_its_known_variance():
     assert np.array_equal(record.states, flight.outputs[FIRST_SAMPLE:])
 
 
+@mark.slow
 def test_true_variances_give_better_states_than_wrong_ones(white_record):
     right = kalman_states_with_variances(white_record, white_record.noise_variances)
     wrong = kalman_states_with_variances(white_record, white_record.noise_variances / 1000)

@@ -8,6 +8,8 @@ from scipy.stats import binom
 from mavdem.experiments.paper import noise_tests
 from sitl_scenarios.turbulence import gaussian_noise
 
+pytestmark = mark.slow
+
 SERIES_COUNT = 400
 VALUES = 700
 LEVEL = 0.05
@@ -28,26 +30,22 @@ def rejections(test, make_series, series_count=SERIES_COUNT):
     return sum(test(make_series(rng)).p_value < LEVEL for _ in range(series_count))
 
 
-@mark.slow
 @mark.parametrize("kernel_steps", [0, 1, 3, 10])
 def test_normality_rejects_gaussian_noise_of_any_colour_at_its_level(kernel_steps):
     count = rejections(noise_tests.normality, lambda rng: gaussian_series(rng, kernel_steps))
     assert MIN_REJECTIONS <= count <= MAX_REJECTIONS
 
 
-@mark.slow
 @mark.parametrize("distribution", ["standard_normal", "standard_exponential"])
 def test_whiteness_rejects_white_noise_of_any_distribution_at_its_level(distribution):
     count = rejections(noise_tests.whiteness, lambda rng: getattr(rng, distribution)(VALUES))
     assert MIN_REJECTIONS <= count <= MAX_REJECTIONS
 
 
-@mark.slow
 def test_whiteness_rejects_coloured_noise():
     assert rejections(noise_tests.whiteness, lambda rng: gaussian_series(rng, 0.6), 100) >= 95
 
 
-@mark.slow
 def test_whiteness_is_tested_with_values_that_share_no_samples():
     """A running mean of five white samples is correlated over four lags and no further."""
 

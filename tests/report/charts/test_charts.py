@@ -170,6 +170,7 @@ def test_a_step_of_the_identified_loop_is_not_called_measured():
     assert "step of the identified loop" in chapter.groups[0].caption
 
 
+@mark.slow
 def test_spectra_have_their_lines_and_the_filters_over_them():
     """The noise before and after the filters is drawn with the motor line and the gain of the filters.
 

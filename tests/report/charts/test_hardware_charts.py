@@ -3,6 +3,7 @@
 import numpy as np
 from hover import Hover, changed, columns, evidence_of
 from numpy.testing import assert_allclose
+from pytest import mark
 
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -33,6 +34,7 @@ def charts_by_title(telemetry):
     return charts, set(parts), timeline
 
 
+@mark.slow
 def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
     """Raw values of ESCs, compass, battery and barometer are converted.
 
@@ -73,6 +75,7 @@ def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
     assert charts["Motor speeds"].x.limits == timeline.span
 
 
+@mark.slow
 def test_setpoints_are_drawn_with_the_estimate_and_switches_beside_the_sticks():
     telemetry = HOVER.telemetry(20.0, 20.0)
     target = columns(TIME, x=1.0, y=np.nan, z=-2.0, vx=np.nan, vy=np.nan, vz=0.0)
@@ -112,6 +115,7 @@ def test_vibration_and_clips_are_drawn_with_the_limits_of_a_light_that_judged_th
     assert len(vibration_charts(evidence, timeline, unjudged)[0].lines) == 3
 
 
+@mark.slow
 def test_raw_acceleration_and_angular_rate_are_those_of_the_fastest_message_in_degrees():
     times = HOVER.stamps(50.0)
     fast = columns(times, x=np.full(len(times), 0.1), y=0.0, z=0.0)

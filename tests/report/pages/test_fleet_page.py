@@ -74,6 +74,7 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     assert "It is cut off at" in text and "<td>3</td>" in text.replace(' class="words"', "")
 
 
+@mark.slow
 def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     """Fleets with no flight, one flight, or flights of unknown vehicles."""
     for rows in ([], [FlightRow(file="a.bin", status="It is empty.")]):
@@ -85,6 +86,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     assert parts(text) == {} and "they are not compared" in text
 
 
+@mark.slow
 def test_a_date_in_the_future_is_not_on_the_axis_of_dates():
     future = datetime.now(UTC) + timedelta(days=700)
     rows = [flight_row("quad", number) for number in range(3)]
@@ -295,6 +297,7 @@ def test_marks_that_turn_text_around_are_replaced_in_the_data_of_scripts():
     assert json.loads(render_page(template, text=text)) == "\ufffdevil\ufffd\ufffd \\u202e\n\u00e9"
 
 
+@mark.slow
 def test_what_comes_from_a_log_is_text_and_no_script_scheme_is_linked():
     text = fleet_page(hostile())
     assert text.count("<script>") == 5 and "<b><" not in text and "<script>document" not in text

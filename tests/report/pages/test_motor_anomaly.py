@@ -172,6 +172,7 @@ def texts(sentences):
     return [f"{sentence.lead} {sentence.text}".strip() for sentence in sentences]
 
 
+@mark.slow
 def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_verdict():
     """Motor 1 is weak beside other flights, and its trim changed doubtfully.
 
@@ -236,6 +237,7 @@ def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
     assert reviews["B"]["headline"]["sentence"] == "Motor 1 lost thrust."
 
 
+@mark.slow
 def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_are_mixed():
     """Motor 1 is weak in the last two of four flights of A; B was flown before and is sound."""
     columns = {"health_reason": "Motor 1 lost thrust.", "suspect_motor": 1, "health": "fault"}

@@ -578,6 +578,7 @@ def test_the_foot_of_a_sheet_has_the_title_which_cannot_end_the_style_sheet():
     assert r'@bottom-left { content: "a\22 \7d  \3c \2f style\3e \5c .ulg";' in page
 
 
+@mark.slow
 def test_a_live_flight_has_what_was_trained_on_and_no_wind_below_0():
     """The history of a live session has trained intervals and poses.
 
@@ -626,6 +627,7 @@ def live_document():
     return render_document("Live", "", [], head=head)
 
 
+@mark.slow
 def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_log(live_document):
     page = live_document
     assert [page.count(f"moment {time} s<") for time in range(12)] == [1] * 12
