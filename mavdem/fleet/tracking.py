@@ -27,7 +27,8 @@ from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import is_fleet, read_rows
 from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
-from mavdem.motors.health import HealthAssessment, assess_motor_health
+from mavdem.motors.health import HealthAssessment, assess_motor_health, sound_healthy_flights
+from mavdem.motors.healthy_flights import HealthFigures
 
 ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")
 """Columns that are attributes of the assessment of a flight's motors."""
@@ -123,12 +124,28 @@ def logs_taken_for_healthy(rows: FlightRows) -> set[str]:
     Returns:
         Hashes of the contents of their logs; none of a name that several vehicles may share.
     """
-    rows_of_flights = [row for row in rows if row.is_read]
+    return set(healthy_figures_by_log(rows, baseline_rows=[]))
+
+
+def healthy_figures_by_log(rows: FlightRows, baseline_rows: FlightRows) -> dict[str, HealthFigures]:
+    """Returns the flights with which the motors of a vehicle's other flights are compared.
+
+    Args:
+        rows: all rows of the vehicle, one for each axis of each flight.
+        baseline_rows: rows of its flights that a user marked as healthy; empty without a baseline.
+
+    Returns:
+        Figures of their motors by the hash of the log's content: of the baseline or, without one, of the flights that
+        are taken for healthy, which are none for a name that several vehicles may share.
+    """
+    rows_of_flights = [row for row in baseline_rows or rows if row.is_read]
+    figures_by_log = {content_hash(row.key): health_figures(row) for row in rows_of_flights}
+    if baseline_rows:
+        return {log: figures for log, figures in figures_by_log.items() if not figures.missing}
     if not rows_of_flights or not rows_of_flights[0].has_own_name:
-        return set()
-    assessments = _health_by_flight(rows_of_flights, baseline_rows=[], candidates=None)
-    healthy_rows = [row for row in rows_of_flights if assessments[_flight_key(row)].is_healthy]
-    return {content_hash(row.key) for row in healthy_rows}
+        return {}
+    healthy = sound_healthy_flights(list(figures_by_log.values()))
+    return {log: figures for log, figures in figures_by_log.items() if figures in healthy}
 
 
 def rows_without_health(rows: FlightRows) -> FlightRows:

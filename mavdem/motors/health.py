@@ -101,6 +101,32 @@ def assess_motor_health(
     )
 
 
+def sound_healthy_flights(flights: HealthFlights) -> HealthFlights:
+    """Returns the flights with which others of their vehicle are compared where the user has named none as healthy.
+
+    These are the healthy ones of :func:`assess_motor_health`, found without an assessment of all other flights: each of
+    them is compared with the rest, and the one that is most probably faulty is left out until none is.
+
+    Args:
+        flights: Flights of one vehicle.
+
+    Returns:
+        Some of these flights, the same objects.
+    """
+    while True:
+        healthy = healthy_flights(flights)
+        assessor = _FlightAssessor(healthy, flights, baseline=None)
+        for flight in healthy:
+            assessor.assess(flight)
+        faulty_flights = assessor.faulty_healthy_flights
+        if not faulty_flights:
+            return healthy
+        worst_flight = faulty_flights[max(faulty_flights)]
+        flights = [
+            replace(flight, sound=False) if flight is worst_flight else flight for flight in flights
+        ]
+
+
 class _FlightAssessor:
     """Assesses the motors in the flights of one vehicle, one after the other in the order of their dates.
 

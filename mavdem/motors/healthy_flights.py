@@ -154,6 +154,17 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
     return tuple(healthy)
 
 
+def is_comparable(flight: HealthFigures, healthy_flight: HealthFigures) -> bool:
+    """Returns whether a flight's motors are compared with a healthy flight: another one, with the same motors.
+
+    Args:
+        flight: A flight of the vehicle.
+        healthy_flight: One of its healthy flights.
+    """
+    is_same_flight = healthy_flight is flight or healthy_flight.overlaps(flight)
+    return not is_same_flight and healthy_flight.geometry_key == flight.geometry_key
+
+
 def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     """Removes second records of a flight that was logged twice, for example on board and on the ground.
 

@@ -533,6 +533,15 @@ class Library:
         """Returns the fleet's rows of these logs: one for each axis of each vehicle."""
         return self.store.rows_of(map(self._source_of, entries))
 
+    def rows_of_vehicle(self, vehicle: str) -> FlightRows:
+        """Returns the fleet's rows of all flights that are listed under a vehicle, one for each axis.
+
+        Args:
+            vehicle: name of the vehicle in its logs.
+        """
+        entries = self.find("vehicle = ?", [vehicle], sys.maxsize).entries
+        return [row for row in self.flight_rows(entries) if row.vehicle == vehicle]
+
     def rows_with_motor_anomaly(self, entries: Iterable[LibraryEntry]) -> dict[str, FlightRow]:
         """Finds the flights whose motors have a fault or drift in comparison with other flights of their vehicle.
 

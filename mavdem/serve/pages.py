@@ -25,7 +25,7 @@ from mavdem.fleet.difference import baseline_differences
 from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.parameter_changes import parse_parameters
-from mavdem.fleet.row import FlightRow, FlightRows
+from mavdem.fleet.row import FlightRows
 from mavdem.fleet.state import (
     motors_by_pair,
     rows_judged_by_each_other,
@@ -257,7 +257,10 @@ class Pages:
         compared = self._library.compared_entries(entries)
         flights_to_compare = {}
         if may_read:
-            flights_to_compare = self._flights_to_compare(entries, compared.anomalous_rows)
+            anomalous_entries = [entry for entry in entries if entry.id in compared.anomalous_rows]
+            flights_to_compare = self._visible_library.healthy_flights_to_compare_with(
+                anomalous_entries
+            )
         return {
             "entries": compared.entries,
             "anomalous_rows": compared.anomalous_rows,
@@ -265,29 +268,6 @@ class Pages:
             "baseline_vehicles": self._library.baseline_vehicles(),
             "flights_to_compare": flights_to_compare,
         }
-
-    def _flights_to_compare(
-        self, entries: Sequence[LibraryEntry], anomalous_rows: Mapping[str, FlightRow]
-    ) -> dict[str, LibraryEntry]:
-        """Finds for each flight with a motor anomaly the flight that its link "Compare" compares it with.
-
-        Args:
-            entries: index entries of all flights of a list.
-            anomalous_rows: rows in the fleet's table of those flights whose motors have a fault or drift, by the
-                entry's id.
-
-        Returns:
-            Another flight of the same vehicle, by the id of the flight with a motor anomaly; flights for which there is
-            none are left out.
-        """
-        flights_to_compare = {}
-        for entry in entries:
-            if entry.id not in anomalous_rows:
-                continue
-            other_entry = self._visible_library.flight_to_compare_with(entry, has_anomaly=True)
-            if other_entry is not None:
-                flights_to_compare[entry.id] = other_entry
-        return flights_to_compare
 
     def flight(self, request: HttpRequest) -> Response:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
@@ -329,9 +309,11 @@ class Pages:
             anomaly = motor_anomaly(compared.anomalous_rows.get(entry.id))
             (values["flight"],) = compared.entries
             if values["may_read"]:
-                suggested_entry = self._visible_library.flight_to_compare_with(
-                    entry, has_anomaly=anomaly is not None
-                )
+                if anomaly is None:
+                    suggested_entry = self._visible_library.flight_to_compare_with(entry)
+                else:
+                    healthy = self._visible_library.healthy_flights_to_compare_with([entry])
+                    suggested_entry = healthy.get(entry.id)
                 if anomaly is not None and suggested_entry is not None:
                     link = self._comparison_link(entry, suggested_entry)
                     anomaly = anomaly._replace(comparison=link)

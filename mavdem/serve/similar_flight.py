@@ -50,7 +50,8 @@ def most_similar_flight(
         flight: the flight that is to be compared.
         others: further flights of its vehicle, with the verdicts that are shown. Of several that suit equally well, the
             first is returned.
-        baseline: content hashes of the flights that a user marked as healthy; these count as flights without a finding.
+        baseline: content hashes of the flights that count as healthy, by a user or by default; these count as flights
+            without a finding.
 
     Returns:
         The flight; None if there are no others.

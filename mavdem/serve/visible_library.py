@@ -1,7 +1,7 @@
 """The library as the sender of a request may see it: flights, searches, and values for all pages."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +9,19 @@ from typing import NamedTuple
 
 from starlette.requests import Request as HttpRequest
 
-from mavdem.containers import JsonValues
+from mavdem.containers import JsonValues, group_by
 from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
-from mavdem.facts import Level
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing, Stage
+from mavdem.fleet.health_figures import health_figures
 from mavdem.fleet.names import content_hash
+from mavdem.fleet.tracking import healthy_figures_by_log
 from mavdem.machine import LOOPBACK_HOSTS
+from mavdem.motors.healthy_flights import is_comparable
 from mavdem.report.pages.library_page import interface_words
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
-from mavdem.serve.index import LibraryEntry
+from mavdem.serve.index import CONTENT_HASH_SQL, LibraryEntry
 from mavdem.serve.library import FoundEntries, Library
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
@@ -32,9 +34,6 @@ MAX_SEARCH_LETTERS = 500
 
 ORDER_COOKIE = "order"
 """Name of the cookie by which a browser remembers the order of the list that was chosen last."""
-
-MAX_FIRST_FLIGHTS = 20
-"""First flights of a vehicle among which the one to compare an anomalous flight with is looked for: a choice."""
 
 MAX_COMPARABLE_FLIGHTS = 100
 """Flights that the page of a flight offers to be compared with: a choice, since nobody looks through more."""
@@ -146,54 +145,71 @@ class VisibleLibrary:
         earlier_flights = self._earlier_flights(entry, limit=1)
         return earlier_flights.entries[0] if earlier_flights.entries else None
 
-    def flight_to_compare_with(
-        self, entry: LibraryEntry, *, has_anomaly: bool
-    ) -> LibraryEntry | None:
-        """Returns the flight of the same vehicle with which one is best compared.
+    def flight_to_compare_with(self, entry: LibraryEntry) -> LibraryEntry | None:
+        """Returns the flight of the same vehicle with which one without an anomaly of its motors is best compared.
 
         Earlier flights and those of the baseline come into question; all flights if there are none of these. Which one
         suits best is decided by :func:`most_similar_flight`.
 
         Args:
             entry: index entry of the flight.
-            has_anomaly: whether its motors have a fault or a drift. It is then compared with the first flights of the
-                vehicle: in later ones a motor may have lost a part of its thrust that was too small to be found.
 
         Returns:
-            The flight; None if the library has no other flight that is known to be of this vehicle or, for a flight
-            with an anomaly, if the motors have one in all of them.
+            The flight; None if the library has no other flight that is known to be of this vehicle.
         """
-        if has_anomaly:
-            candidates = self._first_flights(entry)
-        else:
-            candidates = self._earlier_flights(entry, MAX_COMPARABLE_FLIGHTS).entries
+        candidates = self._earlier_flights(entry, MAX_COMPARABLE_FLIGHTS).entries
         baseline = {content_hash(row.key) for row in self.library.baseline_rows(entry.vehicle)}
         if baseline or not candidates:
             other_entries = self.comparable_flights(entry, best_entry=None)
             baseline_entries = [other for other in other_entries if other.content_hash in baseline]
             candidates = [*candidates, *baseline_entries] or other_entries
         compared = self.library.compared_entries(candidates)
-        suitable_entries = []
-        for other in compared.entries:
-            has_weak_motors = other.motors == Level.BAD or other.id in compared.anomalous_rows
-            if other.content_hash in baseline or not (has_anomaly and has_weak_motors):
-                suitable_entries.append(other)
-        return most_similar_flight(entry, suitable_entries, baseline)
+        return most_similar_flight(entry, compared.entries, baseline)
 
-    def _first_flights(self, entry: LibraryEntry) -> list[LibraryEntry]:
-        """Returns the first flights of the vehicle, as far as they were before this one, in order of date.
+    def healthy_flights_to_compare_with(
+        self, entries: Iterable[LibraryEntry]
+    ) -> dict[str, LibraryEntry]:
+        """Finds the flights with which those with an anomaly of their motors are best compared.
+
+        An anomaly shows in comparison with healthy flights of the vehicle: its baseline or, without one, the flights
+        that are taken for healthy. Of these, the one in the most similar conditions is chosen, whatever its other
+        lights, so that both pages rest on the same evidence.
 
         Args:
-            entry: a flight. One without a date, or of an unnamed vehicle, has none before it.
+            entries: index entries of the flights with an anomaly.
 
         Returns:
-            Their index entries, at most ``MAX_FIRST_FLIGHTS``.
+            The healthy flights by the ids of the others, without those for which the library has none.
         """
-        flight_count = self._earlier_flights(entry, limit=0).total
-        # The latest flight comes first, so that the first ones are at the end.
-        offset = max(0, flight_count - MAX_FIRST_FLIGHTS)
-        first_flights = self._earlier_flights(entry, MAX_FIRST_FLIGHTS, offset)
-        return [*reversed(first_flights.entries)]
+        healthy_entries = {}
+        for vehicle, entries_of_vehicle in group_by(entries, lambda entry: entry.vehicle).items():
+            rows = self.library.rows_of_vehicle(vehicle)
+            rows_by_log = {content_hash(row.key): row for row in rows}
+            healthy = healthy_figures_by_log(rows, self.library.baseline_rows(vehicle))
+            for entry in entries_of_vehicle:
+                figures = health_figures(rows_by_log[entry.content_hash])
+                logs = [log for log, other in healthy.items() if is_comparable(figures, other)]
+                suitable_entries = self._comparable_flights_of_logs(entry, logs)
+                healthy_entry = most_similar_flight(entry, suitable_entries, baseline=logs)
+                if healthy_entry is not None:
+                    healthy_entries[entry.id] = healthy_entry
+        return healthy_entries
+
+    def _comparable_flights_of_logs(
+        self, entry: LibraryEntry, logs: Sequence[str]
+    ) -> list[LibraryEntry]:
+        """Returns those flights of a vehicle whose logs have some contents, as far as one can be compared with them.
+
+        Args:
+            entry: index entry of the flight that is to be compared, which is left out.
+            logs: hashes of the contents.
+        """
+        condition = (
+            f"vehicle = ? and {COMPARABLE_SQL}"
+            f" and {CONTENT_HASH_SQL} in (select value from json_each(?))"
+        )
+        values = [entry.vehicle, Stage.DONE, entry.id, json.dumps(logs)]
+        return self.library.find(condition, values, len(logs), order=ListingOrder.FLIGHT).entries
 
     def _earlier_flights(self, entry: LibraryEntry, limit: int, offset: int = 0) -> FoundEntries:
         """Returns earlier flights of the same vehicle by date, the latest first.

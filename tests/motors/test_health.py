@@ -17,7 +17,12 @@ from mavdem.motors.change_hypotheses import (
     ChangeProbabilities,
 )
 from mavdem.motors.deviation import Deviation
-from mavdem.motors.health import MIN_REPORTED_PROBABILITY, _weak_motor, assess_motor_health
+from mavdem.motors.health import (
+    MIN_REPORTED_PROBABILITY,
+    _weak_motor,
+    assess_motor_health,
+    sound_healthy_flights,
+)
 from mavdem.motors.healthy_flights import HealthFigures, distinct_flights, healthy_flights
 from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import motor_signatures
@@ -157,6 +162,8 @@ def test_a_fault_among_the_first_flights_is_not_taken_for_healthy():
     assert [assessment.fault_probability for assessment in assessments] == [
         assessment.fault_probability for assessment in assessments_with_baseline
     ]
+    # The healthy ones are found without an assessment of the others.
+    assert sound_healthy_flights(flights) == (*flights[:2], flights[3])
 
 
 @mark.slow

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 import threading
 from collections import namedtuple
 from contextlib import closing, contextmanager
@@ -50,8 +51,16 @@ def read_made_up(path, key, page):
         "vehicle": "quad 7",
         "headline": headline,
         "headline_level": "bad",
-        "date": "2026-11-20",
+        "date": (re.search(r"\d{4}-\d\d-\d\d", headline) or ["2026-11-20"])[0],
         "balance": (0.0, 0.0, 0.0),
+        "balance_error": (0.01, 0.01, 0.01),
+        "balance_lean": (0.0, 0.0),
+        "lean_effect": (0.0,) * 6,
+        "lean_effect_error": (0.1,) * 6,
+        "vehicle_basis": "board",
+        "motors": ("motor 1", "motor 2", "motor 3", "motor 4"),
+        "positions": ((0.1, 0.1), (-0.1, -0.1), (0.1, -0.1), (-0.1, 0.1)),
+        "spins": (1, 1, -1, -1),
     }
     if "by id" in headline:
         columns |= {"vehicle": "ardupilotmega-1", "vehicle_basis": "system id"}
@@ -59,6 +68,8 @@ def read_made_up(path, key, page):
     if "weak" in headline:
         lights |= {"light_motors": "bad"}
         columns |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
+        # A flight with a motor at its limit is not taken for healthy.
+        columns |= {"saturated": (0.0, 0.0, 0.5, 0.0)}
     columns |= {"page": f"{RESULTS}/{path.parent.name}/{PAGE_FILE}"}
     rows = [
         FlightRow(file=str(path), axis=axis, tier="a", duration=60.0, **columns, **lights)

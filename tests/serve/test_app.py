@@ -365,7 +365,10 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
     assert f'Baseline: <a href="/f/{sound}">sound.ulg</a>.' in page
     assert served.ask("DELETE", "/api/baseline?vehicle=quad%207").status == 204
     assert {row.vehicle for row in served.library.store.healthy} == {"Red"}
-    assert "No baseline." in served.get("/vehicle?name=quad%207").text
+    assert (
+        "No baseline: its first sound flights are taken for healthy"
+        in served.get("/vehicle?name=quad%207").text
+    )
     (flight,) = served.get("/api/flights?q=motors:bad").json["flights"]
     assert (flight["id"], flight["lights"]["motors"]) == (weak, "bad")
     assert flight["motor_anomaly"] == "Motor 3 lost thrust."
@@ -416,32 +419,35 @@ def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served,
 
 
 @mark.slow
-def test_a_flight_that_differs_from_the_others_is_compared_with_the_first_sound_one(served):
-    """Two flights of a vehicle have a weak motor.
+def test_a_flight_with_a_weak_motor_is_compared_with_a_healthy_one_in_like_conditions(served):
+    """Two flights of a vehicle have a weak motor. Its first three sound ones are those that show this.
 
-    All pages link from them to the comparison with the first sound flight of the vehicle.
+    All pages link from them to the most similar of these, even with an amber light, and not to a later flight.
     """
-    dates = {"first": "19T10", "sound": "20T10", "weak before": "20T11", "weak": "20T12"}
+    dates = {"first": 16, "second": 17, "alike": 18, "later": 19, "weak before": 20, "weak": 21}
     ids = {}
-    for name, hour in dates.items():
-        ids[name] = served.add(f"{name}.ulg", f"{name}: good.")
-        served.library.change(ids[name], date=f"2026-11-{hour}:00:00")
+    for name, day in dates.items():
+        ids[name] = served.add(f"{name}.ulg", f"{name} 2026-11-{day}: good.")
+        distance = 5.0 if name in ("first", "second") else 300.0
+        date = f"2026-11-{day}T10:00:00"
+        served.library.change(ids[name], date=date, distance=distance, level="good", motors="good")
+    served.library.change(ids["alike"], level="watch", vibration="watch")
     listed = served.get("/").text
-    address = f"/compare?a={ids['first']}&amp;b={ids['weak']}"
+    address = f"/compare?a={ids['alike']}&amp;b={ids['weak']}"
     for path in ("/", "/vehicle?name=quad%207"):
         page = served.get(path).text
         assert page.count('href="/compare?') == 2
-        assert f'href="{address}" aria-label="Compare weak.ulg with first.ulg"' in page
-    assert f"/compare?a={ids['first']}&amp;b={ids['weak before']}" in listed
-    assert f'<a href="{address}">Compare with first.ulg</a>' in served.get(f"/f/{ids['weak']}").text
+        assert f'href="{address}" aria-label="Compare weak.ulg with alike.ulg"' in page
+    assert f"/compare?a={ids['alike']}&amp;b={ids['weak before']}" in listed
+    assert f'<a href="{address}">Compare with alike.ulg</a>' in served.get(f"/f/{ids['weak']}").text
     select = served.get(f"/f/{ids['weak']}").text.partition('<select id="partner"')[2]
     partners = re.findall('<option value="([^"]*)">', select.partition("</select>")[0])
-    assert partners == [ids["first"], ids["weak before"], ids["sound"]]
+    assert partners[:3] == [ids["alike"], ids["weak before"], ids["later"]]
     # The page of two flights has the verdict of the list on their motors, which is by all flights of the vehicle.
     assert "Motor 3 lost thrust." in served.get(address.replace("&amp;", "&")).text
     # A baseline is what flights are compared with, also where an earlier one is sound.
-    assert served.ask("PUT", "/api/baseline", {"flights": [ids["sound"]]}).status == 200
-    assert "Compare with sound.ulg" in served.get("/").text
+    assert served.ask("PUT", "/api/baseline", {"flights": [ids["later"]]}).status == 200
+    assert "Compare with later.ulg" in served.get("/").text
 
 
 @mark.slow

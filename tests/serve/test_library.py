@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import sqlite3
 import threading
@@ -208,6 +209,11 @@ def library_page(entries, anomalous_rows=None, **values):
     return render_server_page("library", **template_values | values)
 
 
+def plain_line(html):
+    """Returns the text of some HTML, without tags, in one line."""
+    return " ".join(re.sub("<[^>]*>", "", html).split())
+
+
 @mark.parametrize("health, level", [("ok", "good"), ("drift", "watch"), ("fault", "bad")])
 def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(health, level):
     """A fault or drift by other flights replaces the good light of the motors in the list."""
@@ -224,6 +230,13 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     # An interval that is narrow is shown as well, since searches compare it.
     narrow = replace(entry, wind_speed=6.1, wind_low=4.98, wind_high=7.37)
     assert ">5.0 to 7.4 m/s<" in library_page([narrow], {})
+    # A phone has all lights in one line, in which no unknown one is left out.
+    on_phone = page.partition('<span class="phone">')[2].partition("</td>")[0]
+    good_count = 7 if health == "ok" else 6
+    assert plain_line(on_phone).endswith(f"{good_count} good – 1 unknown")
+    motors_unknown = replace(entry, motors="unknown")
+    on_phone = library_page([motors_unknown]).partition('<span class="phone">')[2]
+    assert "– motors and 1 more unknown" in plain_line(on_phone.partition("</td>")[0])
     # A vehicle without a name has one line.
     by_calibration = replace(
         entry, vehicle="accelerometer-39ca5c6f6923", vehicle_basis="accelerometer"
