@@ -96,17 +96,17 @@ def judge(
 
 
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
-    """Judges the status lights that do not depend on the control loops, such as power.
+    """Judges the parts of a vehicle that can be judged without its control loops, such as motors and power.
 
-    A light is a fact that judges one subject by its level, such as good or bad. These lights can be shown while the
-    loops are still computed, which takes longer. If the vehicle must not fly as it is, they have no advice to fly
-    (``Fact.without_flight_advice``).
+    These judgements can be shown while the loops are still computed, which takes longer. Each is a status light: a fact
+    (coded finding) with a level, such as good or bad. If the vehicle must not fly as it is, the lights give no advice
+    that needs a flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle; its loops need not be known yet.
 
     Returns:
-        Lights by name.
+        The lights by name, such as "power".
     """
     lights = dict[str, Fact]()
     for light in REGISTRY:

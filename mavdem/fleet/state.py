@@ -311,20 +311,25 @@ def rows_with_known_health(library_rows: FlightRows, pair_rows: FlightRows) -> F
 
 
 def motors_by_pair(rows: FlightRows, pair_rows: FlightRows) -> str:
-    """Returns what two compared flights show of the motors of the later one, without other flights of the vehicle.
+    """Returns what the comparison of two flights alone says of the motors of the later one, if that is worth adding.
+
+    A library compares the motors of a flight with all flights of its vehicle, and the page states that judgement first.
+    The two flights alone may suggest another one.
 
     Args:
-        rows: rows of the later flight, with the health of the motors that the page states first.
-        pair_rows: the same rows, with the health by the two flights alone.
+        rows: rows of the later flight in the table of flights, with the judgement that the page states first.
+        pair_rows: the same rows, judged by the two flights alone; empty if they were not.
 
     Returns:
-        The reason of the health by the two flights, in sentences; empty if it is unknown, or no other than the first.
+        The judgement by the two flights alone, in sentences. Empty if they leave the health of the motors unknown, or
+        if the page has the same sentences already.
     """
     if not pair_rows:
         return ""
-    stated_row, pair_row = worst_row(rows), worst_row(pair_rows)
+    first_reason = worst_row(rows).health_reason
+    pair_row = worst_row(pair_rows)
     is_unknown = pair_row.health == UNKNOWN
-    if is_unknown or pair_row.health_reason == stated_row.health_reason:
+    if is_unknown or pair_row.health_reason == first_reason:
         return ""
     return pair_row.health_reason or ""
 

@@ -114,29 +114,31 @@ class LossWatch:
         return [alarm_if_bad(contact, now)]
 
     def judge_flight(self, review: Review, moment: FlightMoment) -> list[Fact]:
-        """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
+        """Looks for a loss of the vehicle in flight, and if there is none, for a fall with idle motors.
 
-        While a loss lasts, the vehicle may seem to be lost in other ways: what was found first is kept. The contact
-        with the ground is looked for until it is found, since it shows when the vehicle hit the ground, and how fast.
+        A loss is recorded as soon as it is found, in one of two ways:
+
+        - Control is lost. The loss stays as it was found first, as a lost vehicle soon looks lost in other ways, too.
+          How it meets the ground, and how fast, is added when that is found. Close to the ground nothing is recorded
+          for a moment, as the impact will show what happened.
+        - The vehicle hits the ground under control: the crash itself is the loss.
 
         Args:
-            review: the review, whose ``facts`` get the loss.
+            review: the review, whose ``facts`` get the loss. It becomes an alarm from there, and so is not returned.
             moment: present time, and the motion.
 
         Returns:
             The alarm of a fall with idle motors that begins, or its end once the motors carry the vehicle again. A fall
-            is no loss yet: the pilot may catch the vehicle. Empty if control was lost, which is an alarm of its own.
+            is no loss yet: the pilot may catch the vehicle. Empty in all other reviews.
         """
         present_loss = self._control.loss(moment)
         flight_end = self._crash(present_loss, moment)
         if present_loss is not None:
             if self._awaits_impact(present_loss, flight_end, moment):
                 return []
-            # If the loss is an alarm already, its fact stays as it was found first.
             first_loss = self._alarms.facts.get(WatchedQuantity.CONTROL, present_loss)
             self._record_loss(first_loss, flight_end, review)
         elif flight_end is not None and flight_end.loss is not None:
-            # The vehicle hit the ground with its attitude under control: the crash itself is the loss.
             self._record_loss(flight_end.loss, flight_end, review)
         if self.loss is not None:
             self.ongoing_fall = None
@@ -272,15 +274,15 @@ class LossWatch:
         return earlier_loss.code in REPLACEABLE_LOSSES and not are_both_reports
 
     def _record_loss(self, loss: Fact, flight_end: FlightEnd | None, review: Review) -> None:
-        """Records the loss of the vehicle and its contact with the ground, and judges the motors by it.
+        """Records how the vehicle was lost and has met the ground, and judges the motors by it.
 
-        A vehicle may be lost in the air, such as by a loss of control, and meets the ground later. Or its contact with
-        the ground is itself the loss, such as a crash.
+        A vehicle that loses control in the air is lost before it meets the ground: loss and contact are two facts. In a
+        crash the contact is itself the loss.
 
         Args:
             loss: the fact (coded finding) that the vehicle was lost, as it was found first.
-            flight_end: how the flight ended; None before the vehicle has met the ground. A loss that it states replaces
-                ``loss``, since the end of the flight shows better what happened.
+            flight_end: how the vehicle met the ground; None before that. If it states a loss, this replaces ``loss``,
+                since the end of the flight shows better what happened.
             review: the review, whose ``facts`` get the loss, so that it becomes an alarm.
         """
         if flight_end is not None and flight_end.loss is not None:

@@ -115,13 +115,13 @@ class ReportAlarms:
 
 
 def _latest_time(report: Fact, now: float) -> float:
-    """Returns when the autopilot last reported a fault, s of the boot clock.
+    """Returns the latest time at which a fault that the autopilot reported was there, s of the boot clock.
 
-    A state that lasts counts as reported now: autopilots report only its beginning and its end.
+    Some faults are states, such as a failsafe: autopilots report only their beginning and their end, so that one
+    without an end is still there now. Others are texts, each of which counts for the time when it was received.
 
     Args:
-        report: a fact on the fault: a text of the autopilot, whose end is when it was received last, or a state with
-            its start and end.
+        report: the fact (coded finding) on the fault. That of a repeated text ends with its last repetition.
         now: present time on the boot clock, s.
     """
     if is_lasting_state(report):

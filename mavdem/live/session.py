@@ -828,12 +828,16 @@ class LiveSession:
 
     @property
     def ending_status(self) -> SessionStatus:
-        """The status to show while a session ends: its recording, if it has one, is still to be judged.
+        """The status to show while a session ends.
 
-        So it has no all-clear, unless that judgement has failed already.
+        The recording of its last flight is judged next, and may show faults that the session did not find. So the
+        status says that this judgement is awaited, and not that all is well. It does not if the judgement has failed
+        already, or if there is no gain adviser: the one who reads the recording and judges it.
         """
         status = replace(self.status, is_over=True)
-        if self.gain_adviser is None or status.recording_verdict is not None:
+        is_recording_read = self.gain_adviser is not None
+        has_recording_failed = status.recording_verdict is not None
+        if not is_recording_read or has_recording_failed:
             return status
         return replace(status, recording_verdict=RECORDING_AWAITED)
 

@@ -574,7 +574,7 @@ class SessionStatus(ImmutableResult):
         library. While the link is lost in flight, what to do about that comes first. The lights, which judge the parts
         of the vehicle, remain those of the latest flight.
         """
-        judgement = self._judgement_of_worst_flight
+        judgement = self._judgement_with_worst_headline
         if self.link_loss is not None:
             return judgement
         fault = self.unrepaired_fault
@@ -619,20 +619,22 @@ class SessionStatus(ImmutableResult):
         return not headline.is_bad or (fault_forbids_flight and not headline.forbids_flight)
 
     @property
-    def _judgement_of_worst_flight(self) -> Judgement:
-        """The judgement of the latest flight, with headline and next step of the worst flight of the session.
+    def _judgement_with_worst_headline(self) -> Judgement:
+        """The judgement of the latest flight; on the ground, a worse earlier flight gives its headline and next step.
 
-        In flight, or if no earlier flight was worse, these are those of the latest flight, too.
+        A vehicle that crashed in flight 1 and made a good flight 2 thus keeps the warning of flight 1 until its faults
+        are known to be repaired. In flight the pilot needs the state of the present flight. The lights, which judge the
+        parts of the vehicle, are always those of the latest flight.
         """
-        judgement = self.overall_judgement
-        worst_verdict = self.worst_earlier_verdict
-        if worst_verdict is None or self.is_in_flight:
-            return judgement
-        is_latest_flight_worse = self.verdicts_worst_first[0] != worst_verdict
-        if is_latest_flight_worse:
-            return judgement
-        next_step = worst_verdict.judgement.next_step
-        return replace(judgement, headline=worst_verdict.fact, next_step=next_step)
+        latest_judgement = self.overall_judgement
+        earlier_verdict = self.worst_earlier_verdict
+        if earlier_verdict is None or self.is_in_flight:
+            return latest_judgement
+        is_earlier_flight_worst = self.verdicts_worst_first[0] == earlier_verdict
+        if not is_earlier_flight_worst:
+            return latest_judgement
+        next_step = earlier_verdict.judgement.next_step
+        return replace(latest_judgement, headline=earlier_verdict.fact, next_step=next_step)
 
     @property
     def unrepaired_fault(self) -> Fact | None:
@@ -644,7 +646,7 @@ class SessionStatus(ImmutableResult):
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or not worst_verdict.judgement.headline.forbids_flight:
             return self._warning_by_library
-        is_stated_by_headline = self._judgement_of_worst_flight.headline == worst_verdict.fact
+        is_stated_by_headline = self._judgement_with_worst_headline.headline == worst_verdict.fact
         if is_stated_by_headline:
             return None
         return self._warning_of_fault(worst_verdict.fact, worst_verdict.judgement.next_step)
@@ -843,16 +845,18 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _is_judged_without_model(self) -> bool:
-        """Whether no learned model is judged yet, but a part of the vehicle is judged by checks that need none.
+        """Whether only checks that need no learned model judge the vehicle, such as that of the battery.
 
-        False while no messages come from a vehicle in flight: how it flies is not known then. After the flight or the
-        session no message need come any more, and the checks still judge what was received.
+        False once a model is learned, and if the checks judge no part of the vehicle. It is also false while a vehicle
+        in flight sends no messages, since how it flies is not known then. After the flight or the session the checks
+        still judge what was received, and no more messages are needed.
         """
-        is_part_judged = any(part in self._lights_by_checks for part in VEHICLE_LIGHTS)
-        is_silent_in_flight = not (
-            self._is_vehicle_received or self.is_over or self._is_silent_after_flight
-        )
-        return self.model_judgement is None and is_part_judged and not is_silent_in_flight
+        if self.model_judgement is not None:
+            return False
+        needs_messages = not (self.is_over or self._is_silent_after_flight)
+        if needs_messages and not self._is_vehicle_received:
+            return False
+        return any(part in self._lights_by_checks for part in VEHICLE_LIGHTS)
 
     def _lights_during_oscillation(self, lights: NamedFacts) -> dict[str, Fact]:
         """Withdraws good judgements of motors and tracking while the vehicle oscillates in flight: they become unknown.
@@ -943,11 +947,13 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, next_step=next_step, lights=lights)
 
     def _advises_unanswered_request(self, fact: Fact) -> bool:
-        """Returns whether a fact advises to request a message that was requested already and does not come.
+        """Returns whether a fact (coded finding) advises to request a message that was already requested in vain.
+
+        For example, the fact that the vibration is unknown advises to request VIBRATION. This is no use if the session
+        has requested it, and it still does not come.
 
         Args:
-            fact: any fact; ``REQUESTED_MESSAGES`` has those with such advice, for example that the vibration is
-                unknown, and the message that each needs.
+            fact: any fact, also one without such advice.
         """
         message = REQUESTED_MESSAGES.get(fact.code)
         return message in self.absent_messages

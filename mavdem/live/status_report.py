@@ -181,31 +181,44 @@ class StatusReport:
         return has_attitudes and not is_vehicle_followed
 
     def _silence_fact(self) -> Fact | None:
-        """Returns the fact that the link is lost, or which messages of the vehicle have not come for some seconds.
+        """Returns the fact (coded finding) that the link is lost, or that messages of the vehicle are missing, and why.
 
         Returns:
-            The fact, a coded finding; None while all needed messages come.
+            The fact. If only the followed vehicle is silent, it has the ``name`` of the vehicle. If attitudes come, but
+            with time stamps that cannot be used, it has ``has_wrong_stamps``. None while all needed messages come.
         """
         if self.intake.is_lost:
+            # The log says why the link was lost, and whether it is opened again; the status needs neither.
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
-        # What arrived since the last look at the link is neither analysed nor received yet.
-        now = min(self.backlog.analysed_until, self.intake.read_until)
-        silence_fact = self.silence.missing_messages(now)
-        message_age = self._message_age()
-        if silence_fact is None and message_age is not None and message_age > SILENCE_SECONDS:
-            # The link is silent while this computer still analyses what came before: a pilot must know at once.
-            silence_fact = silence_of(MissingMessages.MESSAGES)
+        # Every byte that arrived up to this time, s of the monotonic clock, has been received and analysed. Silence is
+        # counted up to it, since the messages after it may only wait for this computer.
+        analysis_time = min(self.backlog.analysed_until, self.intake.read_until)
+        silence_fact = self._missing_messages(analysis_time)
         vehicle = self.stream.followed_vehicle
         if silence_fact is None or vehicle is None:
             return silence_fact
         is_all_missing = silence_fact.subject == MissingMessages.MESSAGES
-        if is_all_missing and self.silence.hears_other_vehicles(now):
-            # The user need not check the link's address or router. With the name, the fact says that this vehicle alone
-            # is silent.
+        if is_all_missing and self.silence.hears_other_vehicles(analysis_time):
+            # Messages of others come, so that the user need not check the link's address or router.
             return silence_fact.replace(name=vehicle.name)
-        if not is_all_missing and self._has_unusable_attitudes(now):
+        if not is_all_missing and self._has_unusable_attitudes(analysis_time):
             return silence_fact.replace(has_wrong_stamps=True)
         return silence_fact
+
+    def _missing_messages(self, analysis_time: float) -> Fact | None:
+        """Returns the fact that all or some messages of the vehicle have been missing for some seconds; None if none are.
+
+        Args:
+            analysis_time: time up to which every received byte has been analysed, s of the monotonic clock.
+        """
+        silence_fact = self.silence.missing_messages(analysis_time)
+        if silence_fact is not None:
+            return silence_fact
+        message_age = self._message_age()
+        if message_age is not None and message_age > SILENCE_SECONDS:
+            # The link is silent while this computer still analyses what came before: a pilot must know at once.
+            return silence_of(MissingMessages.MESSAGES)
+        return None
 
     def _has_unusable_attitudes(self, now: float) -> bool:
         """Returns whether attitudes come, but cannot be used, since none has a time on the vehicle's clock.

@@ -330,9 +330,13 @@ class LiveWind:
             self._attitudes.append(_AttitudeSample(time, roll, pitch, yaw))
 
     def add_velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
-        """Adds a velocity, and estimates the wind at the steps of the filter that it completes.
+        """Adds a measured velocity, and estimates the wind from it and the lean of the vehicle.
 
-        Every ``FIRST_FIT_SECONDS`` it is checked that the vehicle flies freely, which also begins the filter.
+        The estimate is made by a filter with steps of equal duration, so that one velocity may complete several steps
+        or none. The filter begins when the vehicle flies freely, which is checked every ``FIRST_FIT_SECONDS``.
+
+        A velocity is ignored if it comes too soon after the last one or another message has a better one, if it is not
+        credible, or if no attitude has come yet.
 
         Args:
             name: name of the message, one of ``VELOCITY_MESSAGES``.
@@ -343,10 +347,10 @@ class LiveWind:
             The report that the wind is known, with the flight's first useful estimate; None otherwise.
         """
         is_selected = self._selects_velocity(name, time)
-        unit = VELOCITY_MESSAGES[name]
-        down, north, east = (unit * value for value in values)
+        # The factor converts the unit of the message, such as cm/s, to m/s.
+        factor = VELOCITY_MESSAGES[name]
+        down, north, east = (factor * value for value in values)
         velocity = _VelocitySample(time, north, east, down)
-        # Velocity and lean together show the wind.
         has_attitude = bool(self._attitudes)
         if not is_selected or not has_attitude or not self._is_credible(velocity):
             return None

@@ -319,26 +319,30 @@ def _included_in_others(events: Sequence[Fact]) -> set[int]:
     for index, event in enumerate(events):
         is_at_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP
         is_in_saturation = is_at_limit and (event.subject, event.time) in saturations
-        if _became_loss(event, events) or is_in_saturation:
+        if _is_repeated_by_loss(event, events) or is_in_saturation:
             included_indices.add(index)
     return included_indices
 
 
-def _became_loss(event: Fact, events: Sequence[Fact]) -> bool:
-    """Returns whether an event, such as an impact, is the one by which the flight was lost.
+def _is_repeated_by_loss(event: Fact, events: Sequence[Fact]) -> bool:
+    """Returns whether an event is in the list once more, as the way in which the flight was lost.
 
-    The list of events then has the loss itself, too, which says the same, and what failed first.
+    For example, the impact with which a flight ends is first an event of the motion, and then a crash at the same time.
+    A short list leaves the impact out, since the crash says the same, and what failed first.
 
     Args:
-        event: the event, a coded finding.
-        events: events of the log, itself among them.
+        event: the event, a coded finding, such as the impact.
+        events: all events of the log.
     """
-    ending = ENDINGS.get(event.code)
-    if ending is None:
+    # ``ENDINGS`` maps each event of the motion that can end a flight to the way of its loss, such as a crash.
+    code_of_loss = ENDINGS.get(event.code)
+    if code_of_loss is None:
         return False
     boot = event.figures.get("boot")
     return any(
-        other.code is ending and other.time == event.time and other.figures.get("boot") == boot
+        other.code is code_of_loss
+        and other.time == event.time
+        and other.figures.get("boot") == boot
         for other in events
     )
 
@@ -381,7 +385,7 @@ def distinct_events(events: Facts) -> Iterator[Fact]:
         events: events of the flight, in the order of time.
     """
     for event in _with_saturations_counted(events):
-        if not _became_loss(event, events):
+        if not _is_repeated_by_loss(event, events):
             yield event
 
 

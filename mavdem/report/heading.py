@@ -94,14 +94,20 @@ def _with_ending(fact: Fact, ending: Fact) -> str:
 
 
 def _divided_at_clause(text: str) -> Heading:
-    """Divides a sentence after the last of its clauses that fit into a heading; one that cannot be divided stays.
+    """Divides a long sentence between two clauses, so that its beginning is as long as a heading may be at most.
+
+    It is not divided within brackets.
 
     Args:
-        text: the sentence. A clause within brackets is no place to divide it.
+        text: the sentence.
+
+    Returns:
+        The heading, and the rest as a sentence of its own. The rest is empty if the sentence could not be divided.
     """
     for length in range(MAX_HEADING_LENGTH - 1, 0, -1):
         beginning, rest = text[:length], text[length:]
         is_within_brackets = beginning.count("(") > beginning.count(")")
         if rest.startswith(CLAUSE_ENDS) and not is_within_brackets:
+            # Each of ``CLAUSE_ENDS`` has two characters: a mark and a space.
             return Heading(f"{without_full_stop(beginning)}.", capitalize_first(rest[2:]))
     return Heading(text, "")

@@ -188,9 +188,9 @@ def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
         axis: "roll", "pitch" or "yaw".
     """
     advice = tuning.axes[axis]
-    advice_on_gains = advice if isinstance(advice, Fact) else _conclusion(tuning, advice)
+    advice_on_gains = advice if isinstance(advice, Fact) else _advice_on_gains(tuning, advice)
     remedies = _remedies_besides_tuning(tuning, axis)
-    if not _is_put_off_by_next_step(tuning, advice_on_gains):
+    if not _next_step_has_priority(tuning, advice_on_gains):
         remedies.insert(0, advice_on_gains.remedy)
     texts_in_next_step = _texts_in_next_step(tuning)
     next_step = str(tuning.judgement.next_step).lower()
@@ -695,9 +695,9 @@ def _unshown_remedies(
         Up to two sentences.
     """
     advice = tuning.axes[axis]
-    advice_on_gains = advice if isinstance(advice, Fact) else _conclusion(tuning, advice)
+    advice_on_gains = advice if isinstance(advice, Fact) else _advice_on_gains(tuning, advice)
     candidates = _remedies_besides_tuning(tuning, axis)
-    if not _is_put_off_by_next_step(tuning, advice_on_gains):
+    if not _next_step_has_priority(tuning, advice_on_gains):
         candidates.insert(0, advice_on_gains.remedy)
     new_remedies = []
     for remedy in dict.fromkeys(candidates):
@@ -725,14 +725,15 @@ def _most_complete(text: str, texts: Collection[str]) -> str:
     return max([text, *containing_texts], key=len)
 
 
-def _is_put_off_by_next_step(tuning: Tuning, fact: Fact) -> bool:
-    """Returns whether the remedy of a fact has to wait, since it and the next step both ask for a repair before flying.
+def _next_step_has_priority(tuning: Tuning, fact: Fact) -> bool:
+    """Returns whether what a fact advises is left out, since the vehicle must first be repaired for another reason.
 
-    Then a report states only the repair of its next step, which is the more urgent one.
+    That is so if the next step of the flight and the fact both ask for a repair before any flight. The report then
+    states the repair of the next step only, which is the more urgent one.
 
     Args:
-        tuning: the judgement of the flight, with the next step.
-        fact: why there are no gains, or what to do about the loops of an axis.
+        tuning: the judgement of the flight, with its next step.
+        fact: why there are no gains for an axis, or what to do about its loops; a coded finding with advice.
     """
     return _forbids_flight(tuning.judgement.next_step) and _forbids_flight(fact)
 
@@ -934,7 +935,10 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
 
 
 def _group_key(tuning: Tuning, axis: str) -> str:
-    """Returns the text by which axes are grouped: axes with the same text share one report on their gains.
+    """Returns a text that is the same for two axes if one report on their gains can serve both.
+
+    For example, roll and pitch share a report if no loop was identified for either, for the same reason and with the
+    same remedies. An axis with an identified loop has gains, and so a report, of its own.
 
     Args:
         tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact (coded
@@ -943,7 +947,7 @@ def _group_key(tuning: Tuning, axis: str) -> str:
 
     Returns:
         Why no loop was identified, without the name of the axis, and what to do about it. For an axis with an
-        identified loop it is only the axis's name, which no other axis has: such an axis has a report of its own.
+        identified loop it is the name of the axis, which no other axis has.
     """
     advice_or_reason = tuning.axes[axis]
     if isinstance(advice_or_reason, Advice):
@@ -1104,7 +1108,7 @@ def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
     assert isinstance(advice, Advice)
     decision = tuning.judgement.loop_decisions.get(axis)
     # States that gains are to be set or kept, or why no gains could be computed.
-    advice_on_gains = _conclusion(tuning, advice)
+    advice_on_gains = _advice_on_gains(tuning, advice)
     action = None if decision is None else decision.action
     if action is not None and action.code is LoopAction.LOWER_BY_A_THIRD:
         # The gains of an oscillating axis are to be lowered by a third, even if no gains could be computed for it.
@@ -1138,16 +1142,18 @@ def _axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
     return [axes for axes in groups.values() if len(axes) > 1]
 
 
-def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
-    """Returns the fact (coded finding) that says what to do with the gains of an axis, such as to load them.
+def _advice_on_gains(tuning: Tuning, advice: Advice) -> Fact:
+    """Returns what to do with the gains of an axis, for example to load new ones, as a fact with a sentence.
 
-    Its sentence leaves the goal of the margins to :func:`goal_sentences`, and says if wind biases the loop.
+    Three figures of the fact (a coded finding) fit its sentence to this report:
 
-    Gains are set in stages, with a flight after each. If these gains are of stage 2 while another axis has gains of
-    stage 1 to be flown first, the fact says that they wait for that flight.
+    - ``waits``: whether these gains are not to be loaded yet. Gains are loaded in stages, with a flight after each, and
+      those of stage 2 wait while another axis has gains of stage 1.
+    - ``is_goal_stated``: that the sentence need not state the goal of the margins, as :func:`goal_sentences` does so.
+    - ``is_biased``: whether wind biases the estimated control effectiveness, so that the margins are not sure.
 
     Args:
-        tuning: advice for all axes, which shows whether one of them has gains of stage 1.
+        tuning: advice for all axes, which shows whether one of them has gains of an earlier stage.
         advice: advice on the axis.
     """
     return advice.conclusion.replace(
@@ -1204,7 +1210,7 @@ def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
     if decision.action.code is LoopAction.FLY_DOUBLETS and _advises_flight(tuning.axes[axis]):
         # One flight is enough: the reason why no gains are advised names it already.
         return []
-    if _is_put_off_by_next_step(tuning, decision.action):
+    if _next_step_has_priority(tuning, decision.action):
         return []
     return [decision.action.sentence_and_remedy]
 
@@ -1316,12 +1322,12 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
         if reason is not None:
             texts.add(reason.remedy)
     if next_step.code is NextStep.KEEP_OR_CONFIRM_GAINS:
-        texts |= {_conclusion(tuning, advice).remedy for advice in tuning.advice}
+        texts |= {_advice_on_gains(tuning, advice).remedy for advice in tuning.advice}
     # Gains that can wait until other axes are tuned are not to be loaded now.
     if next_step.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
         for advice in tuning.advice:
             if advice.parameters and advice.is_sound and not tuning.waits(advice):
-                texts.add(_conclusion(tuning, advice).remedy)
+                texts.add(_advice_on_gains(tuning, advice).remedy)
     for axis, decision in tuning.judgement.loop_decisions.items():
         # The gains to lower are among those to load, or are joined to those of another axis.
         is_lowered_now = next_step.code is NextStep.LOAD_GAINS and tuning.lowers_gains_of(axis)
@@ -1589,10 +1595,10 @@ def loop_cautions(advice_by_axis: AdviceByAxis) -> Blocks:
 
 
 def _shared_cautions(advice_by_axis: AdviceByAxis) -> list[_SharedCaution]:
-    """Returns the cautions about the identified loops as sentences; axes with the same caution share one.
+    """Returns sentences on how far the margins of identified loops, and gains computed from them, can be trusted.
 
-    A caution says how far the margins of a loop and the gains computed from it can be trusted. Two axes have the same
-    caution if its text is the same without the name of the axis, which holds if its rounded figures agree.
+    Such a caution may hold for several axes. If their texts differ by the name of the axis only, and so agree in all
+    figures as printed, one sentence names these axes.
 
     Args:
         advice_by_axis: advice for each axis, or the fact (coded finding) that says why there is none.

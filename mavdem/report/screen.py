@@ -406,39 +406,49 @@ def flight_title(flights: Flights, simulation_fact: Fact | None = None) -> Sente
 
 
 def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
-    """Returns the report on the motors: a table with a row for each motor, and a sentence on the motion they cause.
-
-    The figures have two sources. A model gives the control effectiveness, the angular acceleration per unit of motor
-    output. The hover shows how hard each motor works: its mean output, the headroom up to the limit, and the time at a
-    limit. Both are columns of one table if the inputs of the model are these motors. If they are something else, such
-    as the demand of the controller, each source has its own table.
+    """Returns the report on the motors: their tables, and a sentence on the motion that they cause.
 
     Args:
-        learned: a model; None, or one without physical parameters, adds no column.
+        learned: a model of the motion; None for none. It may lack physical parameters.
         hover: figures of the motors in hover; None if they are not known.
 
     Returns:
-        No, one or two tables, and then a sentence on rate damping, time constant, delay and mean lean.
+        The tables (:func:`_motor_tables`), then a sentence on rate damping, time constant and delay of the motors, with
+        90 % intervals, and on the mean lean in hover.
     """
-    blocks = Blocks()
-    hover_columns = {}
-    if hover is not None:
-        hover_columns = _hover_columns(hover)
     physical = None
-    half_widths = None
+    interval = None
     if learned is not None and learned.physical is not None:
         physical = learned.physical
-        half_widths = physical.interval()
+        interval = physical.interval()
+    sentences = render_section("motion", physical=physical, half=interval, hover=hover)
+    return [*_motor_tables(learned, hover), *sentences]
+
+
+def _motor_tables(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
+    """Returns the tables of the motors, with a row for each motor: none, one or two.
+
+    The columns have two sources. A model gives the control effectiveness, the angular acceleration per unit of motor
+    output. The hover shows how hard each motor works: its mean output, the headroom up to the limit, and the time at a
+    limit. Both are in one table if the inputs of the model are these motors. If they are something else, such as the
+    demand of the controller, each source has its own table.
+
+    Args:
+        learned: a model; None, or one without physical parameters, has no effectiveness.
+        hover: figures of the motors in hover; None if they are not known.
+    """
+    tables = Blocks()
+    hover_columns = {} if hover is None else _hover_columns(hover)
+    if learned is not None and learned.physical is not None:
         labels = Labels.of(learned)
-        effectiveness_column = _effectiveness_column(physical, labels)
+        effectiveness_column = _effectiveness_column(learned.physical, labels)
         if hover is not None and hover.motors == labels.input_names:
-            # The effectiveness becomes the first column of the table of the hover, which is appended below.
             hover_columns = effectiveness_column | hover_columns
         else:
-            blocks += _motor_table("input", labels.input_names, effectiveness_column)
+            tables += _motor_table("input", labels.input_names, effectiveness_column)
     if hover is not None:
-        blocks += _motor_table("motor in settled flight", hover.motors, hover_columns)
-    return [*blocks, *render_section("motion", physical=physical, half=half_widths, hover=hover)]
+        tables += _motor_table("motor in settled flight", hover.motors, hover_columns)
+    return tables
 
 
 def motor_table_of_all_flight(figures: HoverFigures) -> Blocks:

@@ -386,12 +386,14 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
 
 
 def _date_columns(row: FlightRow) -> dict[str, str]:
-    """Returns the columns ``date`` and ``future_date`` of a flight, of which at least one is empty.
-
-    A date that had not come yet when the log was read is that of a wrong clock.
+    """Returns the date of a flight in one of two columns, and an empty text in the other.
 
     Args:
-        row: a row of the flight in the fleet's table.
+        row: a row of the flight in the table of flights.
+
+    Returns:
+        The columns by name: ``date`` has a date in the past; ``future_date`` has one that
+        had not come when the log was read, since the clock was wrong or simulated. Both are empty without a date.
     """
     columns = {"date": "", "future_date": ""}
     if row.date is not None:

@@ -1139,13 +1139,13 @@ class LinkMonitor:
 
 
 def _faulty_flight(flights: Sequence[_StoredFlight], name_in_logs: str) -> _StoredFlight | None:
-    """Returns the latest flight that forbids the vehicle to fly, unless a later flight shows that it is sound again.
+    """Returns the latest flight with a fault for which the vehicle must not fly, if no later flight shows it repaired.
 
-    Only a flight whose whole recording was judged good shows that, and only of a vehicle whose logs have a name: one
-    without may have been flown by another vehicle with the same ids. It clears earlier flights
+    A flight shows a vehicle repaired if its whole recording was judged good, and if the vehicle is known by name, since
+    other vehicles may have the same ids on the link. Such a flight clears
 
-    - of the vehicle that has flown it, as the names by which logs are recognised show;
-    - of all vehicles, if it was certainly flown by the vehicle that is followed now.
+    - the earlier flights of the vehicle with that name;
+    - all earlier flights, if this is the vehicle that is followed now: its newest state is known to be good.
 
     Any other fault stands until a user states that it was repaired.
 

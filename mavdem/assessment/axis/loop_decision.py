@@ -310,15 +310,15 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    The action is to load the gains that `mavdem tune` advises, with two exceptions:
+    The pilot is to do one of three things:
 
-    - If the flight does not show clearly enough that the gains should change: to fly once more before.
-    - If no gains may be computed from the loop: the remedy of the first reason for that. The identified loop may be too
-      uncertain; or the gain of the angle would change although the measured response of the angle differs from the
-      response that the loop predicts.
+    - usually, load the gains that `mavdem tune` advises;
+    - fly once more, if the flight does not show clearly enough that the gains should change;
+    - if no gains may be computed from the loop, remove the cause. One cause is an identified loop that is too
+      uncertain. Another is an angle that responded otherwise than the loop predicts, while its gain would change.
 
     Args:
-        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
+        observations: margins of the axis, how well it follows its setpoint, and the repairs that the vehicle needs.
         loop: the identified loop, which no measured response contradicts.
         loop_fact: fact (a coded finding) on the stability margins of that loop.
 
@@ -432,14 +432,14 @@ def _advice_to_fly_first(advice: Advice | None) -> Fact | None:
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
     """Returns the decision on an axis that follows its setpoint badly, although its margins are not below the goal.
 
-    An identified loop with enough margin would follow well, so that it cannot be right, and no gains are computed from
-    it. The exception is an axis whose body rate only falls short of its setpoint: such a loop may be right but slow.
+    A loop with enough margin follows well. So the loop that was identified must be wrong, and no gains are computed
+    from it. The exception is an axis whose body rate falls short of its setpoint: its loop may be right, but slow.
 
     Args:
-        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
+        observations: margins of the axis, how well it follows its setpoint, and the repairs that the vehicle needs.
 
     Returns:
-        The decision; None if the axis follows well, or that is not known.
+        The decision; None if the axis follows well, or if that is not known.
     """
     tracking = observations.tracking
     if not tracking.is_watch_or_bad:
@@ -661,19 +661,20 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
 
     Args:
         observations: observations of the axis, with the parameters of the autopilot in the flight.
-        loop_name: "rate" or "attitude".
+        loop_name: the loop: "rate", with the gains P, I and D, or "attitude", with the gain of the angle only.
 
     Returns:
-        A fact with ``changes``: name, value and new value of each gain; empty if the gains are not known.
+        A fact (coded finding) with ``changes``: name, value and new value of each gain. They are empty if the gains are
+        not known; its sentence then says "P, I and D" instead.
     """
     axis = observations.margins.axis
     parameters = observations.parameters
     names_of_axis = gain_names(parameters.any_values, axis)
     names: Names = ()
-    # Without parameters no gains are named, and the sentence says "P, I and D" instead.
-    if names_of_axis is not None:
-        is_rate_loop = loop_name == "rate"
-        names = names_of_axis.rate_gains if is_rate_loop else (names_of_axis.angle_gain,)
+    if names_of_axis is not None and loop_name == "rate":
+        names = names_of_axis.rate_gains
+    elif names_of_axis is not None:
+        names = (names_of_axis.angle_gain,)
     reduction = gains_to_lower(names, parameters)
     return Fact(LoopAction.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, **reduction.figures)
 

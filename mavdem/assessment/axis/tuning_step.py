@@ -249,14 +249,13 @@ def _next_step_with_new_gains(
 
 
 def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
-    """Selects the advice on those loops that behave differently once the new parameters are set.
+    """Selects the advice on those axes whose control loops behave differently once the new parameters are set.
+
+    These are the axes whose gains change. If none do, the new parameters are those of a notch filter alone, which
+    delays the gyro's signal on every axis: then all axes with known gains are selected.
 
     Args:
-        advice_on_loops: advice on all loops.
-
-    Returns:
-        The advice that changes parameters. If no advice does, only a notch filter is new, whose delay affects every
-        loop: then all advice on loops with known gains.
+        advice_on_loops: advice on the loops of all axes.
     """
     changed_loops = [advice for advice in advice_on_loops if advice.parameters]
     return changed_loops or [advice for advice in advice_on_loops if advice.gains]

@@ -244,14 +244,15 @@ def _innovation_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
 
 
 def _durations_of_rejection(rejection: Rejection, failsafe_limit: float) -> dict[str, float]:
-    """Returns the figures of a fact that say for how long an innovation exceeded its limit.
+    """Returns for how long the worst innovation of a flight (measurement minus prediction) exceeded its limit.
 
-    There are two limits: that of the filter's own test, and that of ArduCopter's failsafe. The second one is stated
-    only if the innovation was beyond the first one too briefly to doubt the filter.
+    The limit is that of the filter's own test, beyond which it rejects the measurement. ArduCopter's failsafe has
+    another limit. The time beyond that is returned only if the filter's test gives no reason to doubt the filter, since
+    the innovation failed it too briefly, but the failsafe does.
 
     Args:
-        rejection: the worst innovation of a flight, and for how long it exceeded the limits.
-        failsafe_limit: innovation ratio from which on ArduCopter's failsafe counts the time.
+        rejection: the worst innovation, and for how long it exceeded both limits.
+        failsafe_limit: innovation, as a ratio to the filter's limit, from which on ArduCopter's failsafe counts time.
 
     Returns:
         The longest time without a break as ``duration``, s. For the failsafe also its ``failsafe_limit``; for the

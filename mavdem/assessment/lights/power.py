@@ -435,8 +435,8 @@ def _figures_naming_battery(evidence: Evidence, battery: Battery) -> dict[str, A
 def _lasting_voltage(voltage: TimeSeries, sorted_averages: Array) -> float:
     """Returns the voltage, V, below which a battery was for ``LOW_VOLTAGE_SECONDS`` of the flight in total.
 
-    If the battery was measured once a second, and that time is 10 s, it is the eleventh lowest sample. If the flight is
-    shorter, it is the highest one.
+    It is an order statistic. For example, if that time is 10 s and the battery is measured once a second, it is the
+    eleventh lowest sample, since ten are below it. In a flight that is shorter it is the highest one.
 
     Args:
         voltage: (N,) the measured voltage, V, of which only the times are used. The median of the steps between samples

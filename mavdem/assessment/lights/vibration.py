@@ -104,17 +104,19 @@ def vibration_light(evidence: Evidence) -> Fact:
 
 
 def _unknown_vibration(telemetry: Telemetry) -> Fact:
-    """Returns the fact that the vibration is unknown, with what the log shows of the reason.
+    """Returns the fact (coded finding) that the vibration is unknown, with the reason if the messages show one.
 
     Args:
         telemetry: messages of the vehicle.
 
     Returns:
-        The fact, with ``is_of_velocity`` if an old firmware reported increments of the velocity instead, or ``is_zero``
-        if the reported vibration is always 0, so that it was not measured.
+        The fact. It has the figure ``is_of_velocity`` if the autopilot is an old PX4, which reports increments of the
+        velocity and no accelerations; or ``is_zero`` if all reported levels are 0, so that nothing was measured.
+        Otherwise it has neither: no vibration was reported in flight.
     """
     fact = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
-    if not measures_acceleration(telemetry):
+    reports_velocity_increments = not measures_acceleration(telemetry)
+    if reports_velocity_increments:
         return fact.replace(is_of_velocity=True)
     if _is_zero_throughout(telemetry):
         return fact.replace(is_zero=True)

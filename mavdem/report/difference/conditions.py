@@ -60,10 +60,13 @@ class ConditionRow(NamedTuple):
 
 
 def condition_table(reviewed: ReviewedDifference) -> list[Table]:
-    """Returns a table of how both flights were flown, with a column for each; empty where nothing is known.
+    """Returns the table of the conditions of two compared flights, such as wind and speed, with a column for each.
 
     Args:
-        reviewed: comparison of two flights, or of the flights of two fleets, whose means it then has.
+        reviewed: comparison of two flights, or of two groups of flights. The table has the means of a group.
+
+    Returns:
+        A list with the table; empty if no condition is known.
     """
     rows = []
     for condition in condition_rows(reviewed):

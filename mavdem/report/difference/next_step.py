@@ -138,17 +138,17 @@ def _has_other_gains(light: BadLight, difference: VehicleDifference) -> bool:
 
 
 def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the step to inspect a motor that the review of one of two logs says is to be watched.
+    """Returns the step to inspect a motor that looks weak in one of two flights: its light is "watch".
 
-    No step is needed for a motor to be watched in the earlier log if the motors of the later log are good, since it was
-    mended then.
+    A motor that looks weak in the earlier flight only needs no inspection if the motors of the later flight are good:
+    it was repaired in between.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs.
 
     Returns:
-        A list with one sentence; empty if no motor is to be watched, or if both reviews judge the motors alike, so that
-        the comparison has nothing to add to them.
+        A list with one sentence. Empty if no motor looks weak, or if both reviews judge the motors alike: the
+        comparison then has nothing to add to their advice.
     """
     if not reviewed.motors.differs:
         return []
@@ -157,9 +157,10 @@ def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:
     lights_by_side = lights_of_both(reviewed.reviews)[Light.MOTORS]
     are_motors_good_later = lights_by_side[later]["level"] == Level.GOOD
     for side, light in lights_by_side.items():
-        is_mended = side != later and are_motors_good_later
+        was_repaired = side != later and are_motors_good_later
         number = motor_number(light.get("subject") or "")
-        if light["level"] == Level.WATCH and number is not None and not is_mended:
+        if light["level"] == Level.WATCH and number is not None and not was_repaired:
+            # The sentence for a weaker motor is to inspect it and its propeller.
             return render_section("difference_next", motor=f"motor {number}", is_weaker=True)
     return []
 

@@ -328,6 +328,9 @@ def _log_chapters(
 ) -> list[Chapter]:
     """Returns the chapters of the page of a log: on the flight, the models, the messages and the contents of the log.
 
+    Chapters are folded but for those that explain a warning, and the gains if the next step is to load them. The one
+    that explains the headline is marked.
+
     Args:
         name: title of the page.
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.

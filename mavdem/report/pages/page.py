@@ -501,10 +501,12 @@ class Head(NamedTuple):
     def brief_events(self) -> Sequence[PageEvent]:
         """The short list of events, which a page shows until its reader unfolds the list of all.
 
-        For a flight that is over it has the take-off, the changes of the flight mode, the landing and the worst events
-        (:func:`mavdem.report.brief_events.short_list`). Events of the same kind are shown once, with their number as
-        ``total``. For a live session that goes on, it has all events, the newest first. Events on the session's own
-        state, such as its learning, are left out.
+        - Of a live session that goes on, it has all events, in their order: the newest first.
+        - Of a flight that is over, it has the take-off, the changes of the flight mode, the landing and the worst
+          events (:func:`mavdem.report.brief_events.short_list`). Of events of the same kind it has one, with their
+          number as ``total``.
+
+        Events on the state of the session itself, such as its learning, are left out of both.
         """
         events_of_flight = [shown for shown in self.events if not shown.event.is_session_state]
         if self.is_newest_first:
