@@ -206,7 +206,7 @@ class StatusReport:
         return silence_fact
 
     def _missing_messages(self, analysis_time: float) -> Fact | None:
-        """Returns the fact that all or some messages of the vehicle have been missing for some seconds; None if none are.
+        """Returns the fact that all or some messages of the vehicle have not come for some seconds; None if all come.
 
         Args:
             analysis_time: time up to which every received byte has been analysed, s of the monotonic clock.
