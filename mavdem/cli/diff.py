@@ -291,7 +291,7 @@ def _print_comparison(
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),
         *changed_parameter_sentences(reviewed, headline),
-        *undetected_change_table(reviewed.difference),
+        *undetected_change_table(reviewed),
     ]
     details = [
         *condition_table(reviewed),

@@ -106,6 +106,8 @@ class DrawnChange(NamedTuple):
     """Largest difference that is called the same, with its unit."""
     beyond: int
     """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
+    cut_ends: tuple[int, ...]
+    """1 and -1 for an end of the interval to the right and to the left of the drawing, which an arrow shows."""
     remark: str = ""
     """What the change is besides its own outcome; empty for most."""
     without_lean: str = ""
@@ -197,6 +199,7 @@ def change_plan(
                 high=position(relative.high),
                 limit=equivalence_limit_text(change.quantity.kind),
                 beyond=beyond,
+                cut_ends=_cut_ends(relative, extent),
                 remark=remark,
                 without_lean=without_lean,
             )
@@ -204,6 +207,21 @@ def change_plan(
     svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)
     texts = listed(row.text for row in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
+
+
+def _cut_ends(relative: "_RelativeChange", extent: float) -> tuple[int, ...]:
+    """Returns at which edges of the drawing an interval is cut off: 1 for the right one, -1 for the left one.
+
+    Args:
+        relative: the change with its interval, in equivalence limits.
+        extent: largest change that has room in the drawing, in equivalence limits.
+    """
+    ends = []
+    if relative.low < -extent:
+        ends.append(-1)
+    if relative.high > extent:
+        ends.append(1)
+    return tuple(ends)
 
 
 def is_uncertain_evidence(change: QuantityChange, evidence: Collection[QuantityChange]) -> bool:

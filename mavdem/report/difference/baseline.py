@@ -70,6 +70,7 @@ def _motor_verdict(latest_row: FlightRow, difference: VehicleDifference) -> Moto
         is_weak=is_weak,
         # All flights of the baseline are healthy: the states are judged differently if the latest flight is not.
         differs=is_weak,
+        suspects=tuple(number for number in weak_motors.values() if number is not None),
     )
 
 

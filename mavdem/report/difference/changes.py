@@ -66,6 +66,8 @@ def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
     # If nothing at all was compared, the sentences above name the missing quantities already.
     if difference.changes:
         sentences += sentences_on_missing_quantities(difference)
+    doubtful = doubtful_changes(reviewed)
+    surest_p = doubtful[0].p if doubtful else None
     sentences_on_method = render_section(
         "difference",
         difference,
@@ -75,6 +77,8 @@ def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         # Quantities are tested in groups of one subject, such as the motors.
         families=difference.tested_families,
         are_two_vehicles=reviewed.are_two_vehicles,
+        surest_p=surest_p,
+        chance_of_any=_chance_of_any(surest_p, difference),
     )
     return [*sentences, *sentences_on_method]
 
@@ -265,14 +269,12 @@ def result_sentences(
     main_change = largest_of_first_kind(candidates)
     largest_doubtful = largest_of_first_kind(doubtful)
     doubtful_text = ""
-    surest_p = None
-    if largest_doubtful is not None:
-        surest_p = doubtful[0].p
-        if unexplained_changes:
-            doubtful_text = change_text(largest_doubtful, difference)
-    # Outcomes of all figures, and of those for which it was tested whether they changed. The evidence of a weak motor
-    # and what lean explains have sentences of their own.
+    if largest_doubtful is not None and unexplained_changes:
+        doubtful_text = change_text(largest_doubtful, difference)
+    # Outcomes of all figures, and of those for which it was tested whether they changed. Figures of a motor that is
+    # named as weak and what lean explains have sentences of their own.
     stated_elsewhere = [*reviewed.motors.evidence, *by_lean]
+    stated_elsewhere += [change for change in difference.changes if reviewed.motors.covers(change)]
     outcomes = Counter(
         change.outcome for change in difference.changes if change not in stated_elsewhere
     )
@@ -290,9 +292,6 @@ def result_sentences(
         has_changes_by_lean=bool(causes.by_lean),
         fault_probability=fault_probability_beside_doubtful_trims(reviewed, [*doubtful, *by_lean]),
         excludes_weak_motor=reviewed.motors.excludes_weak_motor,
-        surest_p=surest_p,
-        chance_of_any=_chance_of_any(surest_p, difference),
-        tested_count=len(difference.tested),
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
         same_count=outcomes[QuantityOutcome.SAME],
         count=tested_outcomes.total(),
@@ -363,12 +362,9 @@ def change_sentences(
     texts_of_doubtful = [change_text(change, difference) for change in doubtful]
     further_doubtful = [text for text in texts_of_doubtful if text not in texts_above]
     is_doubt_above = len(further_doubtful) < len(texts_of_doubtful)
-    # A headline that names a doubtful change also says how sure it is, and what all trims together show.
-    smallest_p = None
+    # A headline that names a doubtful change also says what all trims together show.
     fault_probability = None
     if not is_doubt_above:
-        p_values = [change.p for change in doubtful if change in difference.tested]
-        smallest_p = min(p_values, default=None)
         fault_probability = fault_probability_beside_doubtful_trims(reviewed, doubtful)
     return render_section(
         "difference_changes",
@@ -383,9 +379,6 @@ def change_sentences(
         fault_probability=fault_probability,
         excludes_weak_motor=motors.excludes_weak_motor,
         are_two_vehicles=reviewed.are_two_vehicles,
-        tested_count=len(difference.tested),
-        surest_p=smallest_p,
-        chance_of_any=_chance_of_any(smallest_p, difference),
     )
 
 
@@ -415,7 +408,7 @@ def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
     difference = reviewed.difference
     uncertain_changes = []
     for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
-        is_named_elsewhere = change.is_doubtful or change in reviewed.motors.evidence
+        is_named_elsewhere = change.is_doubtful or reviewed.motors.covers(change)
         if not is_named_elsewhere:
             uncertain_changes.append(change)
     uncertain_sentences = render_section(
@@ -425,50 +418,56 @@ def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
         is_since_baseline=reviewed.is_since_baseline,
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
     )
-    unchanged_quantities = difference.changes_with(QuantityOutcome.SAME)
+    unchanged_quantities = []
+    for change in difference.changes_with(QuantityOutcome.SAME):
+        # The mean over several flights may hide what the last one shows of a weak motor.
+        if not reviewed.motors.covers(change):
+            unchanged_quantities.append(change)
     return [*uncertain_sentences, *unchanged_quantity_sentences(unchanged_quantities)]
 
 
-def explained_bounds(difference: VehicleDifference) -> Blocks:
+def explained_bounds(reviewed: ReviewedDifference) -> Blocks:
     """Returns a table of how large changes may have been missed, with a sentence on what its columns mean.
 
     Args:
-        difference: comparison of two states, quantity by quantity.
+        reviewed: comparison of two states, quantity by quantity.
 
     Returns:
         The table of :func:`undetected_change_table` and the sentence; empty without a table.
     """
-    table = undetected_change_table(difference)
+    table = undetected_change_table(reviewed)
     if not table:
         return []
     return [*table, *render_section("difference_bounds")]
 
 
-def undetected_change_table(difference: VehicleDifference) -> list[Table]:
+def undetected_change_table(reviewed: ReviewedDifference) -> list[Table]:
     """Returns a table of how large a change of the vehicle may have been missed, where the comparison found none.
 
     A row is about one kind of quantity, such as the phase margin, and has two limits: the largest change that the 90 %
-    intervals of these quantities still contain, and the change that nine of ten such comparisons would find.
+    intervals of these quantities still contain, and the change that nine of ten such comparisons would find. Figures of
+    a motor that is named as weak are left out.
 
     Args:
-        difference: comparison of two states, quantity by quantity.
+        reviewed: comparison of two states, quantity by quantity.
 
     Returns:
-        A list with the table; empty if a tested quantity changed or is doubtful, or if nothing was tested.
+        A list with the table; empty if a tested quantity changed or is doubtful, or if nothing else was tested.
     """
-    tested_changes = difference.tested
+    tested_changes = reviewed.difference.tested
     if not tested_changes:
         return []
     for change in tested_changes:
         if change.outcome is QuantityOutcome.CHANGED or change.is_doubtful:
             return []
-    changes_by_kind = group_by(tested_changes, lambda change: change.quantity.kind)
+    other_changes = [change for change in tested_changes if not reviewed.motors.covers(change)]
+    changes_by_kind = group_by(other_changes, lambda change: change.quantity.kind)
     rows = []
     for kind, changes_of_kind in changes_by_kind.items():
         significance_level = significance_of_single_change(tested_changes, kind)
         rows.append(bound_row(kind, changes_of_kind, significance_level))
     header = ["no change found in", "within (90 %)", "found from (9 of 10)"]
-    return [Table(header, rows)]
+    return [Table(header, rows)] if rows else []
 
 
 def unchanged_quantity_sentences(quantities: Sequence[QuantityChange]) -> list[Sentence]:

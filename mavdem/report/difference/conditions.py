@@ -4,18 +4,17 @@ Such conditions are no changes of the vehicle. They show whether the flights can
 or wind changes figures of a vehicle that is as before.
 """
 
-from collections.abc import Mapping
 from math import degrees, isfinite
 from typing import NamedTuple
 
-from mavdem.containers import JsonValues
+from mavdem.containers import JsonValues, Numbers
 from mavdem.dataset.axes import AXES
 from mavdem.facts.lights import Light
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.flight_conditions import Conditions
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.difference.lights import Review, vibrations_of_same_imu
+from mavdem.report.difference.lights import vibrations_of_same_imu
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import UNKNOWN_FIGURE, estimate_with_interval, rounded
 from mavdem.report.templates import rounded_up
@@ -99,13 +98,12 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         reviewed: comparison of two states.
     """
     before, after = reviewed.difference.conditions
-    are_single_flights = max(reviewed.difference.flights) == 1
     voltages = (_cell(before.voltage, 1), _cell(after.voltage, 1))
     motor_outputs = (_percent_cell(before.collective), _percent_cell(after.collective))
     rows = [
         ConditionRow(BATTERY, "V", voltages),
         ConditionRow(MOTOR_OUTPUT, "%", motor_outputs),
-        *(wind_rows(reviewed.reviews) if are_single_flights else _wind_rows_of_fleets(reviewed)),
+        *wind_rows(reviewed),
         ConditionRow("mean roll and pitch", "°", (_lean_cell(before), _lean_cell(after))),
     ]
     for axis in AXES:
@@ -119,53 +117,50 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
     return [row for row in rows if row.is_known]
 
 
-def _wind_rows_of_fleets(reviewed: ReviewedDifference) -> list[ConditionRow]:
-    """Returns a row with the range of the wind speeds of the flights of each side, m/s, and in how many it is known.
+def wind_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
+    """Returns two rows of a table of both states: the wind speed, and the direction that the wind comes from.
+
+    Of a log each value has its 90 % interval. Of a fleet the speed is a range over its flights, without a direction.
 
     Args:
-        reviewed: comparison of two states, one or both of several flights.
+        reviewed: comparison of two states, with the reviews of those that are logs.
     """
-    cells = []
-    states = zip(reviewed.difference.conditions, reviewed.difference.flights, strict=True)
-    for conditions, flight_count in states:
-        speeds = conditions.wind_speeds
-        if not speeds:
-            cells.append(UNKNOWN_FIGURE)
-            continue
-        speed_range = " to ".join(dict.fromkeys((f"{speeds[0]:.1f}", f"{speeds[-1]:.1f}")))
-        is_known_of_all = len(speeds) == flight_count
-        cells.append(
-            speed_range
-            if is_known_of_all
-            else f"{speed_range} ({len(speeds)} of {flight_count} flights)"
-        )
-    before, after = cells
-    return [ConditionRow(WIND, "m/s", (before, after))]
-
-
-def wind_rows(reviews_by_side: Mapping[str, Review]) -> list[ConditionRow]:
-    """Returns two rows of a table of both flights: the wind speed, and the direction that the wind comes from.
-
-    Each value has its 90 % interval.
-
-    Args:
-        reviews_by_side: review documents of the two logs that are compared, by side, "A" and "B". In a comparison of
-            two fleets it is empty, since wind belongs to a single flight.
-    """
-    winds = []
-    bounds = []
-    for side in STATE_NAMES:
+    speeds = []
+    directions = []
+    difference = reviewed.difference
+    states = zip(STATE_NAMES, difference.conditions, difference.flights, strict=True)
+    for side, conditions, flight_count in states:
         # A missing review or wind is empty: then the cells say that the wind is not known.
-        review = reviews_by_side.get(side) or {}
-        winds.append(review.get("wind") or {})
-        bounds.append(value_at(review, f"lights.{Light.WIND}.figures.reason") or {})
-    before, after = winds
-    bounds_before, bounds_after = bounds
-    speeds = (_wind_speed_cell(before, bounds_before), _wind_speed_cell(after, bounds_after))
+        review = reviewed.reviews.get(side) or {}
+        wind = review.get("wind") or {}
+        bounds = value_at(review, f"lights.{Light.WIND}.figures.reason") or {}
+        speed = _wind_speed_cell(wind, bounds)
+        if speed == UNKNOWN_FIGURE:
+            speed = _wind_speed_range(conditions.wind_speeds, flight_count)
+        speeds.append(speed)
+        directions.append(_wind_direction_cell(wind))
     return [
-        ConditionRow(WIND, "m/s", speeds),
-        ConditionRow("wind from", "°", (_wind_direction_cell(before), _wind_direction_cell(after))),
+        ConditionRow(WIND, "m/s", (speeds[0], speeds[1])),
+        ConditionRow("wind from", "°", (directions[0], directions[1])),
     ]
+
+
+def _wind_speed_range(speeds: Numbers, flight_count: int) -> str:
+    """Returns the range of the wind speeds of some flights, such as "1.9 to 2.8 (5 of 9 flights)".
+
+    Args:
+        speeds: mean wind speed in each flight in which it is known, m/s, the smallest first.
+        flight_count: number of all flights.
+
+    Returns:
+        The range, with the number of flights if it is not known of all; a dash if it is known of none.
+    """
+    if not speeds:
+        return UNKNOWN_FIGURE
+    speed_range = " to ".join(dict.fromkeys((f"{speeds[0]:.1f}", f"{speeds[-1]:.1f}")))
+    if len(speeds) == flight_count:
+        return speed_range
+    return f"{speed_range} ({len(speeds)} of {flight_count} flights)"
 
 
 def vibration_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:

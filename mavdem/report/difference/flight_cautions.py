@@ -1,7 +1,9 @@
 """Cautions on the flights of two compared states: flights that belong to both, and states that are a mixture."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from mavdem.containers import JsonValues
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.fleet.comparability import STATE_NAMES
@@ -9,11 +11,15 @@ from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Sentence, caution
 from mavdem.report.difference.lights import WARNING_LEVELS
 from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section
+
+MAX_NAMED_FLIGHTS = 6
+"""Flights of one state that a caution names, from the first on: a choice, two lines."""
 
 
 class MixedSide(NamedTuple):
-    """A side of a comparison whose motors were good in some flights and not in others."""
+    """A side of a comparison whose motors warn in some flights and not in others."""
 
     side: str
     """The side, "A" or "B"."""
@@ -27,12 +33,22 @@ class MixedSide(NamedTuple):
     total: int
     """Number of all flights, also of those whose motors could not be judged."""
 
+    are_apart_in_days: bool
+    """Whether flights with a warning and flights without were flown on different days, so that days can part them."""
+
+    warned_flights: str
+    """Names of the flights with a warning as text; empty where not known."""
+
+    other_flights: str
+    """Names of the other flights as text."""
+
 
 def flight_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the warnings on the flights that are compared.
 
     One says which flights belong to both sides, and on which side they count. Another one says that the flights of a
-    side are of several states of the vehicle, so that means over them are of none.
+    side are of several states of the vehicle, so that means over them are of none. The last one is a remark: a log does
+    not show whether its flight was simulated as the other was.
 
     Args:
         reviewed: comparison of two states, of which one or both are fleets.
@@ -44,13 +60,21 @@ def flight_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
         counting_side=reviewed.counting_side,
         mixed_sides=mixed_sides(reviewed),
     )
-    return [caution(sentence.text) for sentence in sentences]
+    cautions = [caution(sentence.text) for sentence in sentences]
+    if reviewed.simulated_sides and reviewed.sides_of_unknown_origin:
+        cautions += render_section(
+            "difference_unknown_origin",
+            simulated_sides=reviewed.simulated_sides,
+            unknown_sides=reviewed.sides_of_unknown_origin,
+        )
+    return cautions
 
 
 def mixed_sides(reviewed: ReviewedDifference) -> list[MixedSide]:
-    """Returns the sides of a comparison whose motors were good in some flights and bad or to be watched in others.
+    """Returns the sides of a comparison whose motors are bad or to be watched in some flights and not in others.
 
-    The means over such flights describe neither the sound vehicle nor the faulty one.
+    The means over such flights describe neither the sound vehicle nor the faulty one. Flights whose motors could not
+    be judged may be of either state.
 
     Args:
         reviewed: comparison of two states, of which one or both are fleets.
@@ -64,11 +88,38 @@ def mixed_sides(reviewed: ReviewedDifference) -> list[MixedSide]:
 
 
 def _mixed_side(reviewed: ReviewedDifference, side: str) -> MixedSide | None:
-    """Returns in how many flights of a side the motors were good, and in how many not; None unless there are both."""
-    review = reviewed.reviews.get(side, {})
-    levels = value_at(review, f"lights.{Light.MOTORS}.levels") or []
-    good = levels.count(Level.GOOD)
-    warned = sum(levels.count(level) for level in WARNING_LEVELS)
-    if not good or not warned:
+    """Returns in which flights of a side the motors warn and in which not; None if they warn in all or in none."""
+    light = value_at(reviewed.reviews.get(side, {}), f"lights.{Light.MOTORS}") or {}
+    levels = light.get("levels") or []
+    warned_count = sum(levels.count(level) for level in WARNING_LEVELS)
+    if not 0 < warned_count < len(levels):
         return None
-    return MixedSide(side, good, warned, total=len(levels))
+    warned_flights: list[JsonValues] = []
+    other_flights: list[JsonValues] = []
+    for level, flight in zip(levels, light.get("flights") or (), strict=False):
+        flights_of_state = warned_flights if level in WARNING_LEVELS else other_flights
+        flights_of_state.append(flight)
+    warned_days = {flight["day"] for flight in warned_flights}
+    other_days = {flight["day"] for flight in other_flights}
+    return MixedSide(
+        side,
+        good=levels.count(Level.GOOD),
+        warned=warned_count,
+        total=len(levels),
+        are_apart_in_days="" not in warned_days | other_days and warned_days.isdisjoint(other_days),
+        warned_flights=_flight_names(warned_flights),
+        other_flights=_flight_names(other_flights),
+    )
+
+
+def _flight_names(flights: Sequence[JsonValues]) -> str:
+    """Returns the file names of flights as text, such as "a.bin and b.bin"; of many the first ones, and how many more.
+
+    Args:
+        flights: flights of a fleet as its review document has them, each with its ``file``.
+    """
+    names = [flight["file"] for flight in flights[:MAX_NAMED_FLIGHTS]]
+    further_count = len(flights) - len(names)
+    if further_count:
+        names.append(f"{further_count} more")
+    return listed(names)

@@ -13,8 +13,8 @@ from mavdem.report.templates import render_section
 def identity_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the warning that the compared flights may be of different vehicles; empty if they are of one vehicle.
 
-    The reader is warned if only one of the flights was simulated, if a log does not name its vehicle, if the logs name
-    two vehicles, or if the name is a MAVLink system id, which many vehicles share.
+    The reader is warned if one of the flights was simulated and the other is of a real vehicle, if a log does not name
+    its vehicle, if the logs name two vehicles, or if the name is a MAVLink system id, which many vehicles share.
 
     Args:
         reviewed: comparison of two states, with the names of the vehicles in the logs of both.

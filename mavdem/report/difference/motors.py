@@ -58,6 +58,13 @@ class MotorVerdict(NamedTuple):
     differs: bool = False
     """Whether the motors of the two states are judged differently, with another level or of another motor."""
 
+    suspects: tuple[int, ...] = ()
+    """Numbers of the motors that are named as weak."""
+
+    def covers(self, change: QuantityChange) -> bool:
+        """Returns whether a figure is of a motor that is named as weak, so that it is no result of its own."""
+        return change.quantity.is_of_motor and change.quantity.motor in self.suspects
+
     @property
     def excludes_weak_motor(self) -> bool:
         """Whether all trims together show that no motor is weak: it is less probable than a false alarm may be."""
@@ -95,7 +102,7 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
         difference: comparison of the two states, quantity by quantity.
     """
     # Number of the weak motor of a log, by the side of the log.
-    weak_motors = {}
+    weak_motors: dict[str, int | None] = {}
     differs = _has_motor_difference(reviews)
     if differs:
         for side, light in lights_of_both(reviews)[Light.MOTORS].items():
@@ -113,6 +120,7 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
         fault_probability=None if difference.is_of_two_vehicles else fault_probability,
         is_weak=motor_health.get("health") in ANOMALOUS_HEALTHS,
         differs=differs,
+        suspects=tuple(number for number in weak_motors.values() if number is not None),
     )
 
 

@@ -14,7 +14,7 @@ from mavdem.fleet.parameter_changes import (
     renamed_gain,
     states_without_gains,
 )
-from mavdem.fleet.row import FlightRows
+from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.ingest.telemetry import Parameters
 from mavdem.report.difference.lights import NO_REVIEWS, Review
 from mavdem.report.difference.motors import NO_VERDICT, MotorVerdict, motor_verdict
@@ -95,12 +95,24 @@ class ReviewedDifference(NamedTuple):
 
     @property
     def is_simulation_against_flight(self) -> bool:
-        """Whether one log is of a simulated flight and the other, as far as it shows, of a real one.
+        """Whether one log is of a simulated flight and the other is known to be of a real vehicle."""
+        return len(self.simulated_sides) == 1 and not self.sides_of_unknown_origin
 
-        It is not known of a fleet whether its flights were simulated.
+    @property
+    def sides_of_unknown_origin(self) -> Names:
+        """Sides of which it is not known whether a simulator or a real vehicle flew.
+
+        A board's serial number or a sensor's own calibration names a real vehicle. A log without either shows no sign
+        of a simulator, but may only lack the parameters and texts that would be one.
         """
-        is_known_of_both = all("simulated" in self.reviews.get(side, {}) for side in STATE_NAMES)
-        return is_known_of_both and len(self.simulated_sides) == 1
+        names_by_side = dict(zip(STATE_NAMES, self.difference.vehicles, strict=True))
+        unknown_sides = []
+        for side in STATE_NAMES:
+            own_names = set(names_by_side[side]) - {UNKNOWN, *self.difference.shared}
+            is_known = "simulated" in self.reviews.get(side, {}) and bool(own_names)
+            if side not in self.simulated_sides and not is_known:
+                unknown_sides.append(side)
+        return tuple(unknown_sides)
 
     @property
     def are_two_vehicles(self) -> bool:

@@ -78,7 +78,7 @@ SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 CHANGES_CAPTION = """\
 Each change from A to B with its own 90 % interval. Within the shaded band a change is called the same. A square \
 changed: red for the worse, green for the better, blue where neither can be said or lean explains it. A ring is too \
-uncertain to tell, a dot stayed the same. An arrow lies outside the drawing."""
+uncertain to tell, a dot stayed the same. An arrow leads to what lies outside the drawing."""
 """What stands below the drawing of all changes."""
 
 EVIDENCE_CAPTION = """\
@@ -462,8 +462,11 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
         groups.append(Group.side_by_side([drawing], caption))
     blocks = Blocks()
     if not difference.is_of_same_flight:
-        blocks += explained_bounds(difference)
-    other_changes = [change for change in difference.changes if change not in changes_in_drawing]
+        blocks += explained_bounds(reviewed)
+    other_changes = []
+    for change in difference.changes:
+        if change not in changes_in_drawing and not reviewed.motors.covers(change):
+            other_changes.append(change)
     blocks += unchanged_quantity_sentences(other_changes)
     return Chapter("What changed", blocks, groups)
 

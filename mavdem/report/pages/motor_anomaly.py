@@ -9,6 +9,7 @@ bad as the anomaly.
 import re
 from collections.abc import Mapping
 from functools import partial
+from pathlib import PurePath
 from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues
@@ -161,9 +162,9 @@ def _identity_of_fleet(flights: Flights) -> Mapping[str, Any]:
 def _judgement_of_fleet(flights: Flights) -> Mapping[str, Any]:
     """Returns the part of a review document that judges a fleet, of which nothing but the motors is judged.
 
-    Its only status light is that of the motors in the latest flight, with the level in each flight as ``levels``. An
-    anomaly of the motors is its headline too, with the next step, unless the log of the flight alone has a bad
-    headline: that is more urgent.
+    Its only status light is that of the motors in the latest flight, with the level in each flight as ``levels`` and
+    the names and days of these as ``flights``. An anomaly of the motors is its headline too, with the next step, unless
+    the log of the flight alone has a bad headline: that is more urgent.
 
     Args:
         flights: flights of the fleet in order of date, at least one, with the health of their motors.
@@ -174,12 +175,19 @@ def _judgement_of_fleet(flights: Flights) -> Mapping[str, Any]:
         "sentence": latest_row.health_reason,
         "subject": suspected_motor(latest_row),
         "levels": [HEALTH_LEVELS[MotorHealth(worst_health(flight))] for flight in flights],
+        "flights": [_flight_document(log_row(flight)) for flight in flights],
     }
     lights = {Light.MOTORS: motors_light}
     if latest_row.headline_level == Level.BAD:
         return {"lights": lights}
     headline_and_next_step = review_with_anomaly({}, motor_anomaly(latest_row))
     return {**headline_and_next_step, "lights": lights}
+
+
+def _flight_document(row: FlightRow) -> JsonValues:
+    """Returns the file name of a flight and the day on which it began, UTC; the day is empty where it is not known."""
+    day = "" if row.date is None else row.date.date().isoformat()
+    return {"file": PurePath(row.file).name, "day": day}
 
 
 def _motor_health_document(row: FlightRow) -> JsonValues:

@@ -29,6 +29,7 @@ from mavdem.report.difference.conditions import (
     vibration_rows,
     wind_rows,
 )
+from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import (
     headline_blocks,
     headline_of_comparison,
@@ -166,6 +167,13 @@ def test_a_simulation_and_a_flight_are_two_vehicles_even_by_the_same_name(differ
     assert identity_remarks(reviewed) == []
     both = reviewed_difference(difference, {"A": reviews["A"], "B": reviews["A"]})
     assert "simulated" not in plain_text(headline_of_comparison(both))
+    # A log that names neither board nor sensor may lack what would show a simulator.
+    unnamed = reviewed_difference(difference._replace(shared=("quad",)), reviews)
+    assert not unnamed.are_two_vehicles
+    assert "simulated" not in plain_text(headline_of_comparison(unnamed))
+    *_, remark = flight_cautions(unnamed)
+    assert (remark.lead, remark.text) == ("Simulated:", "A. The log of B does not say.")
+    assert remark.level is None and flight_cautions(reviewed) == flight_cautions(both) == []
 
 
 def test_frames_with_other_numbers_of_motors_are_two_vehicles():
@@ -211,22 +219,22 @@ def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
     assert tracking.text == "bad in A and B. A: as stated above. B: It tilted."
 
 
-def test_still_air_comes_from_nowhere():
+def test_still_air_comes_from_nowhere(difference):
     wind = {"speed": 1.3, "speed_interval": [0.0, 3.1], "direction": 110.0}
     wind |= {"direction_interval": 12.0, "status": {"speed": "reported", "direction": "reported"}}
     calm, windy = {"wind": wind | {"calm": True}}, {"wind": wind | {"calm": False}}
-    speeds, directions = wind_rows({"A": calm, "B": windy})
+    speeds, directions = wind_rows(reviewed_difference(difference, {"A": calm, "B": windy}))
     assert speeds.cells == ("below 3.1", "1.3 (0 to 3.1)")
     assert directions.cells == ("-", "110 ± 12")
     calm["wind"]["speed_interval"] = [0.0, 3.14]
-    assert wind_rows({"A": calm})[0].cells == ("below 3.2", "-")
+    assert wind_rows(reviewed_difference(difference, {"A": calm}))[0].cells == ("below 3.2", "-")
     # A speed that is not identifiable has the bounds that the light on the wind states.
     status = {"speed": "not identifiable", "direction": "not identifiable"}
     unsure = {"wind": {"status": status, "calm": False}}
     for low, text in ((0.0, "below 3.6"), (1.2, "1.2 to 3.6")):
         reason = {"low": low, "high": 3.58}
         review = {**unsure, "lights": {"wind": {"figures": {"reason": reason}}}}
-        assert wind_rows({"B": review})[0].cells[1].endswith(text)
+        assert wind_rows(reviewed_difference(difference, {"B": review}))[0].cells[1].endswith(text)
 
 
 def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(difference):
@@ -271,7 +279,7 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     states = [
         [flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1)
     ]
-    (table,) = undetected_change_table(vehicle_difference(*states))
+    (table,) = undetected_change_table(reviewed_difference(vehicle_difference(*states)))
     trims, *_ = table.rows
     assert trims[0] == "relative trim of motors 1, 2, 3 and 4"
     # The quantities may be uncertain: they are not called alike.

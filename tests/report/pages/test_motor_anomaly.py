@@ -1,6 +1,7 @@
 """The page of a flight says what the vehicle's other flights show, and its light of the motors is as bad as that."""
 
 import re
+from dataclasses import replace
 from math import log1p
 
 from fleet_rows import flight_row
@@ -11,7 +12,12 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.quantities import SHARE
 from mavdem.report.blocks import plain_text
 from mavdem.report.difference.baseline import baseline_blocks
-from mavdem.report.difference.changes import change_sentences, difference_blocks
+from mavdem.report.difference.changes import (
+    change_sentences,
+    difference_blocks,
+    sentences_without_change,
+    undetected_change_table,
+)
 from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.motors import motor_table
@@ -121,6 +127,16 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     assert first.lead == "Motors:"
     assert first.text == f"good in A, {level} in B. {weak.reason}"
     assert second.lead.startswith("No other")
+    # The motor that the headline names is no other figure, nor one without a change.
+    trims = [change for change in difference.changes if change.quantity.kind == SHARE]
+    uncertain = [trim._replace(outcome=QuantityOutcome.UNCERTAIN) for trim in trims]
+    reviewed = reviewed_difference(difference._replace(changes=tuple(uncertain)), reviews)
+    _, result = texts(headline_of_comparison(reviewed))
+    assert "All 3 other figures compared (trims) are too uncertain" in result
+    reviewed = reviewed_difference(difference, reviews)
+    (bounds,) = undetected_change_table(reviewed)
+    assert bounds.rows[0][0] == "relative trim of motors 2, 3 and 4"
+    assert "motor 1" not in plain_text(sentences_without_change(reviewed))
     (table,) = motor_table(reviews, difference)
     assert table.rows[0][:2] == ["motor 1 (front right)", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
@@ -250,6 +266,13 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     assert motors.startswith("Motors: bad in 2 of 4 flights of A, the last one too; good in B.")
     (mixed,) = texts(flight_cautions(reviewed))
     assert "A is of several states: its motors are good in 2 of 4 flights, and not in 2." in mixed
+    assert mixed.endswith("Choose flights of one state with `--days-a`.")
+    # Flights of one day are named, and those that could not be judged may be of either state.
+    unjudged = [replace(row, health="unknown", date=rows[3].date) for row in rows[:2]]
+    one_day = compared_states(ComparedState([*unjudged, *rows[2:]], {}, {}), states[1])
+    (mixed,) = texts(flight_cautions(one_day))
+    assert "A may be of several states: its motors are not good in 2 of 4 flights" in mixed
+    assert "--days" not in mixed and mixed.count(".ulg") + mixed.count(".bin") == 4, mixed
     # A was flown later, so that B does not show that the motor was mended.
     (step,) = texts(next_blocks(reviewed))
     assert step.startswith("Next, by A: Inspect motor 1")
