@@ -158,21 +158,22 @@ def rows_without_health(rows: FlightRows) -> FlightRows:
 def _health_by_flight(
     rows: FlightRows, baseline_rows: FlightRows, candidates: FlightRows | None
 ) -> dict[FlightKey, HealthAssessment]:
-    """Judges the health of the motors in each flight, with all flights of the vehicle together.
+    """Judges the health of the motors in each flight of a vehicle by comparison with its healthy flights.
 
     Args:
-        rows: rows of all flights of the vehicle.
-        baseline_rows: rows of its healthy flights; empty without a baseline.
-        candidates: rows of the flights that may be healthy ones without a baseline; None for all.
+        rows: rows of all flights of the vehicle, to be judged.
+        baseline_rows: rows of the flights that the user states to be healthy (the baseline). If there are none, healthy
+            flights are chosen among the ``candidates``.
+        candidates: rows of the flights that may be chosen; None for all.
 
     Returns:
-        The judgements by the key of the flight.
+        The judgement of each flight by its key.
     """
     figures = {_flight_key(row): health_figures(row) for row in rows}
     if candidates is not None:
         candidate_keys = {_flight_key(row) for row in candidates}
         for key in figures.keys() - candidate_keys:
-            # Flights that are not sound are judged like others, but no others are compared with them.
+            # A flight that is marked as not sound is judged, too, but is not chosen as a healthy one.
             figures[key] = replace(figures[key], sound=False)
     baseline_figures = {}
     for row in baseline_rows:

@@ -328,9 +328,6 @@ def _log_chapters(
 ) -> list[Chapter]:
     """Returns the chapters of the page of a log: on the flight, the models, the messages and the contents of the log.
 
-    Chapters are folded but for those that explain a warning, and the gains if the next step is to load them. The one
-    that explains the headline is marked.
-
     Args:
         name: title of the page.
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -347,16 +344,28 @@ def _log_chapters(
         chapters.append(messages_chapter(telemetry, charts_boot))
     if contents is not None:
         chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
-    unfolded_chapters = []
+    return _opened_chapters(chapters, assessment)
+
+
+def _opened_chapters(chapters: Sequence[Chapter], assessment: Assessment) -> list[Chapter]:
+    """Opens the chapters of a page that its reader needs first, and marks the one that explains the headline.
+
+    Open are the chapters that explain warnings, and that of the margins if the next step is to load the gains in it:
+    a folded chapter would be missing on paper.
+
+    Args:
+        chapters: all chapters of the page.
+        assessment: all results on a vehicle of the log, with its headline, status lights and next step.
+    """
+    opened_chapters = []
     is_tuning_advised = advises_to_tune(assessment.next_step)
     title_of_headline = _title_of_headline(assessment.headline, assessment.lights)
     for chapter in unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline):
         chapter = chapter._replace(is_of_headline=chapter.title == title_of_headline)
         if is_tuning_advised and chapter.title == MARGINS_TITLE:
-            # The next step is to load the gains in this chapter, which paper would otherwise not have.
             chapter = chapter._replace(folded=False)
-        unfolded_chapters.append(chapter)
-    return unfolded_chapters
+        opened_chapters.append(chapter)
+    return opened_chapters
 
 
 def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> list[Sentence]:
@@ -647,12 +656,18 @@ def _events_with_numbers(facts: Facts, timeline: Timeline | None) -> list[PageEv
 def _events_with_mentions(
     page_events: Sequence[PageEvent], headline: Fact, lights: NamedFacts
 ) -> list[PageEvent]:
-    """Marks events that the headline of a page or one of its status lights states too, so that the list can be brief.
+    """Marks the events that the page states above their list already, so that the list can be brief on them.
+
+    An event may be the headline, a cause that the headline names, or the judgement of a part of the vehicle (a status
+    light).
 
     Args:
         page_events: the events in the order of the list.
-        headline: the fact (a coded finding) in the headline. It may be an event, and name others as its causes.
-        lights: the judgement of each part of the vehicle by name, a fact that may be an event.
+        headline: the fact (a coded finding) in the headline.
+        lights: the judgement of each part of the vehicle by name, a fact too.
+
+    Returns:
+        The same events, each with three marks that are true or false.
     """
     facts = [page_event.event.fact for page_event in page_events]
     stated = stated_events(facts, headline, lights)
