@@ -522,11 +522,11 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
 
 
 def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
-    """Returns a sentence and a table on why logs were not used, the most frequent reasons first.
+    """Returns a sentence on how many logs were not used, and a table of the reasons, the most frequent first.
 
-    Each row of the table has the number of logs, the file name of one of them, and the reason. Logs are grouped
-    by the code of their reason where there is one, because the sentences differ in their figures. Reasons of equal
-    frequency are in the order of the alphabet. At most ``MAX_REASONS`` are listed.
+    Logs with the same reason share a row of the table: their number, the file name of one of them, and the reason. The
+    reason is the sentence on the log, which has figures of its own; several logs have the name of its code instead. At
+    most ``MAX_REASONS`` are listed.
 
     Args:
         rows: the first row of each log that was not used.
@@ -541,7 +541,6 @@ def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
     table_rows = []
     for code in codes[:MAX_REASONS]:
         logs = rows_by_code[code]
-        # The sentence of one log contains its own figures, so several logs share the name of their code.
         if len(logs) == 1:
             reason = logs[0].status
         else:

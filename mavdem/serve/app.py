@@ -67,7 +67,7 @@ class Server:
         self._monitor = monitor
         self._visible_library = VisibleLibrary(library, rights)
         # The pages of flights have the scripts of the version that wrote them, which may be an earlier one.
-        scripts = library.known_scripts(script_hashes())
+        scripts = library.add_script_hashes(script_hashes())
         self._pages = Pages(
             self._visible_library,
             reading.notify,

@@ -644,24 +644,24 @@ class Library:
         """The names that users have given to vehicles and flights."""
         return read_names(self.db)
 
-    def known_scripts(self, scripts: Iterable[str]) -> Names:
-        """Returns the hashes of all scripts that pages of this library may run, and adds the scripts of this version.
+    def add_script_hashes(self, hashes: Iterable[str]) -> Names:
+        """Adds the scripts of this version to those that pages of the library may run, and returns the hashes of all.
 
-        The server's content security policy permits scripts by their hashes. A stored page has the scripts of the
-        version of mavdem that wrote it. If only scripts of the present version were permitted, pages of earlier
-        versions would show no charts.
+        The server's content security policy permits a script by its hash. A stored page has the scripts of the version
+        of mavdem that wrote it, so that the library keeps the hashes of all versions: with those of this version alone,
+        older pages would show no charts.
 
         Args:
-            scripts: hashes of the scripts of this version.
+            hashes: hashes of the scripts of this version.
 
         Returns:
             The hashes of every version that has served the library, this one included, in alphabetical order.
         """
-        rows = [[script] for script in scripts]
+        new_rows = [[script_hash] for script_hash in hashes]
         with self.transaction() as db:
-            db.executemany("insert or ignore into chart_scripts values (?)", rows)
+            db.executemany("insert or ignore into chart_scripts values (?)", new_rows)
             stored_rows = db.execute("select hash from chart_scripts order by hash")
-            return tuple(script for (script,) in stored_rows)
+            return tuple(script_hash for (script_hash,) in stored_rows)
 
     @property
     def vehicle_frames(self) -> dict[str, str]:
