@@ -60,7 +60,8 @@ def _sudden_changes_of_boot(
     """Returns the lasting changes of one boot that the detector of live sessions finds in its settled flight.
 
     A live session detects the end of the climb-out half a second late, and a landing only after it, so that its times
-    differ by as much. Shifts of the trims that name no motor are left out if the lean against the wind explains them.
+    differ by as much. So it also knows whether a shift of the trims that began in settled flight lasts in the descent:
+    such shifts are included. Those that name no motor are left out if the lean against the wind explains them.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -72,18 +73,51 @@ def _sudden_changes_of_boot(
     Returns:
         The changes, in the order of time.
     """
-    is_settled = in_intervals(commands.time, settled_intervals(signals, boot))
-    settled_samples = zip(
-        commands.time[is_settled].tolist(),
-        commands.values[is_settled],
-        headings[is_settled].tolist(),
-        lean_at(signals, boot, commands.time[is_settled]),
+    settled = settled_intervals(signals, boot)
+    descents = _descents_after(settled, free_flight_intervals(signals, boot))
+    is_settled = in_intervals(commands.time, settled)
+    is_tested = is_settled | in_intervals(commands.time, descents)
+    samples = zip(
+        commands.time[is_tested].tolist(),
+        commands.values[is_tested],
+        headings[is_tested].tolist(),
+        lean_at(signals, boot, commands.time[is_tested]),
+        is_settled[is_tested].tolist(),
         strict=True,
     )
     detector = MotorLossDetector(motors.geometry, boot)
-    for time, command, heading, lean in settled_samples:
-        detector.update(time, command, heading, lean)
-    return _without_shifts_by_wind(signals, motors, lasting_changes(detector.alarms))
+    changes: list[MotorChange] = []
+    settled_end = -inf
+    for time, command, heading, lean, is_settled_sample in samples:
+        new_changes = detector.update(time, command, heading, lean)
+        if is_settled_sample:
+            settled_end = time
+            changes += new_changes
+            continue
+        # In a descent only what began before it counts, and no single motor is judged by the disturbed air.
+        for change in new_changes:
+            if change.motor is None and change.onset_time < settled_end:
+                changes.append(change)
+    return _without_shifts_by_wind(signals, motors, lasting_changes(changes))
+
+
+def _descents_after(settled: Intervals, flights: Intervals) -> Intervals:
+    """Returns the descent at the end of each flight: from its settled part until shortly before the touch-down.
+
+    Args:
+        settled: intervals of settled flight, s since boot.
+        flights: intervals in which the vehicle is airborne and nothing holds it, s since boot.
+
+    Returns:
+        At most one interval for each flight, s since boot. The last ``TRANSIENT_SECONDS`` are left out, since the
+        ground disturbs the motors.
+    """
+    descents = []
+    for start, end in flights:
+        settled_ends = [settled_end for _, settled_end in settled if start < settled_end <= end]
+        if settled_ends and max(settled_ends) < end - TRANSIENT_SECONDS:
+            descents.append((max(settled_ends), end - TRANSIENT_SECONDS))
+    return descents
 
 
 def _without_shifts_by_wind(

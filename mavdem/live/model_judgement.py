@@ -33,7 +33,7 @@ from mavdem.live.rows import RowFormat
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.limit_cycles import detect_limit_cycle
 from mavdem.motors.hover import hover_figures
-from mavdem.motors.motor_changes import MotorChange, thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses, torque_changes
 
 
 class JudgedModel(NamedTuple):
@@ -114,8 +114,8 @@ def judge_model(
         loops[axis] = provisional_margins
     else:
         loops[axis] = loop_of_parameters_or_reason(figures, record)
-    losses = tuple(thrust_losses(alarms))
-    evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
+    motor_events = (*thrust_losses(alarms), *torque_changes(alarms))
+    evidence = live_evidence(signals, condition, LiveFindings(events=motor_events, loops=loops))
     judgement = judge(
         evidence,
         lambda: findings.purposes,

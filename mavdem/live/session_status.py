@@ -35,6 +35,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import (
     LinkFact,
@@ -55,7 +56,7 @@ from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
-from mavdem.motors.motor_changes import MotorChange, thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses, torque_changes
 
 STATUS_PERIOD = 1.0
 """Time between two reports of a status, s: a choice."""
@@ -1290,7 +1291,11 @@ class SessionStatus(ImmutableResult):
         """
         if self._lands_by_itself:
             return NextStep.LET_LAND
-        if warning.is_bad:
+        # A motor that probably lost thrust may lose more of it.
+        is_motor_suspected = (
+            warning.code is MotorWatchFact.STEADY_TORQUE_CHANGED and "suspect" in warning.figures
+        )
+        if warning.is_bad or is_motor_suspected:
             return NextStep.LAND_SOON
         if self.should_hover_first:
             return NextStep.HOVER_FIRST
@@ -1373,12 +1378,13 @@ class SessionStatus(ImmutableResult):
         part about which nothing is known has no light. The watchdog, which looks for faults twice a second, finds facts
         about all parts. There are other facts about three of them:
 
-        - motors: losses of thrust, which come first;
+        - motors: losses of thrust, which come first, and lasting shifts of the trims;
         - margins: those identified in flight, until the recording is judged, which has better ones;
         - wind: the mean wind of the flight.
         """
         facts_by_part: dict[str, list[Fact]] = defaultdict(list)
         facts_by_part[Light.MOTORS] += self._weak_motors
+        facts_by_part[Light.MOTORS] += torque_changes(self.motor_alarms_of_flight)
         for part, worst_fact_of_watchdog in self.worst_lights.items():
             facts_by_part[part].append(worst_fact_of_watchdog)
         if self.margins is not None and not self.is_recording_judged:

@@ -194,11 +194,16 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
     Returns:
         The probabilities. What they lack to 1 is the probability of a change in yaw alone, or in all axes.
     """
-    # The Bayes factor of a weak motor is the mean over the hypotheses which motor it is.
+    # The Bayes factor of a weak motor is the mean over the hypotheses which motor it is. All windows are equally
+    # probable, so that the Bayes factors of a cause are added over the windows.
     hypothesis_count = len(evidence.motor_log_factors)
-    motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(hypothesis_count)
-    # All windows are equally probable, so that the Bayes factors of a cause are added over the windows.
-    motor_log_odds = log_sum(motor_log_factors[selection])
+    selected_log_factors = evidence.motor_log_factors_by_window[:, selection]
+    log_odds_by_hypothesis = log_sum(selected_log_factors.T) - log(hypothesis_count)
+    motor_log_odds = log_sum(log_odds_by_hypothesis)
+    # The first k hypotheses are the loss of thrust of each of the k motors; recoveries follow.
+    motor_count = evidence.rises.shape[-1]
+    likeliest_motor = int(np.argmax(log_odds_by_hypothesis[:motor_count]))
+    likeliest_log_odds = log_odds_by_hypothesis[likeliest_motor]
     load_log_odds = log_sum(evidence.load_log_factors[selection]) + log(LOADS_PER_MOTOR)
     yaw_log_odds = log_sum(evidence.yaw_log_factors[selection]) + log(OTHERS_PER_MOTOR)
     all_axes_log_odds = log_sum(evidence.all_axes_log_factors[selection]) + log(OTHERS_PER_MOTOR)
@@ -206,6 +211,8 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
     return CauseProbabilities(
         load=float(np.exp(load_log_odds - log_sum_of_causes)),
         motor=float(np.exp(motor_log_odds - log_sum_of_causes)),
+        likeliest_motor=likeliest_motor,
+        likeliest_motor_probability=float(np.exp(likeliest_log_odds - log_sum_of_causes)),
     )
 
 

@@ -47,6 +47,7 @@ from mavdem.motors.change_causes import (
     can_reach_threshold,
     cause_evidence,
     cause_probabilities,
+    hypothetical_rises,
     log_odds_of_motor_cause,
     log_sum,
 )
@@ -61,8 +62,9 @@ from mavdem.motors.change_statistics import (
     window_means,
 )
 from mavdem.motors.heading_sectors import is_independent_of_heading
+from mavdem.motors.health import MIN_NAMED_PROBABILITY
 from mavdem.motors.loss_confirmation import LossConfirmation
-from mavdem.motors.motor_changes import CauseProbabilities, MotorChange
+from mavdem.motors.motor_changes import CauseProbabilities, MotorChange, SuspectedMotor
 from mavdem.motors.signatures import motor_signatures
 
 REFERENCE_SECONDS = 8.0
@@ -511,8 +513,40 @@ class MotorLossDetector:
         block_count = _blocks_since_change(np.array(self._blocks.balances), change)
         size = float(np.linalg.norm(change.size * self._model.tilt_axes))
         no_motor = None
-        self._add_alarm(no_motor, block_count, log_odds, size, causes=causes)
+        suspect = self._suspected_motor(change, causes)
+        self._add_alarm(no_motor, block_count, log_odds, size, causes=causes, suspect=suspect)
         return block_count
+
+    def _suspected_motor(
+        self, change: _DatedChange, causes: CauseProbabilities
+    ) -> SuspectedMotor | None:
+        """Returns the motor that probably caused a change of the torque, with the rise of its command.
+
+        The evidence for it is too weak for an alarm, but its probability is at least that from which a motor is named
+        in a comparison of flights, too (``MIN_NAMED_PROBABILITY``).
+
+        Args:
+            change: The change of the balance.
+            causes: What may have changed it.
+
+        Returns:
+            The motor; None if none is probable enough.
+        """
+        if causes.likeliest_motor_probability < MIN_NAMED_PROBABILITY:
+            return None
+        motor = causes.likeliest_motor
+        balance_before = np.mean(self._blocks.balances[: -change.block_count], axis=0)
+        no_weak_motor: dict[int, float] = {}
+        # Of the sizes of the hypothesis any will do: only the ratios between the motors matter.
+        rises = hypothetical_rises(len(self._geometry.names), no_weak_motor)[motor, -1]
+        estimate = self._model.estimated_rises(
+            rises, balance_before, balance_before + change.size, change.variance
+        )
+        return SuspectedMotor(
+            name=self._geometry.names[motor],
+            probability=causes.likeliest_motor_probability,
+            rise=float(estimate.rises[motor]),
+        )
 
     def _is_independent_of_heading(self, change: _DatedChange) -> bool:
         """Returns whether a change shows at each heading, so that no turn of the vehicle in wind explains it.
@@ -595,6 +629,7 @@ class MotorLossDetector:
         size: float,
         loss: Numbers = (),
         causes: CauseProbabilities | None = None,
+        suspect: SuspectedMotor | None = None,
     ) -> MotorChange:
         """Adds a change to the alarms, as detected with the last block of samples.
 
@@ -605,6 +640,7 @@ class MotorLossDetector:
             size: Rise of the motor's command, or size of the change of the torque.
             loss: Interval of the thrust that the motor lost, as fractions; empty if it lost none.
             causes: What may have changed the torque, where no motor is named.
+            suspect: The motor that probably changed the torque, where no motor is named; None without one.
 
         Returns:
             The change as an alarm.
@@ -627,6 +663,7 @@ class MotorLossDetector:
             boot=self._boot,
             loss=loss,
             cause_probabilities=causes,
+            suspect=suspect,
         )
         self.alarms.append(alarm)
         return alarm

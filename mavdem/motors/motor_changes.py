@@ -44,6 +44,21 @@ class CauseProbabilities(NamedTuple):
     """Probability that a load shifted."""
     motor: float
     """Probability that some motor, or its propeller, lost thrust."""
+    likeliest_motor: int
+    """Index of the motor that most probably lost thrust."""
+    likeliest_motor_probability: float
+    """Probability that this motor, or its propeller, lost thrust."""
+
+
+class SuspectedMotor(NamedTuple):
+    """The motor that probably changed the torque in roll and pitch, though the evidence is too weak for an alarm."""
+
+    name: str
+    """Name of the motor."""
+    probability: float
+    """Probability that it, or its propeller, lost thrust."""
+    rise: float
+    """Rise of its own command if it did, as a fraction of the command before."""
 
 
 class MotorChange(NamedTuple):
@@ -72,6 +87,8 @@ class MotorChange(NamedTuple):
     """Ends of the 90 % interval of the fraction of its thrust that a weak motor lost, for all ``THRUST_EXPONENTS``."""
     cause_probabilities: CauseProbabilities | None = None
     """What may have changed the torque, where no motor is named."""
+    suspect: SuspectedMotor | None = None
+    """The motor that probably changed the torque; None if none is probable enough, or if ``motor`` names it."""
 
     @property
     def is_weak(self) -> bool:
@@ -103,7 +120,15 @@ class MotorChange(NamedTuple):
         causes = self.cause_probabilities
         if causes is None:
             return fact
-        return fact.replace(load_probability=causes.load, motor_probability=causes.motor)
+        fact = fact.replace(load_probability=causes.load, motor_probability=causes.motor)
+        suspect = self.suspect
+        if suspect is None:
+            return fact
+        return fact.replace(
+            suspect=suspect.name,
+            suspect_probability=suspect.probability,
+            suspect_rise=suspect.rise,
+        )
 
     @property
     def event(self) -> Fact:
@@ -160,6 +185,18 @@ def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
     # A motor may have several losses, but is named once: a dictionary keeps the order, and each key once.
     names_of_bad_motors = tuple(dict.fromkeys(fact.subject for fact in bad_losses))
     return [fact.replace(names=names_of_bad_motors) for fact in (*bad_losses, *watched_losses)]
+
+
+def torque_changes(changes: Sequence[MotorChange]) -> list[Fact]:
+    """Returns the lasting changes of the steady torque in a flight, which name no motor for certain, as facts.
+
+    Args:
+        changes: All changes of the flight, in the order of time.
+
+    Returns:
+        The facts, in the same order; their level is "watch".
+    """
+    return [change.fact for change in changes if change.motor is None]
 
 
 def _rise_of_command(loss: Fact) -> float:

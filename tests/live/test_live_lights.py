@@ -34,6 +34,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
+from mavdem.motors.motor_changes import CauseProbabilities, MotorChange, SuspectedMotor
 from mavdem.report.live import (
     headline_and_next_step,
     headline_reason,
@@ -838,3 +839,36 @@ def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):
     counted = watch(WatchedQuantity.TRACKING, awaited.replace(remaining_duration=11.2))
     rows = {row.name: row for row in light_rows(replace(slow, watch_facts=(counted,)))}
     assert rows["tracking"].figure == "after 12 s more settled"
+
+
+def test_a_lasting_shift_of_the_trims_warns_in_flight_and_names_the_suspected_motor():
+    """A change of roll and pitch trims is watched, whoever caused it; a probable motor is a reason to land soon."""
+    causes = CauseProbabilities(
+        load=0.09, motor=0.9, likeliest_motor=2, likeliest_motor_probability=0.9
+    )
+    shift = MotorChange(40.0, 26.0, None, "", 0.03, 0.99, cause_probabilities=causes)
+    suspect = SuspectedMotor("motor 3 (front left)", probability=0.9, rise=0.09)
+    even = {Light.MOTORS: Fact(WatchFact.NO_MOTOR_AT_LIMIT, reason=None)}
+    flying = SessionStatus(
+        "1:1",
+        is_flying=True,
+        flight_number=1,
+        worst_lights=even,
+        motor_alarms_of_flight=(shift._replace(suspect=suspect),),
+    )
+    judgement = flying.overall_judgement
+    assert judgement.lights[Light.MOTORS] == judgement.headline
+    assert judgement.headline.level is Level.WATCH
+    assert (
+        "probably motor 3 (front left) lost thrust (probability 0.90), since its command rose by 9 %"
+        in str(judgement.headline)
+    )
+    advice = "heck motor 3 (front left), its propeller and arm, then what the vehicle carries, before the next flight."
+    assert str(judgement.next_step) == f"Land soon. After landing: C{advice}"
+    landed = replace(flying, is_flying=False).overall_judgement
+    assert str(landed.next_step) == f"C{advice}"
+    assert landed.headline == judgement.headline
+    # Where no motor is probable enough, none is named.
+    unnamed = replace(flying, motor_alarms_of_flight=(shift,)).overall_judgement
+    assert unnamed.headline.level is Level.WATCH
+    assert unnamed.next_step.code is NextStep.FLY_ON

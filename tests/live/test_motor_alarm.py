@@ -18,6 +18,7 @@ from rich.console import Console
 from mavdem.assessment.motor_alarms import _gradual_losses, motor_alarms
 from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem import Settings
@@ -432,3 +433,30 @@ def test_a_sudden_loss_and_the_slow_one_before_it_are_both_active():
     alarms, _ = alarms_of_slow_loss(time, np.outer(time > 80.0, [0.0, 0.15, 0.0, 0.0]))
     motors = {alarm.subject for alarm in alarms.active}
     assert motors == {"motor 1 (front right)", "motor 2 (rear left)"}
+
+
+@dataclass(frozen=True)
+class Shifted(Hover):
+    """The front motors, 1 and 3, are commanded by 20 µs more than the rear ones from 31 s on, as for a shifted load."""
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        is_shifted = (t >= 31.0)[:, None] & (outputs > 1000)
+        return outputs + is_shifted * np.array([20.0, -20.0, 20.0, -20.0])
+
+
+@mark.slow
+def test_a_shift_shortly_before_the_descent_is_found_in_the_log(monkeypatch):
+    """It must last for seconds, which end in the descent; a live session knows only later that the vehicle lands.
+
+    The hover does not lean, so that the test by the lean, which has its own tests, would leave the cause open.
+    """
+    monkeypatch.setattr("mavdem.assessment.motor_alarms.is_beyond_lean", lambda *flight: True)
+    hover = Shifted(hovering=28.0)
+    frames = Flight(hover, attitude=12.0, motors=12.0).frames(3.0, hover.end)
+    signals = Signals(offline([frame for _, frame in frames]))
+    [change] = motor_alarms(signals)
+    [(_, settled_end)] = settled_intervals(signals, 0)
+    assert change.onset_time < settled_end <= change.time
+    assert change.fact.code is MotorWatchFact.STEADY_TORQUE_CHANGED
+    assert change.onset_time == approx(31.0, abs=1.0)

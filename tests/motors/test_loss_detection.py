@@ -169,8 +169,10 @@ def test_a_load_that_shifts_in_wind_is_reported_without_a_cause_once_it_has_last
     assert BREAKS + 8.0 <= first_change.time - 100.0 < BREAKS + 17.0
     assert first_change.onset_time - 100.0 == approx(BREAKS, abs=0.6)
     assert first_change.size == approx(np.hypot(*shift[:2]), abs=0.015)
-    load, motor = first_change.cause_probabilities
-    assert 0.5 < load < 0.9 and motor < 0.01
+    causes = first_change.cause_probabilities
+    load = causes.load
+    assert 0.5 < load < 0.9 and causes.motor < 0.01
+    assert first_change.suspect is None
     words = f"a shifted load can do that (probability {load:.2f}), a weak motor (< 0.01)"
     assert f"{words}, or rarely the wind" in first_change.fact.sentence
 
