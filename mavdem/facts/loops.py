@@ -84,6 +84,7 @@ class GainFact(Code):
     INTEGRAL_FALLS = "integral_falls"
     ATTITUDE_SLOWER = "attitude_slower"
     RATE_SLOWER = "rate_slower"
+    RATE_SLUGGISH = "rate_sluggish"
     FIT_BARELY_ENOUGH = "fit_barely_enough"
     STEP_BOUND = "step_bound"
     NO_GAINS_ADVISED = "no_gains_advised"

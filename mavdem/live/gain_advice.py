@@ -285,7 +285,9 @@ def _with_common_reason_to_keep_gains(
     reasons_to_keep = [reason for reason in axes_by_reason if reason.code is GainFact.KEEP_GAINS]
     if not reasons_to_keep:
         return dict(axes_by_reason)
-    common_reason = min(reasons_to_keep, key=lambda reason: reason.figures["share"])
+    least_sure_reason = min(reasons_to_keep, key=lambda reason: reason.figures["share"])
+    # That a rate is sluggish is about one axis, and not about all that are merged.
+    common_reason = least_sure_reason.replace(sluggish=None)
     merged_axes: dict[Fact, list[str]] = {}
     for reason, axes in axes_by_reason.items():
         merged_reason = common_reason if reason in reasons_to_keep else reason

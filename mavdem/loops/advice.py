@@ -63,6 +63,13 @@ larger shares were not tried.
 CLEAR_RESPONSE_FIT = (MIN_RESPONSE_FIT + 100.0) / 2
 """Fit of the measured response, %, that clearly confirms a loop: its error is at most half of the accepted one."""
 
+MIN_FOLLOWED_SHARE = 0.8
+"""Least gain |T| of a rate loop at half its crossover frequency.
+
+A loop that integrates there, as with little damping of the rate, has |L| = 2 and |T| = 2 / √5 = 0.89. Less shows that
+damping leaves a lasting error, which the integral gain is too small to remove.
+"""
+
 
 class Gain(NamedTuple):
     """A gain of the autopilot before and after the advice, in its unit."""
@@ -176,6 +183,7 @@ class Advice(ImmutableResult):
           gain changes at most between two of them.
         - ``bandwidth`` and ``crossover`` of the rate loop, Hz, before and after.
         - ``expected``: rating of the loops with the new gains.
+        - ``sluggish``: that the rate hardly follows its setpoint (:attr:`rate_sluggish`), or None.
         - The margins of the target, each under its own name.
         """
         if self.refusals:
@@ -197,7 +205,31 @@ class Advice(ImmutableResult):
             ),
             crossover=(self.before.rate.crossover, self.after.rate.crossover),
             expected=margin_rating(self.after, self.target),
+            sluggish=self.rate_sluggish,
             **self.target._asdict(),
+        )
+
+    @property
+    def rate_sluggish(self) -> Fact | None:
+        """That the rate follows too little of a slow setpoint with the logged gains, as a fact; None if it does not.
+
+        The fact has the followed ``share``, which is the gain |T| of the estimated loop at half its crossover
+        frequency, that ``frequency`` in Hz, and the ``name`` and ``value`` of the rate's integral gain.
+        """
+        rate = self.before.rate
+        controller = self.before.controller
+        frequency = rate.crossover / 2
+        share = float(np.interp(frequency, rate.frequency, abs(rate.closed_loop_of_estimate)))
+        # A loop without a crossover (NaN) is not judged.
+        if not share < MIN_FOLLOWED_SHARE:
+            return None
+        integral_name = controller.parameter_names["i"]
+        return Fact(
+            GainFact.RATE_SLUGGISH,
+            share=share,
+            frequency=frequency,
+            name=integral_name,
+            value=logged_gains(controller)[integral_name],
         )
 
     @property

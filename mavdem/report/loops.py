@@ -19,6 +19,7 @@ from mavdem.assessment.axis.tuning_step import faults_besides_loops
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import worst_fact
+from mavdem.confidence import IntervalEstimate
 from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Figure, Level
 from mavdem.facts.assessment import NextStep
@@ -300,7 +301,17 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
         axes_by_outcome=axes_by_outcome,
         outcomes=[*GainOutcome],
         has_gains=bool(outcomes_with_gains),
+        sluggish_axes=_sluggish_axes(tuning),
     )
+
+
+def _sluggish_axes(tuning: Tuning) -> list[str]:
+    """Returns the axes whose rate follows too little of its setpoint with the logged gains, by the identified loop."""
+    axes = []
+    for advice in tuning.advice:
+        if advice.rate_sluggish is not None:
+            axes.append(advice.before.axis)
+    return axes
 
 
 def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
@@ -318,6 +329,7 @@ def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
             axes_by_outcome={outcome: [axis]},
             outcomes=[outcome],
             has_gains=True,
+            sluggish_axes=_sluggish_axes(tuning),
         )
         _, _, words_of_axis = sentence.lead.partition(": ")
         words[axis] = words_of_axis.removesuffix(".")
@@ -1831,8 +1843,27 @@ def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:
     overshoot, rise_time = step.overshoot, step.rise_time
     return (
         _with_interval(overshoot.value, overshoot.interval, scale=100),
-        _with_interval(rise_time.value, rise_time.interval, scale=1e3),
+        _rise_time_text(rise_time, duration),
     )
+
+
+def _rise_time_text(rise_time: IntervalEstimate, duration: float) -> str:
+    """Returns a rise time with its 90 % interval in ms, such as "87 (63 to 140)".
+
+    Args:
+        rise_time: the rise time, s; the duration where the step does not reach 90 %.
+        duration: length of the step response, s.
+
+    Returns:
+        The text. A step that does not rise within its length has "> 500", and "87 (63 to > 500)" if that is so in more
+        than 5 % of the vehicle models.
+    """
+    limit = f"> {1e3 * duration:.0f}"
+    if rise_time.value >= duration:
+        return limit
+    if rise_time.high >= duration:
+        return f"{rounded(1e3 * rise_time.value)} ({rounded(1e3 * rise_time.low)} to {limit})"
+    return _with_interval(rise_time.value, rise_time.interval, scale=1e3)
 
 
 def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:

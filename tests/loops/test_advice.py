@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import log
+from unittest.mock import Mock
 
 import numpy as np
 from known_gains import PX4
@@ -22,7 +23,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import GainBound, GainFact, LoopAction, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import TrimFact
-from mavdem.loops.advice import advise, reasons_for_no_gains
+from mavdem.loops.advice import Advice, advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
 from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
@@ -216,6 +217,24 @@ def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     assert advice.after.controller.parameters == loop.controller.parameters
     (light,) = AxisMargins(loop.axis, loop, None, None).facts
     assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
+
+
+@mark.slow
+@mark.parametrize("damping, is_sluggish", [(0.0, False), (3.0, True)])
+def test_a_damped_rate_with_hardly_any_integral_gain_is_sluggish(damping, is_sluggish):
+    """The open loop is 6 / (s + damping): with damping |T| is 2 / 3 for slow setpoints, without it 1."""
+    frequency = np.geomspace(0.02, 20, 2000)
+    s = 2j * np.pi * frequency
+    rate = OpenLoop(frequency, (6 / (s + damping))[np.newaxis])
+    loop = Mock(rate=rate, controller=made_up().controller)
+    sluggish = Advice.rate_sluggish.fget(Mock(before=loop))
+    assert (sluggish is not None) is is_sluggish
+    if sluggish is not None:
+        # The crossover is where |jω + 3| = 6; T is 6 / (jω + 9) at half of it.
+        angular_frequency = np.sqrt(27) / 2
+        gain = 6 / abs(1j * angular_frequency + 9)
+        assert sluggish.figures["share"] == approx(gain, abs=1e-3)
+        assert "follows only 64 % of its setpoint at 0.41 Hz" in sluggish.sentence
 
 
 @mark.slow

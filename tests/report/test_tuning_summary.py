@@ -25,6 +25,7 @@ from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import (
     _facts_on_slower_rate,
+    _rise_time_text,
     outcome_by_axis,
     outcome_sentences,
     tune_blocks,
@@ -231,3 +232,15 @@ def test_gains_that_slow_the_rate_have_their_price_beside_the_margin(
     )
     steps["after"] = steps["before"]
     assert not _facts_on_slower_rate(advice)
+
+
+@mark.parametrize(
+    "rise_time, text",
+    [
+        ((0.087, 0.063, 0.14), "87 (63 to 140)"),
+        ((0.087, 0.063, 0.5), "87 (63 to > 500)"),
+        ((0.5, 0.2, 0.5), "> 500"),
+    ],
+)
+def test_a_step_that_does_not_rise_within_its_length_has_a_bound(rise_time, text):
+    assert _rise_time_text(IntervalEstimate(*rise_time), 0.5) == text
