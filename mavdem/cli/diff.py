@@ -9,7 +9,14 @@ import click
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.links import refuse_link
 from mavdem.cli.options import Command, file_option, json_option, verbose_option
-from mavdem.cli.output import json_text, print_blocks, print_json, print_screen, progress
+from mavdem.cli.output import (
+    json_text,
+    print_blocks,
+    print_json,
+    print_screen,
+    progress,
+    report_error,
+)
 from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.result_folders import available_folder
 from mavdem.dataset.signals import Signals
@@ -168,7 +175,10 @@ def diff_command(
         state_b = _read_state(name_b, after, vehicle, days_b)
     except NotLearnable as refusal:
         if refusal.fact.code is Incomparable.NO_FLIGHT and not as_json:
-            _print_parameters_without_flight(Path(before), Path(after))
+            # The reason comes first: parameters are only what can be compared all the same.
+            report_error(refusal.fact, as_json=False)
+            _print_parameters_without_flight(Path(before), Path(after), verbose=verbose)
+            context.exit(EXIT_UNSUPPORTED)
         raise
     if vehicle is None:
         state_a, state_b = states_of_common_vehicle(state_a, state_b)
@@ -224,7 +234,7 @@ def diff_command(
         context.exit(EXIT_UNSUPPORTED)
 
 
-def _print_parameters_without_flight(before: Path, after: Path) -> None:
+def _print_parameters_without_flight(before: Path, after: Path, *, verbose: bool) -> None:
     """Prints how the parameters of two logs differ of which one has no flight: these can be compared all the same.
 
     Nothing is printed for a fleet, for logs of several vehicles or of two autopilots, and where a log has no
@@ -233,6 +243,7 @@ def _print_parameters_without_flight(before: Path, after: Path) -> None:
     Args:
         before: path of log A.
         after: path of log B.
+        verbose: whether to print all that changed, and not only those of control.
 
     Raises:
         Unreadable: A log cannot be read.
@@ -252,7 +263,8 @@ def _print_parameters_without_flight(before: Path, after: Path) -> None:
             compared_states(
                 ComparedState([], {}, vehicle_before.parameters),
                 ComparedState([], {}, vehicle_after.parameters),
-            )
+            ),
+            verbose=verbose,
         )
     )
 

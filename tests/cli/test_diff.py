@@ -146,7 +146,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
         name: Telemetry(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {}, parameters=parameters)
         for name, parameters in {
             "a.bin": {"ATC_RAT_RLL_P": 0.1, "FENCE_ENABLE": 1.0},
-            "b.bin": {"ATC_RAT_RLL_P": 0.2, "FENCE_ENABLE": 1.0},
+            "b.bin": {"ATC_RAT_RLL_P": 0.2, "FENCE_ENABLE": 0.0},
         }.items()
     }
     monkeypatch.setattr(
@@ -156,7 +156,11 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     printed = capsys.readouterr()
     assert "B has no flight with figures. It is empty." in printed.err
     assert re.search(r"ATC_RAT_RLL_P +0.1 +0.2", printed.out)
-    assert "Parameters: 1 of 2 that A and B have in common are equal; 1 set anew." in printed.out
+    assert "Parameters: 0 of 2 that A and B have in common are equal; 2 set anew." in printed.out
+    assert "Other parameters: 1 more differs; `--verbose` lists it." in printed.out
+    assert "FENCE_ENABLE" not in printed.out
+    assert run("diff", "a.bin", "b.bin", "--verbose") == 1
+    assert re.search(r"FENCE_ENABLE +1 +0", capsys.readouterr().out)
 
 
 @mark.slow

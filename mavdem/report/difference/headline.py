@@ -40,7 +40,7 @@ from mavdem.report.difference.lights import (
 from mavdem.report.difference.motors import MotorVerdict
 from mavdem.report.difference.parameter_groups import parameter_group_texts
 from mavdem.report.difference.parameters import changed_rate_gains, parameter_text
-from mavdem.report.difference.quantity_texts import change_text
+from mavdem.report.difference.quantity_texts import change_text, increase_with_interval
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import listed
 from mavdem.report.templates import (
@@ -353,13 +353,19 @@ def with_evidence(
         The sentences; the one on the motors ends with "This agrees with …" if there is evidence, and says whether that
         is a sure change by itself.
     """
-    if not motors.evidence:
+    texts = " ".join(sentence.text for sentence in sentences)
+    evidence = []
+    for change in motors.evidence:
+        # The sentence on the motors may have the trim already, as its first figure.
+        if increase_with_interval(change) not in texts:
+            evidence.append(change)
+    if not evidence:
         return [*sentences]
-    changes = listed(change_text(change, difference) for change in motors.evidence)
-    outcomes = {change.outcome for change in motors.evidence}
+    changes = listed(change_text(change, difference) for change in evidence)
+    outcomes = {change.outcome for change in evidence}
     certainty = ""
     if outcomes == {QuantityOutcome.CHANGED}:
-        certainty = ", sure by itself" if len(motors.evidence) == 1 else ", each sure by itself"
+        certainty = ", sure by itself" if len(evidence) == 1 else ", each sure by itself"
     lead_of_motors = f"{Light.MOTORS.capitalize()}:"
     extended_sentences = []
     for sentence in sentences:

@@ -6,7 +6,7 @@ from math import inf, log
 from mavdem.fleet.calibration_changes import calibration_changes
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
-from mavdem.ingest.vocabulary import RATE_PID_GAINS
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import parameter_value_text
@@ -48,17 +48,25 @@ def changed_parameter_sentences(
     )
 
 
-def parameter_blocks(reviewed: ReviewedDifference) -> Blocks:
-    """Returns a table of all changed parameters with both values, and how many are equal.
+def parameter_blocks(reviewed: ReviewedDifference, *, verbose: bool) -> Blocks:
+    """Returns a table of changed parameters with both values, and how many are equal.
 
     Args:
         reviewed: comparison of two states, with the changed parameters.
+        verbose: whether the table has all of them; otherwise those of control, and a sentence says how many more.
     """
     rows = []
     for name, value_before, value_after in reviewed.parameters:
-        rows.append([name, parameter_value_text(value_before), parameter_value_text(value_after)])
+        if verbose or CONTROL_PARAMETERS.match(name):
+            row = [name, parameter_value_text(value_before), parameter_value_text(value_after)]
+            rows.append(row)
     tables = [Table(["parameter", *STATE_NAMES], rows)] if rows else []
-    return [*tables, *parameter_count_sentences(reviewed)]
+    further_count = len(reviewed.parameters) - len(rows)
+    return [
+        *tables,
+        *parameter_count_sentences(reviewed),
+        *render_section("difference_more_parameters", count=further_count),
+    ]
 
 
 def parameter_count_sentences(reviewed: ReviewedDifference) -> list[Sentence]:

@@ -101,6 +101,15 @@ def motor_with_place(motor: int, difference: VehicleDifference) -> str:
     return difference.motors[motor - 1]
 
 
+def increase_with_interval(change: QuantityChange) -> str:
+    """Returns an increase with its 90 % interval, without signs, such as "13 % (7 to 18 %)".
+
+    Args:
+        change: change of one quantity whose interval is above 0.
+    """
+    return change_with_interval(change).replace("+", "")
+
+
 def change_with_interval(change: QuantityChange) -> str:
     """Returns a change with its 90 % interval, such as "−18 % (−24 to −12 %)", "+1.2 ± 0.8 dB" or "−17° ± 5°".
 

@@ -18,6 +18,7 @@ from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.ingest.telemetry import Parameters
 from mavdem.report.difference.lights import NO_REVIEWS, Review
 from mavdem.report.difference.motors import NO_VERDICT, MotorVerdict, motor_verdict
+from mavdem.report.difference.sure_trim import reviews_with_sure_trim
 from mavdem.report.pages.motor_anomaly import review_with_compared_motors
 
 
@@ -184,10 +185,11 @@ def reviewed_difference(
         renamed_gain: a gain of the rate controllers that both sides name differently; None if there is none.
         has_two_autopilots: whether both sides have different autopilots, whose parameters are not compared.
     """
+    motors = motor_verdict(reviews, difference)
     return ReviewedDifference(
         difference,
-        motors=motor_verdict(reviews, difference),
-        reviews=reviews,
+        motors=motors,
+        reviews=reviews_with_sure_trim(reviews, motors, difference),
         parameters=parameters,
         sides_without_parameters=sides_without_parameters,
         common_parameter_count=common_parameter_count,

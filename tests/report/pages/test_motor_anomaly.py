@@ -209,6 +209,16 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     assert step == "Next: Inspect motor 1 and its propeller before the next flight."
     page = comparison_page(("a", "b"), reviewed_difference(difference, reviews))
     assert page.count('<path style="fill: var(--watch)" d="M0 -7') == 1
+    # A trim that surely rose is the verdict where the balance leaves open whether the motor is weak.
+    trim, *rest_of_changes = difference.changes
+    sure_trim = trim._replace(outcome=QuantityOutcome.CHANGED)
+    surely = reviewed_difference(
+        difference._replace(changes=(sure_trim, *rest_of_changes)),
+        judged_reviews(health="drift", suspect_motor=1, fault_probability=0.3),
+    )
+    motors, *_ = texts(headline_of_comparison(surely))
+    assert "Motor 1 (front right) works 8 % (2 to 14 %) harder than in A. Perhaps" in motors
+    assert "agrees" not in motors and motors.count("probability") == 1
     # A motor that became stronger is no evidence that it is weak.
     stronger = " ".join(
         texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), reviews)))
