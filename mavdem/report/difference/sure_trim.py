@@ -43,8 +43,9 @@ def reviews_with_sure_trim(
     probability = health.get("fault_probability")
     trim = _trim_that_surely_rose(motors)
     is_doubted = probability is not None and probability < PROBABLE
-    is_by_balance = light.get("level") == Level.WATCH and light["sentence"] == health.get("sentence")
-    if trim is None or not is_doubted or not is_by_balance or max(difference.flights) > 1:
+    is_by_balance = light.get("sentence") == health.get("sentence")
+    is_watched = light.get("level") == Level.WATCH and is_by_balance
+    if trim is None or not is_doubted or not is_watched or max(difference.flights) > 1:
         return reviews
     [sentence] = render_section(
         "difference_sure_trim",
