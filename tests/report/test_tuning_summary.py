@@ -32,7 +32,11 @@ from mavdem.report.loops import (
     tune_summary,
     tuning_result,
 )
-from mavdem.report.pages.tune_page import attitude_fit_sentences, fast_step_sentences
+from mavdem.report.pages.tune_page import (
+    attitude_fit_sentences,
+    fast_step_sentences,
+    rate_disagreement_sentences,
+)
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 FLY_DOUBLETS = Fact(LoopAction.FLY_DOUBLETS, axis="roll", is_biased=False)
@@ -183,6 +187,25 @@ def test_an_attitude_that_rings_more_than_predicted_has_its_fit_beside_the_chart
     # The RMS of the difference is 0.15, the standard deviation of the step 0.49.
     assert sentence.text.startswith("roll 70 % (overshoot 30 %, predicted 0 %). 100 % is")
     assert not attitude_fit_sentences({"roll": {"attitude": LoopResponse(measured)}})
+
+
+@mark.parametrize("predicted_end, differs", [(0.68, True), (0.9, False)])
+def test_a_rate_whose_predicted_step_ends_outside_the_measured_band_is_named(
+    predicted_end, differs
+):
+    measured = partial_record(
+        StepResponse,
+        step=np.array([0.0, 0.93]),
+        step_half=np.array([0.0, 0.06]),
+        is_identified=False,
+    )
+    response = LoopResponse(measured, np.array([0.0, predicted_end]))
+    sentences = rate_disagreement_sentences({"yaw": {"rate": response}})
+    assert [sentence.lead for sentence in sentences] == (["Yaw rate:"] if differs else [])
+    if differs:
+        assert sentences[0].text.startswith(
+            "the measured step ends at 0.93 (90 % band ± 0.06), the predicted one at 0.68,"
+        )
 
 
 @mark.parametrize("message_rate, is_too_fast", [(50.0, True), (400.0, False)])

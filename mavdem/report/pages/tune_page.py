@@ -189,6 +189,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     reasons = sentences_without_response(responses_without_note)
     reasons += _sentences_on_identified_steps(responses)
     reasons += fast_step_sentences(responses, assessment)
+    reasons += rate_disagreement_sentences(responses)
     reasons += attitude_fit_sentences(responses)
     caption = _caption_of_step_chapter(charts_and_notes, responses, tuning)
     groups = _groups_of_columns(charts_and_notes, assessment, caption)
@@ -275,6 +276,35 @@ def fast_step_sentences(responses: Responses, assessment: Assessment) -> list[Se
     if not names:
         return []
     return render_section("step_too_fast", names=names, least_messages=MIN_RISE_MESSAGES)
+
+
+def rate_disagreement_sentences(responses: Responses) -> list[Sentence]:
+    """Returns a sentence on each axis whose predicted step of the rate ends outside of the band of the measured one.
+
+    An axis whose prediction is called doubtful has no sentence: its report says already that the two differ.
+
+    Args:
+        responses: by axis and loop, the measured response, with the predicted step of an axis whose loop is known.
+    """
+    sentences: list[Sentence] = []
+    for axis, responses_of_axis in responses.items():
+        response = responses_of_axis.get("rate")
+        if response is None or response.predicted_step is None:
+            continue
+        step = response.measured
+        if not isinstance(step, StepResponse) or step.is_identified or response.contradiction:
+            continue
+        measured_end, half_width = step.step[-1], step.step_half[-1]
+        predicted_end = response.predicted_step[-1]
+        if abs(measured_end - predicted_end) > half_width:
+            sentences += render_section(
+                "step_disagreement",
+                axis=axis,
+                measured=measured_end,
+                half=half_width,
+                predicted=predicted_end,
+            )
+    return sentences
 
 
 class _StepAgreement(NamedTuple):
