@@ -301,9 +301,10 @@ def test_more_effort_is_a_drift_and_no_fault():
     assert [assessment.health for assessment in assessments] == ["ok", "ok", "drift"]
     assert assessments[-1].fact.code is MotorsBetween.EFFORT_CHANGED
     assert assessments[-1].fact.figures["effort"] == approx(0.12, abs=0.005)
-    # The finding comes first, since a list of flights cuts the sentence.
-    assert str(assessments[-1].fact).startswith("All motors work 12 % harder at the same battery")
-    assert "than in 3 healthy flights (probability" in str(assessments[-1].fact)
+    # What decides comes first, since a list of flights cuts the sentence.
+    beginning, _, rest = str(assessments[-1].fact).partition(" (probability ")
+    assert beginning == "All motors work 12 % harder than in 3 healthy flights"
+    assert rest[4:].startswith("): check the load, then all propellers. Compared is")
     assert max(assessment.fault_probability for assessment in assessments) < 0.1
     assert judged(replace(heavy[-1], voltage=None), baseline).health == "ok"
 

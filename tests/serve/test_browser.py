@@ -52,6 +52,11 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
 
         page.open(f"{server.address}/")
         assert page.run(ROWS) == 21
+        # What the library has already says so, with its link.
+        drop(page, ("1.ulg", log("Odd 1.")), ("copy.ulg", log("Even 2.")))
+        page.until(f"{counts} === '0 of 2 analysed, 2 already here'")
+        assert page.run(f"{listed}[0].textContent").startswith("1.ulg■ Already here: Odd 1.")
+        assert page.run(f"{listed}.every(item => item.firstChild.href.includes('/f/'))")
         # One alone leads to its page.
         drop(page, ("alone.ulg", log("Alone.")))
         page.until("location.pathname.startsWith('/f/')")

@@ -498,7 +498,10 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
 @mark.slow
 def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_serial(tmp_path):
     serial = "001a002f3039511333333539"
-    flights = [flight_row(serial, number, frame="HEXAROTOR") for number in range(2)]
+    reason = "Motor 1 lost about 25 % of its thrust (20 to 29 %). Some motor lost thrust."
+    anomaly = {"health": "fault", "health_reason": reason, "fault_probability": 0.995}
+    flights = [flight_row(serial, 0), flight_row(serial, 1, suspect_motor=1, **anomaly)]
+    flights = [replace(flight, frame="HEXAROTOR") for flight in flights]
     unread = flight_row("quad 8", 2, status="No flight.", flight_time=None, headline_level=None)
     fleet_of(tmp_path, [*flights, unread])
     assert Library(tmp_path).vehicle_frames[serial] == "HEXAROTOR"
@@ -507,6 +510,8 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
         page = server.get("/vehicles").text
     assert ">Hexarotor 001a…\N{WORD JOINER}333539</a>" in page and f'title="{serial}"' in page
     assert '<td data-label="flights">2</td>' in page
+    # An anomaly of the motors is stated as on the flight's page.
+    assert '<span class="said bad">Motor 1 lost about 25' in page
     assert (
         'Without a flight that can be judged: <a class="name" href="/vehicle?name=quad%208"' in page
     )

@@ -33,6 +33,7 @@ from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     HEALTH_LEVELS,
     VehicleTexts,
+    bad_headline,
     badge_level,
     short_name,
     unnamed_vehicle,
@@ -358,9 +359,13 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     charts: list[Group] = []
     if len(flights) > 1:
         charts = vehicle_groups(flights, _addresses_of_flights(flights, values.get("entries", ())))
+    headline = _vehicle_headline(flights, texts)
+    if texts.reason and texts.reason in headline:
+        # The headline states why the motors are judged so.
+        texts = vehicle_texts(flights, has_reason=False)
     return render_server_page(
         "vehicle",
-        latest_flight=texts.latest_flight,
+        latest_flight=headline,
         level=level,
         words=texts.all_flights,
         next_step=texts.next_step,
@@ -423,11 +428,27 @@ def _vehicle_line(flights: Flights) -> VehicleLine:
     return VehicleLine(
         name=last_row.vehicle,
         level=badge_level(flights),
-        latest_flight=texts.latest_flight,
+        latest_flight=_vehicle_headline(flights, texts),
         flight_count=len(flights),
         last_date=last_row.past_date,
         next_step=texts.next_step,
     )
+
+
+def _vehicle_headline(flights: Flights, texts: VehicleTexts) -> str:
+    """Returns the headline of a vehicle, which states an anomaly of its motors as the flight's own page does.
+
+    Args:
+        flights: rows of each of its flights, one for each axis, in the order of date.
+        texts: the texts about the vehicle on a fleet's page.
+
+    Returns:
+        The reason for the anomaly in one sentence, such as "Motor 1 lost about 25 % of its thrust …", and what the log
+        of the latest flight shows where that is bad; without an anomaly what the latest flight shows.
+    """
+    if not texts.reason:
+        return texts.latest_flight
+    return f"{texts.reason} {bad_headline(flights)}".strip()
 
 
 def _addresses_of_flights(flights: Sequence[AxisRows], entries: Iterable[Any]) -> list[str]:

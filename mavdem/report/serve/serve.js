@@ -139,17 +139,17 @@
   // Dropping logs: each is sent in a request of its own, one after the other, so that the list has them in this order.
   const dropArea = $("drop"), uploadList = $("uploads"), uploadItems = new Map();
   let areAllUploadsShown = false;
-  // Several files have one line, which counts them and names the one in work; those that could not be read are listed
-  // below it, and all where somebody asks. The table below has those that are done.
+  // Several files have one line, which counts them and names the one in work; those that could not be read, or were
+  // in the library before, are listed below it, and all where somebody asks. The table below has those that are done.
   const summariseUploads = () => {
     const items = [...uploadList.children], isFolded = items.length > 1 && !areAllUploadsShown;
-    const count = state => items.filter(item => item.dataset.state === state).length, failed = count("failed"), done = count("done");
-    for (const item of items) item.classList.toggle("hidden", isFolded && item.dataset.state !== "failed");
+    const count = state => items.filter(item => item.dataset.state === state).length, failed = count("failed"), done = count("done"), known = count("known");
+    for (const item of items) item.classList.toggle("hidden", isFolded && !["failed", "known"].includes(item.dataset.state));
     const current = items.find(item => item.dataset.stage === "current") ?? items.find(item => item.dataset.state === "working");
-    const now = current ? `, now ${current.firstChild.textContent}` : "", text = `${done} of ${items.length} analysed${failed ? `, ${failed} not read` : ""}${now}`;
+    const now = current ? `, now ${current.firstChild.textContent}` : "", text = `${done} of ${items.length} analysed${known ? `, ${known} already here` : ""}${failed ? `, ${failed} not read` : ""}${now}`;
     $("uploadsummary").hidden = items.length < 2;
     $("uploadprogress").hidden = !current;
-    Object.assign($("uploadprogress"), { max: items.length, value: done + failed });
+    Object.assign($("uploadprogress"), { max: items.length, value: done + known + failed });
     if ($("uploadcount").textContent !== text) $("uploadcount").textContent = text;
     $("showuploads").textContent = areAllUploadsShown ? "Show one line" : "Show all";
   };
@@ -201,7 +201,7 @@
         if (item.isOnlyUpload && !known.length) { location = `/f/${content.flights[0].id}`; return; }
         // Copies of one log are one flight.
         for (const flight of content.flights) uploadItems.set(flight.id, [...uploadItems.get(flight.id) ?? [], item]), showProgress(flight);
-        for (const flight of known) setUpload(item, "done", flight.level, `Already in the library: ${flight.headline}`);
+        for (const flight of known) setUpload(item, "known", flight.level, `Already here: ${flight.headline}`);
         searchAfter(300);
         watchProgress();
       };
