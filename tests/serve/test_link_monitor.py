@@ -542,6 +542,9 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         assert status.session_judgement.headline.level is Level.WATCH
         stated_fault, step, advice, *further = flight_page._live_summary(status, None)
         assert stated_fault.lead == "Earlier flight (2026-11-28 09:15 UTC): motor 3 lost thrust."
+        # The card with the button that says so names flight and fault, too.
+        head = flight_page._live_head(LiveHistory(), status, [], None)
+        assert head.earlier_fault == stated_fault.lead
         assert step.text == "Take off only if that was repaired."
         assert step.address == f"/f/{entry.id}"
         assert advice.text == "Do not fly before it is inspected."

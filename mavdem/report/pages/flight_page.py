@@ -1345,6 +1345,7 @@ def _live_head(
         are_lights_of_recording=_are_lights_of_recording(judgement.lights),
         unrepaired_fault=unrepaired_fault,
         page_of_earlier_fault=_page_of_earlier_fault(status),
+        earlier_fault="" if unrepaired_fault else _earlier_fault_in_short(status),
         vehicle_state=vehicle_state_cells(status) if goes_on else (),
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
@@ -1445,6 +1446,16 @@ def _page_of_earlier_fault(status: SessionStatus) -> str:
     """
     fault = status.unrepaired_fault
     return "" if fault is None else _address_of_earlier_flight(fault)
+
+
+def _earlier_fault_in_short(status: SessionStatus) -> str:
+    """Returns the earlier flight and its fault that may not have been repaired, in one line; empty without one.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    fault = status.unrepaired_fault
+    return "" if fault is None else headline(fault)
 
 
 def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:

@@ -417,6 +417,9 @@ class Head(NamedTuple):
     """Address of that earlier flight's page on the server, which can store that the fault was repaired; empty if no
     page is there, or nobody can ask for that any more."""
 
+    earlier_fault: str = ""
+    """The date of that flight and its fault in one line; empty where ``unrepaired_fault`` states them."""
+
     vehicle_state: Sequence[Sentence] = ()
     """Mode, height, battery, satellites and link of that vehicle, each a value and a remark, which a telephone always
     shows."""
