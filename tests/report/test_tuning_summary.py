@@ -17,7 +17,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopAction, LoopFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.loops.advice import Gain
@@ -32,7 +32,9 @@ from mavdem.report.loops import (
     tune_summary,
     tuning_result,
 )
+from mavdem.report.pages.page import Chapter
 from mavdem.report.pages.tune_page import (
+    _only_points_to_headline,
     attitude_fit_sentences,
     fast_step_sentences,
     rate_disagreement_sentences,
@@ -267,3 +269,19 @@ def test_gains_that_slow_the_rate_have_their_price_beside_the_margin(
 )
 def test_a_step_that_does_not_rise_within_its_length_has_a_bound(rise_time, text):
     assert _rise_time_text(IntervalEstimate(*rise_time), 0.5) == text
+
+
+def test_a_chapter_that_only_points_to_the_headline_is_left_out():
+    tuning = tuning_of(LIMITED, LIMITED, {})
+    pointer = Sentence("no gains, for the reason above.", "Roll and pitch:")
+    assert _only_points_to_headline(Chapter("Margins", [pointer]), tuning)
+    finding = Sentence("No gains, because a motor was at its limit.", "Roll:")
+    assert not _only_points_to_headline(Chapter("Margins", [pointer, finding]), tuning)
+
+
+def test_steps_to_the_goal_say_at_which_thrust_it_is_to_hold():
+    """By the estimate the margins after the first step may almost reach the goal, at the thrust of the flight."""
+    step = Fact(GainFact.STEP_TOWARDS_MARGINS, stage=1, flights=4, is_goal_stated=True)
+    assert step.sentence.endswith(
+        "the first of at most 4 steps to the goal, which is to hold with 20 % more and less thrust, too."
+    )

@@ -114,6 +114,8 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         ),
         Chapter("More figures of the loops, and their basis", tune_details(tuning), folded=True),
     ]
+    # A chapter that only points to the headline says nothing.
+    chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
     changes = changes_to_load(name, tuning, evidence)
     summary = tune_summary(tuning, result)
     summary += expected_margin_sentences(tuning)
@@ -128,6 +130,11 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     level = level_of_summary(tuning, result)
     head = Head(level, lights={}, changes=changes, gains=gains)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
+
+
+def _only_points_to_headline(chapter: Chapter, tuning: Tuning) -> bool:
+    """Returns whether all that a chapter says is that no axis has gains, for the reason that the headline states."""
+    return [*chapter.blocks] == render_section("tune_repair", axes=[*tuning.axes])
 
 
 def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChanges | None:
