@@ -10,6 +10,7 @@ from mavdem.assessment.axis.findings import (
     with_vehicle_made_torque_marked,
 )
 from mavdem.assessment.judgement import Judgement
+from mavdem.dataset.intervals import Intervals
 from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Override
@@ -101,6 +102,7 @@ class ModelJudging:
                 row_format,
                 alarms,
                 self._recording_name,
+                climbs=learning.climbs,
                 provisional_margins=MARGINS_AWAITED if has_rate_setpoint else None,
             )
 
@@ -125,6 +127,7 @@ class ModelJudging:
         row_format: RowFormat | None,
         alarms: Sequence[MotorChange],
         *,
+        climbs: Intervals,
         has_rate_setpoint: bool,
     ) -> Learned | None:
         """Judges the model at the end of the session, in this thread, and sets ``findings`` and ``judgement``.
@@ -136,6 +139,7 @@ class ModelJudging:
             model: the final model; None without one.
             row_format: format of the latest rows; None without any.
             alarms: changes of the motors' balance in the flight of the model.
+            climbs: times of climbs after take-off, s of the boot clock, whose samples are not of settled flight.
             has_rate_setpoint: whether the stream has a setpoint of the body rate by which a log identifies the loop.
 
         Returns:
@@ -159,6 +163,7 @@ class ModelJudging:
                 row_format,
                 alarms,
                 self._recording_name,
+                climbs=climbs,
                 provisional_margins=provisional_margins,
             )
             # Faults that override the findings, such as a limit cycle.

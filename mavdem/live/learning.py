@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from mavdem.dataset.axes import model_outputs
 from mavdem.dataset.flight_states import min_airborne_collective
+from mavdem.dataset.intervals import Intervals, TimeInterval
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_from_error, failure_fact
 from mavdem.facts import Fact
@@ -97,11 +98,18 @@ class FlightLearning:
         self._models: deque[_KeptModel] = deque(maxlen=MAX_MODELS)
         # The latest model of a climb after take-off, which is not kept.
         self._climb_model: Learned | None = None
+        # First and last time of the climb, s of the boot clock, by the number of the segment that the climb is part of.
+        self._climb_by_segment: dict[int, TimeInterval] = {}
 
     @property
     def row_format(self) -> RowFormat | None:
         """What the latest rows are; None before any."""
         return self._row_format
+
+    @property
+    def climbs(self) -> Intervals:
+        """The times of climbs after take-off that the learner has rows of, s of the boot clock; empty without any."""
+        return list(self._climb_by_segment.values())
 
     def begin(self, row_format: RowFormat) -> None:
         """Prepares for the rows of another segment: those after a gap, or with other motors or another time step.
@@ -218,6 +226,9 @@ class FlightLearning:
         # Free flight that is not settled is the climb after take-off. The model is learned from it, too, but the wind
         # torque is estimated in settled flight only.
         learner.follows_torque = row.is_settled
+        if not row.is_settled:
+            climb_start, _ = self._climb_by_segment.get(row.segment, (row.time, row.time))
+            self._climb_by_segment[row.segment] = (climb_start, row.time)
         self._is_motor_weak = weak_since is not None
         estimate = None
         try:

@@ -19,9 +19,11 @@ from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.segments import Segment
+from mavdem.dataset.segments import MIN_SEGMENT_SECONDS, Segment
 from mavdem.dem import Learned
+from mavdem.dem.record import Record, SegmentSamples
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.margins import MarginsLight
@@ -32,7 +34,7 @@ from mavdem.live.live_signals import LiveFindings, LiveSignals, attitude_from_sa
 from mavdem.live.rows import RowFormat
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.limit_cycles import detect_limit_cycle
-from mavdem.motors.hover import hover_figures
+from mavdem.motors.hover import HoverFigures, hover_figures
 from mavdem.motors.motor_changes import MotorChange, thrust_losses, torque_changes
 
 
@@ -52,6 +54,7 @@ def judge_model(
     alarms: Sequence[MotorChange],
     recording_name: str | None,
     *,
+    climbs: Intervals,
     provisional_margins: Fact | None,
 ) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
@@ -71,6 +74,8 @@ def judge_model(
         alarms: changes of the motors' balance in the flight of the model.
         recording_name: name of the recorded log, by which the rest is judged later; empty if the name is not known yet,
             None if nothing is recorded.
+        climbs: times of climbs after take-off, s of the boot clock. The model is learned from them, too, but they are
+            no hover.
         provisional_margins: the light of the margins until the loop is identified by setpoints of the body rate, which
             is not done here; None where these do not come.
     """
@@ -97,9 +102,11 @@ def judge_model(
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(attitude,) * len(TILT_AXES))
 
     limit_cycle = detect_limit_cycle(motors, {axis: attitude}, [Segment(0, 0.0, duration)])
-    mean_lean = {axis: np.degrees(outputs[:, 0].mean())}
-    hover = hover_figures(motors.geometry.names, row_format.scale, duration, inputs, mean_lean)
-    condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=limit_cycle)
+    hover = hover_of_record(record, row_format, climbs)
+    settled_seconds = 0.0 if hover is None else hover.seconds
+    condition = Condition(
+        duration=duration, settled=settled_seconds, hover=hover, oscillation=limit_cycle
+    )
     # The torque of a limit cycle is the vehicle's own, not the wind's.
     learned = with_vehicle_made_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
     findings = model_findings(learned, None, condition, alarms)
@@ -125,6 +132,54 @@ def judge_model(
         estimator=after_landing,
     )
     return JudgedModel(findings, judgement)
+
+
+def hover_of_record(
+    record: Record, row_format: RowFormat, climbs: Intervals
+) -> HoverFigures | None:
+    """Returns how hard each motor works in the longest settled segment of a model's samples.
+
+    Args:
+        record: samples of the model, whose segments begin at known times of the boot clock.
+        row_format: format of the samples: mixer geometry, and scale of the motors.
+        climbs: times of climbs after take-off, s of the boot clock, which are not settled flight.
+
+    Returns:
+        Figures of the motors; None if no segment has ``MIN_SEGMENT_SECONDS`` of settled flight.
+    """
+    settled_segments = []
+    for segment, start_time in zip(record.segments, record.begins, strict=True):
+        settled_segments.append(_samples_after_climbs(segment, start_time, record.dt, climbs))
+    inputs, outputs = max(settled_segments, key=lambda segment: len(segment.outputs))
+    seconds = len(outputs) * record.dt
+    if seconds < MIN_SEGMENT_SECONDS:
+        return None
+    mean_lean = {record.output_names[0]: np.degrees(outputs[:, 0].mean())}
+    return hover_figures(row_format.geometry.names, row_format.scale, seconds, inputs, mean_lean)
+
+
+def _samples_after_climbs(
+    segment: SegmentSamples, start_time: float, dt: float, climbs: Intervals
+) -> SegmentSamples:
+    """Returns the samples of a segment that follow its last sample in a climb; all samples if none is in a climb.
+
+    Args:
+        segment: consecutive samples.
+        start_time: time of the first one, s of the boot clock.
+        dt: time step between them, s.
+        climbs: first and last time of each climb, s of the boot clock.
+    """
+    time = start_time + dt * np.arange(len(segment.outputs))
+    first_settled_sample = 0
+    for climb_start, climb_end in climbs:
+        # Rounding of the times is far less than half a step.
+        is_climb = (time > climb_start - dt / 2) & (time < climb_end + dt / 2)
+        if is_climb.any():
+            last_climb_sample = int(np.flatnonzero(is_climb)[-1])
+            first_settled_sample = max(first_settled_sample, last_climb_sample + 1)
+    return SegmentSamples(
+        segment.inputs[first_settled_sample:], segment.outputs[first_settled_sample:]
+    )
 
 
 def _motor_outputs(row_format: RowFormat, time: Array, outputs: Array) -> MotorOutputs:

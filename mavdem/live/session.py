@@ -947,6 +947,7 @@ class LiveSession:
             model_of_latest_flight,
             self.flight.learning.row_format,
             self.stream.motor_alarms.changes_in_latest_flight,
+            climbs=self.flight.learning.climbs,
             has_rate_setpoint=self._has_rate_setpoint,
         )
 

@@ -55,7 +55,7 @@ def test_a_memory_has_its_latest_samples():
     memory.end_segment()
     assert len(memory.latest_samples(7)[0]) == 0
     filled(memory, range(100, 140))
-    assert memory.record().lengths == (12,)
+    assert memory.record().lengths == (12,) and memory.record().begins == approx((1.28,))
     assert memory.record().inputs.ravel().tolist() == list(range(128, 140))
 
 
@@ -65,6 +65,7 @@ def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
         for sample in range(13):
             memory.add(np.array([sample]), np.array([-sample]), start + 0.01 * sample)
         memory.end_segment()
+    assert memory.record().begins == approx((500.0, 3.0))
     assert drop_blocks_since(memory.blocks, 3.045) and memory.record().lengths == (13, 4)
     assert drop_blocks_since(memory.blocks, 1.0) and memory.record().lengths == (13,)
     assert not drop_blocks_since(memory.blocks, 600.0)

@@ -20,8 +20,10 @@ from simulated import simulated
 
 import mavdem
 from mavdem.assessment.judgement import unjudged
+from mavdem.dataset.segments import MIN_SEGMENT_SECONDS
 from mavdem.dem import Estimate, Settings
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
+from mavdem.dem.online.memory import SampleMemory
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import ForecastFact
@@ -41,9 +43,11 @@ from mavdem.facts.session import (
 )
 from mavdem.facts.watch import WatchFact
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.output_scale import OutputScale
 from mavdem.live import AlignedRow, LiveStream
 from mavdem.live.intake import FrameBatch
 from mavdem.live.link import MAX_PIECES, LinkLost, ReceivedPiece
+from mavdem.live.model_judgement import hover_of_record
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
@@ -309,6 +313,32 @@ def test_a_model_of_the_climb_alone_is_not_called_no_settled_flight():
     assert "The first model was of the climb alone" in reason.sentence
 
 
+@mark.parametrize("climb_seconds, hover_seconds", [(3.0, 10.0), (10.0, 3.0), (10.0, 0.5)])
+def test_hover_figures_leave_out_the_climb_that_the_model_is_learned_from(
+    climb_seconds, hover_seconds
+):
+    """In the climb the motors work harder than in the hover; less than a second of hover shows nothing."""
+    session, _, _ = session_of([])
+    learning = session.flight.learning
+    learning.learner = Mock(learned=None, **{"update.return_value": None})
+    memory = SampleMemory(dt=0.01, block_size=10, max_blocks=2000)
+    for index in range(round((climb_seconds + hover_seconds) / 0.01)):
+        is_settled = index * 0.01 >= climb_seconds
+        outputs = np.full(4, 1500.0 if is_settled else 1900.0)
+        row = AlignedRow(4.0 + index * 0.01, outputs, np.zeros(2), 0, is_settled, True)
+        learning.learn_row(row, None)
+        memory.add(row.inputs, row.outputs, row.time)
+    record = replace(memory.record(), output_names=("roll", "roll rate"))
+    scale = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
+    row_format = Mock(scale=scale, geometry=Mock(names=("1", "2", "3", "4")))
+    hover = hover_of_record(record, row_format, learning.climbs)
+    if hover_seconds < MIN_SEGMENT_SECONDS:
+        assert hover is None
+    else:
+        assert hover.seconds == approx(hover_seconds)
+        assert hover.trim == approx((1500.0,) * 4) and hover.headroom == approx((0.5,) * 4)
+
+
 def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
     """The flight was too short, ended during the fit, or the computer skipped samples."""
     session, _, _ = session_of([])
@@ -541,7 +571,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     assert lights["margins"].remedy.startswith("Keep the gains, and fly ten small, quick doublets")
     # With a setpoint of the rate a log identifies the loop by that, so that the recording has to decide.
     session.flight.judging.judge_final_model(
-        model, session.flight.learning.row_format, (), has_rate_setpoint=True
+        model, session.flight.learning.row_format, (), climbs=[], has_rate_setpoint=True
     )
     awaited = session.flight.judging.judgement.lights["margins"]
     assert awaited.code is Unjudged.JUDGED_LATER and "`mavdem 'my flight.tlog'`" in awaited.remedy
@@ -553,6 +583,18 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     update(has_rate_setpoint=True)
     in_flight = session.flight.judging.judgement.lights["margins"]
     assert str(in_flight).startswith("No oscillation so far; margins are known after 25 s")
+    # A climb, which the model is learned from, too, is no hover.
+    start_time, dt = model.record.begins[0], model.record.dt
+    climbing_inputs = model.record.inputs.copy()
+    climbing_inputs[:100] = 1950.0
+    climbing = replace(model, record=replace(model.record, inputs=climbing_inputs))
+    motor_levels = []
+    for climbs in ({}, {0: (start_time, start_time + 99 * dt)}):
+        session.flight.learning._climb_by_segment = climbs
+        session.judge_final_model(climbing)
+        motor_levels.append(session.flight.judging.judgement.lights["motors"].level)
+    assert motor_levels == [Level.WATCH, lights["motors"].level]
+    session.flight.learning._climb_by_segment = {}
     session.judge_final_model(model)
     page = html.unescape(
         live_page("udp", "roll", session.history, session.status, session.time_account(), model)

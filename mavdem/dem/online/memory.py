@@ -38,19 +38,26 @@ def record_from_blocks(
         effect_directions: (r,) relative effect of each input on the axis; None if it is not known.
 
     Returns:
-        The samples of all blocks in order, with the lengths of the segments.
+        The samples of all blocks in order, with the lengths of the segments and the times at which they begin.
     """
     blocks = list(blocks)
-    # Number of samples of each segment.
+    # Number of samples, and time of the first one, of each segment.
     lengths: list[int] = []
+    start_times: list[float] = []
     for block in blocks:
         if block.starts_segment or not lengths:
             lengths.append(0)
+            start_times.append(block.end_time - dt * (len(block.outputs) - 1))
         lengths[-1] += len(block.outputs)
     inputs = np.concatenate([block.inputs for block in blocks])
     outputs = np.concatenate([block.outputs for block in blocks])
     return Record(
-        inputs, outputs=outputs, dt=dt, lengths=tuple(lengths), effect_directions=effect_directions
+        inputs,
+        outputs=outputs,
+        dt=dt,
+        lengths=tuple(lengths),
+        effect_directions=effect_directions,
+        begins=tuple(start_times),
     )
 
 
