@@ -15,7 +15,7 @@ from unittest.mock import Mock
 
 from filelock import FileLock
 from hypothesis import settings
-from pytest import Module, MonkeyPatch, fixture, hookimpl
+from pytest import Module, MonkeyPatch, fixture, hookimpl, register_assert_rewrite
 
 TESTS = Path(__file__).parent
 START_TIME = time()
@@ -24,6 +24,8 @@ HYPOTHESIS_FOLDER = Path(os.environ.get("HYPOTHESIS_STORAGE_DIRECTORY", ".hypoth
 CONSTANTS_ARE_STORED = (HYPOTHESIS_FOLDER / "constants").is_dir()
 """Whether an earlier run has stored the constants that Hypothesis collects."""
 
+# Its assertions show the figures that differ, as those of a test do.
+register_assert_rewrite("golden_figures")
 # What is imported and collected stays, and the collector would walk over it again and again: a quarter of the start.
 gc.disable()
 # Read when NumPy and SciPy are imported, here and in every process that a test starts: for small matrices more threads

@@ -4,7 +4,6 @@
 compared with those that both options together wrote into build/golden, by another version.
 """
 
-import json
 import re
 from collections import defaultdict, deque
 from concurrent.futures import Executor, Future
@@ -15,8 +14,9 @@ from unittest.mock import Mock
 
 import numpy as np
 from command_line import run, strict_json
+from golden_figures import figures, hold
 from pyarrow.types import is_duration, is_fixed_size_list, is_floating, is_list
-from pytest import approx, mark
+from pytest import mark
 from recorded_flights import LOGS, shared
 from rerun_file import chunks
 from standin_logs import InThisProcess
@@ -28,11 +28,6 @@ from mavdem.live.link import ReceivedPiece
 
 pytestmark = mark.slow
 
-GOLDEN = Path(__file__).parent / "golden"
-FULL_GOLDEN = Path(__file__).parents[1] / "build" / "golden"
-MANY = 6  # Count, ends, mean, deviation and quartiles represent more numbers than this.
-DIGITS = 5
-PRECISION = 0.01
 FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
 # Not of pictures and colours, nor of the day on which a page was written and of the digest of its log.
 STYLE = re.compile(
@@ -135,7 +130,6 @@ MORE_SCENARIOS = {
 FLOWN = "flown.tlog"
 FLIGHT_SECONDS, FULL_FLIGHT_SECONDS = 46, 60
 """For how long is flown what other commands then read, s, and with ``--in-full``; a wind needs 30 s of hover."""
-TIMES = re.compile(r"(fly)?\.took|learn\.seconds")  # Times that the machine takes.
 TICK = 0.06  # Seconds from one look at the link to the next.
 OPTIONS = {
     "review": ["--out", "out", "--rrd"],
@@ -148,24 +142,6 @@ OPTIONS = {
     "learn": ["--truth", "flown.truth.npz", "--out", "learnt", "--rrd"],
     "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
 }
-
-
-def figures(document):
-    """All numbers and codes of a document by their keys, whatever their places in lists."""
-    values_by_name = defaultdict(list)
-
-    def collect(value, key):
-        if isinstance(value, dict):
-            for name in value.keys() - {"units"}:
-                collect(value[name], f"{key}.{name}")
-        elif isinstance(value, list):
-            for part in value:
-                collect(part, key)
-        elif isinstance(value, float | int) or key.endswith(("code", "level")):
-            values_by_name[key].append(value)
-
-    collect(document, "")
-    return values_by_name
 
 
 def lines(screen):
@@ -270,17 +246,6 @@ def by_the_log(monkeypatch):
         monkeypatch.setattr(f"mavdem.view.{name}", 600.0)
 
 
-def summary(values):
-    """Returns few values as they are, and of many numbers their count, ends, mean, deviation and quartiles."""
-    if len(values) <= MANY or isinstance(values[0], str):
-        return [
-            float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for value in values
-        ]
-    quarters = np.quantile(np.asarray(values, float), [0.0, 0.25, 0.5, 0.75, 1.0])
-    ends = summary([len(values), values[0], values[-1]])
-    return [*ends, *summary([np.mean(values), np.std(values)]), *summary(quarters.tolist())]
-
-
 def pytest_generate_tests(metafunc):
     """The flights of the tests: few, and with ``--in-full`` all."""
     in_full = metafunc.config.getoption("--in-full")
@@ -345,36 +310,3 @@ def test_a_scenario_is_flown_as_before(scenario, seconds, here, capsys, request)
 def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
     assert run("fly", "calm", "--describe") == 0
     hold("described", lines(capsys.readouterr().out), request)
-
-
-def hold(name, values_by_name, request):
-    """Compares figures with stored ones of a name, or stores them if the option ``--write-golden`` is given."""
-    folder = FULL_GOLDEN if request.config.getoption("--in-full") else GOLDEN
-    path = folder / f"{name}.json"
-    durations = [key for key in values_by_name if TIMES.fullmatch(key)]
-    assert all(0 <= seconds < 3600 for key in durations for seconds in values_by_name[key])
-    sorted_names = sorted(
-        key for key in values_by_name.keys() - set(durations) if values_by_name[key]
-    )
-    current_values = {key: summary(values_by_name[key]) for key in sorted_names}
-    if request.config.getoption("--write-golden"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(current_values, indent=0))
-    before = json.loads(path.read_text())
-    assert current_values.keys() == before.keys()
-    assert not {
-        key: (before[key], current_values[key])
-        for key in current_values
-        if not near(current_values[key], before[key])
-    }
-
-
-def near(current_values, before):
-    """Returns whether codes are the same, and numbers agree up to the rounding of different processors."""
-    if isinstance(before[0], str):
-        return current_values == before
-    # A figure that never changes has a spread of its rounding alone, zero or not.
-    rounding = 1e-12 * max(map(abs, before))
-    spread = max(before[4], rounding) if len(before) > MANY else 1e-5
-    is_alike = [*map(type, current_values)] == [*map(type, before)]  # Integers must stay integers.
-    return is_alike and current_values == approx(before, rel=PRECISION, abs=PRECISION * spread)

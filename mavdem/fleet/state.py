@@ -17,12 +17,9 @@ from mavdem.fleet.parameter_changes import changed_parameters, parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.stored_rows import is_fleet, read_baseline, read_brief_rows, read_rows
-from mavdem.fleet.tracking import assess_rows, rows_without_health
+from mavdem.fleet.tracking import RowKey, assess_rows, row_key, rows_without_health
 from mavdem.fleet.workers import content_key
 from mavdem.ingest.telemetry import Parameters, Telemetry
-
-RowKey = tuple[object, ...]
-"""Content of the log, system, component and axis of a row."""
 
 
 class Days(NamedTuple):
@@ -222,10 +219,10 @@ def with_motors_judged(
     for state in (before, after):
         for row in (*state.rows, *state.fleet_rows):
             if row.vehicle in names:
-                rows_by_key.setdefault(_row_key(row), row)
+                rows_by_key.setdefault(row_key(row), row)
         for row in state.baseline:
             if row.vehicle in names:
-                baseline_by_key.setdefault(_row_key(row), row)
+                baseline_by_key.setdefault(row_key(row), row)
     rows = list(rows_by_key.values())
     start = _start_of_newer_state(before, after)
     candidates = None
@@ -237,7 +234,7 @@ def with_motors_judged(
     judged_by_key = dict(zip(rows_by_key, judged_rows, strict=True))
     judged_states = []
     for state in (before, after):
-        judged_of_state = [judged_by_key.get(_row_key(row), row) for row in state.rows]
+        judged_of_state = [judged_by_key.get(row_key(row), row) for row in state.rows]
         judged_states.append(state._replace(rows=judged_of_state))
     judged_before, judged_after = judged_states
     return judged_before, judged_after
@@ -263,11 +260,6 @@ def _start_of_newer_state(before: VehicleState, after: VehicleState) -> datetime
     if last_of_after < first_of_before:
         return first_of_before
     return None
-
-
-def _row_key(row: FlightRow) -> RowKey:
-    """Returns what tells a row from all others, and is the same for a copy of its log: flight, vehicle and axis."""
-    return row.key or row.file, row.system, row.component, row.axis
 
 
 def rows_judged_by_each_other(

@@ -43,6 +43,9 @@ was done last; None before the first."""
 FlightKey = tuple[object, ...]
 """What the rows of one flight have in common: log, vehicle, system and component."""
 
+RowKey = tuple[object, ...]
+"""Flight, as its key, and axis of a row."""
+
 
 class TrackedLogs(NamedTuple):
     """What a run of :func:`track` did."""
@@ -97,7 +100,7 @@ def assess_rows(
     else:
         healthy_rows = [row for row in rows_of_flights if assessments[_flight_key(row)].is_healthy]
     # One model for each healthy flight and axis: copies of a log have the same key.
-    rows_with_model = {(*_flight_key(row), row.axis): row for row in healthy_rows}.values()
+    rows_with_model = {row_key(row): row for row in healthy_rows}.values()
 
     assessed_rows = []
     for row in rows:
@@ -189,6 +192,11 @@ def _health_by_flight(
 def _flight_key(row: FlightRow) -> FlightKey:
     """Returns the key of a row's flight, equal for all rows of it."""
     return row.key or row.file, row.vehicle, row.system, row.component
+
+
+def row_key(row: FlightRow) -> RowKey:
+    """Returns the key of a row, by which it differs from all others: flight and axis. A copy of a log has the same."""
+    return *_flight_key(row), row.axis
 
 
 def _model_inputs(row: FlightRow) -> tuple[object, ...]:

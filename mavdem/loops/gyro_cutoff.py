@@ -48,9 +48,12 @@ def gyro_cutoff_advice(loops: Iterable[Loop], target: MarginTarget) -> Fact | No
     advice = []
     for loop in loops:
         noise = demand_noise(loop, loop.controller)
-        if noise is None or NOISE_FACTOR * noise.before > MAX_DEMAND_NOISE:
+        if noise is None:
             return None
-        advice_of_axis = _cutoff_advice_of_axis(loop, target, NOISE_FACTOR * noise.before)
+        max_noise = NOISE_FACTOR * noise.before
+        if max_noise > MAX_DEMAND_NOISE:
+            return None
+        advice_of_axis = _cutoff_advice_of_axis(loop, target, max_noise)
         if advice_of_axis is not None:
             advice.append(advice_of_axis)
     return max(advice, key=lambda fact: fact.figures["phase_lag"], default=None)
@@ -70,7 +73,8 @@ def _cutoff_advice_of_axis(loop: Loop, target: MarginTarget, max_noise: float) -
     cutoff = loop.controller.gyro_filter
     # The plant that was identified without the setpoint contains the filter.
     is_filter_known = cutoff > 0 and isfinite(crossover) and not loop.plant.filtered
-    if not is_filter_known or not margin_rating(loop, target).is_bad:
+    rating = margin_rating(loop, target)
+    if not is_filter_known or not rating.is_bad:
         return None
     phase_lag = _low_pass_lag(loop, crossover)
     if phase_lag < MIN_PHASE_LAG:
@@ -92,7 +96,7 @@ def _cutoff_advice_of_axis(loop: Loop, target: MarginTarget, max_noise: float) -
         crossover=crossover,
         phase_lag=phase_lag,
         new_phase_lag=_low_pass_lag(loop_with_cutoff, crossover),
-        rating=margin_rating(loop, target),
+        rating=rating,
         expected=new_rating,
         noise=max_noise,
     )

@@ -26,6 +26,8 @@ from mavdem.motors.healthy_flights import (
     HealthFigures,
     HealthFlights,
     healthy_flights,
+    is_comparable,
+    is_same_flight,
 )
 from mavdem.motors.thrust_loss import lost_thrust
 
@@ -68,8 +70,7 @@ def assess_motor_health(
     """Assesses the motors in each flight of one vehicle against its healthy flights.
 
     A healthy flight is compared with the other healthy ones. Flights are assessed in the order of their dates, and the
-    result of one flight is the prior of the next. If one of the healthy flights that were chosen by default proves to
-    be faulty, all flights are assessed again without it among the healthy ones.
+    result of one flight is the prior of the next.
 
     Args:
         flights: Flights of one vehicle.
@@ -80,21 +81,15 @@ def assess_motor_health(
     Returns:
         An assessment for each flight, in their order.
     """
-    healthy = healthy_flights(flights, baseline)
+    if baseline is None:
+        healthy = sound_healthy_flights(flights)
+    else:
+        healthy = healthy_flights(flights, baseline)
     assessor = _FlightAssessor(healthy, flights, baseline)
     # Each assessment with the number of its flight, in the order of the dates.
     assessments: dict[int, HealthAssessment] = {}
     for number in sorted(range(len(flights)), key=lambda number: flights[number].start_time):
         assessments[number] = assessor.assess(flights[number])
-    faulty_flights = assessor.faulty_healthy_flights
-    if faulty_flights and baseline is None:
-        # The flight that is most probably faulty is no healthy flight; all are assessed again without it.
-        worst_flight = faulty_flights[max(faulty_flights)]
-        flights_without_worst = []
-        for flight in flights:
-            is_sound = flight.sound and flight is not worst_flight
-            flights_without_worst.append(replace(flight, sound=is_sound))
-        return assess_motor_health(flights_without_worst)
     return tuple(
         assessments[number]._replace(is_healthy=flight in healthy)
         for number, flight in enumerate(flights)
@@ -104,8 +99,8 @@ def assess_motor_health(
 def sound_healthy_flights(flights: HealthFlights) -> HealthFlights:
     """Returns the flights with which others of their vehicle are compared where the user has named none as healthy.
 
-    These are the healthy ones of :func:`assess_motor_health`, found without an assessment of all other flights: each of
-    them is compared with the rest, and the one that is most probably faulty is left out until none is.
+    These are the first sound flights by date (:func:`healthy_flights`), of which none is a fault compared with the
+    others. If some are, the one that is most probably faulty is left out, and others are chosen, until none is.
 
     Args:
         flights: Flights of one vehicle.
@@ -115,26 +110,40 @@ def sound_healthy_flights(flights: HealthFlights) -> HealthFlights:
     """
     while True:
         healthy = healthy_flights(flights)
-        assessor = _FlightAssessor(healthy, flights, baseline=None)
-        for flight in healthy:
-            assessor.assess(flight)
-        faulty_flights = assessor.faulty_healthy_flights
-        if not faulty_flights:
+        faulty_flight = _most_probably_faulty(healthy, flights)
+        if faulty_flight is None:
             return healthy
-        worst_flight = faulty_flights[max(faulty_flights)]
         flights = [
-            replace(flight, sound=False) if flight is worst_flight else flight for flight in flights
+            replace(flight, sound=False) if flight is faulty_flight else flight
+            for flight in flights
         ]
+
+
+def _most_probably_faulty(healthy: HealthFlights, flights: HealthFlights) -> HealthFigures | None:
+    """Returns the one of the healthy flights that most probably has a weak motor, compared with the others.
+
+    Args:
+        healthy: Healthy flights of the vehicle.
+        flights: All flights of the vehicle.
+
+    Returns:
+        The flight; None if a weak motor is less probable than ``MIN_REPORTED_PROBABILITY`` in each.
+    """
+    assessor = _FlightAssessor(healthy, flights, baseline=None)
+    faulty_flight = None
+    largest_probability = MIN_REPORTED_PROBABILITY
+    for flight in healthy:
+        fault_probability = assessor.assess(flight).fault_probability
+        if fault_probability is not None and fault_probability >= largest_probability:
+            faulty_flight = flight
+            largest_probability = fault_probability
+    return faulty_flight
 
 
 class _FlightAssessor:
     """Assesses the motors in the flights of one vehicle, one after the other in the order of their dates.
 
     The evidence of one flight is the prior of the next one with the same geometry of the motors.
-
-    Attributes:
-        faulty_healthy_flights: flights that count as healthy but probably have a weak motor, by the probability of
-            that.
     """
 
     def __init__(
@@ -150,7 +159,6 @@ class _FlightAssessor:
             flights: All flights of the vehicle.
             baseline: The healthy flights that the user chose; None if they were chosen by default.
         """
-        self.faulty_healthy_flights: dict[float, HealthFigures] = {}
         self._healthy = healthy
         self._is_baseline_chosen = baseline is not None
         self._candidate_flights = flights if baseline is None else baseline
@@ -163,11 +171,10 @@ class _FlightAssessor:
         Args:
             flight: The flight; none before it has a later date.
         """
-        other_healthy_flights = _without_flight(self._healthy, flight)
         comparable_flights = [
             healthy_flight
-            for healthy_flight in other_healthy_flights
-            if healthy_flight.geometry_key == flight.geometry_key
+            for healthy_flight in self._healthy
+            if is_comparable(flight, healthy_flight)
         ]
         # Figures of every fact about the flight.
         comparison: JsonValues = {
@@ -182,11 +189,7 @@ class _FlightAssessor:
         )
         if unknown_reason is not None:
             return HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
-        is_healthy = len(other_healthy_flights) < len(self._healthy)
-        evidence = self._evidence(flight, comparable_flights, is_healthy=is_healthy)
-        fault_probability = evidence.change.fault_probability
-        if flight in self._healthy and fault_probability >= MIN_REPORTED_PROBABILITY:
-            self.faulty_healthy_flights[fault_probability] = flight
+        evidence = self._evidence(flight, comparable_flights)
         assessment = _assessment_of_evidence(flight, evidence, comparison)
         if assessment.health is MotorHealth.OK and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
             # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none. How
@@ -196,42 +199,24 @@ class _FlightAssessor:
         return assessment
 
     def _evidence(
-        self, flight: HealthFigures, comparable_flights: HealthFlights, *, is_healthy: bool
+        self, flight: HealthFigures, comparable_flights: HealthFlights
     ) -> _FlightEvidence:
         """Compares a flight with healthy flights, with the evidence of the flight before it as prior.
+
+        A healthy flight, or another log of one, is no part of this sequence, and neither is a flight without a date,
+        which has no next one.
 
         Args:
             flight: The flight.
             comparable_flights: Healthy flights with the same geometry of the motors.
-            is_healthy: Whether the flight, or another log of it, is one of the healthy ones. These are no part of the
-                sequence, and neither is a flight without a date, which has no next one.
         """
+        is_healthy = any(is_same_flight(flight, other) for other in self._healthy)
         if is_healthy or flight.date is None:
             return _flight_evidence(flight, comparable_flights, previous=None)
         previous = self._latest_evidence.get(flight.geometry_key)
         evidence = _flight_evidence(flight, comparable_flights, previous)
         self._latest_evidence[flight.geometry_key] = evidence
         return evidence
-
-
-def _without_flight(healthy: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:
-    """Returns the healthy flights without the flight that is judged, so that it is not compared with itself.
-
-    Other logs of the same flight, whose times overlap it, are left out too.
-
-    Args:
-        healthy: Healthy flights of a vehicle.
-        flight: The flight that is judged.
-
-    Returns:
-        The other healthy flights, in the same order.
-    """
-    other_flights = []
-    for healthy_flight in healthy:
-        is_same_flight = healthy_flight is flight or healthy_flight.overlaps(flight)
-        if not is_same_flight:
-            other_flights.append(healthy_flight)
-    return other_flights
 
 
 def _flights_before(flights: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:

@@ -161,8 +161,13 @@ def is_comparable(flight: HealthFigures, healthy_flight: HealthFigures) -> bool:
         flight: A flight of the vehicle.
         healthy_flight: One of its healthy flights.
     """
-    is_same_flight = healthy_flight is flight or healthy_flight.overlaps(flight)
-    return not is_same_flight and healthy_flight.geometry_key == flight.geometry_key
+    has_same_motors = healthy_flight.geometry_key == flight.geometry_key
+    return has_same_motors and not is_same_flight(flight, healthy_flight)
+
+
+def is_same_flight(flight: HealthFigures, other: HealthFigures) -> bool:
+    """Returns whether two records are the same one, or two of one flight: these overlap in time."""
+    return other is flight or other.overlaps(flight)
 
 
 def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:

@@ -86,8 +86,8 @@ class ErrorBands:
         # shape (1 + H, m, capacity), counts and quantiles (1 + H, m, 1).
         sizes = np.sort(abs(self._errors))
         count = np.isfinite(sizes).sum(axis=-1, keepdims=True)
-        # The next error is below the k-th smallest of n independent errors with probability k / (n + 1). So k is
-        # CONFIDENCE_LEVEL · (n + 1). Of the more numerous errors that overlap, each stands for a fraction of one.
+        # Of n independent errors it is the CONFIDENCE_LEVEL · (n + 1)-th smallest. Of the more numerous errors that
+        # overlap, each stands for a fraction of one.
         independent_count = count / self._errors_per_independent
         independent_rank = CONFIDENCE_LEVEL * (independent_count + 1)
         rank = np.ceil(independent_rank * self._errors_per_independent).astype(int)
@@ -102,9 +102,7 @@ class ErrorBands:
 def _errors_per_independent_one(steps_ahead: Array) -> Array:
     """Returns how many errors in a row tell as much as one independent error.
 
-    The error of a prediction h steps ahead is a sum over h steps, so that errors k steps apart share h - k of them:
-    their correlation is 1 - k/h. The sum of its squares over all k is the number (2 h² + 1) / (3 h), such as 1 one step
-    ahead and about 7 ten steps ahead.
+    The head of this file derives it: 1 one step ahead, and about 7 ten steps ahead.
 
     Args:
         steps_ahead: (N,) steps h ahead of which the predictions are made.

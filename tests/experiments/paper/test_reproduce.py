@@ -5,11 +5,11 @@ import re
 import numpy as np
 from click import Command, Context
 from command_line import document_of, run, strict_json
+from golden_figures import figures, hold
 from numpy.random import default_rng
 from partial_records import partial_record
 from pytest import fail, mark
 from scipy.ndimage import gaussian_filter1d
-from test_figures import figures, hold
 
 import mavdem
 from mavdem.cli.commands import main
