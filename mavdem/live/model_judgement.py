@@ -19,7 +19,7 @@ from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dataset.intervals import Intervals
+from mavdem.dataset.intervals import Intervals, in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.segments import MIN_SEGMENT_SECONDS, Segment
 from mavdem.dem import Learned
@@ -169,14 +169,13 @@ def _samples_after_climbs(
         dt: time step between them, s.
         climbs: first and last time of each climb, s of the boot clock.
     """
-    time = start_time + dt * np.arange(len(segment.outputs))
-    first_settled_sample = 0
-    for climb_start, climb_end in climbs:
-        # Rounding of the times is far less than half a step.
-        is_climb = (time > climb_start - dt / 2) & (time < climb_end + dt / 2)
-        if is_climb.any():
-            last_climb_sample = int(np.flatnonzero(is_climb)[-1])
-            first_settled_sample = max(first_settled_sample, last_climb_sample + 1)
+    time = start_time + dt * np.arange(len(segment.outputs), dtype=float)
+    # Rounding of the times is far less than half a step.
+    widened_climbs = [(start - dt / 2, end + dt / 2) for start, end in climbs]
+    climb_samples = np.flatnonzero(in_intervals(time, widened_climbs))
+    if not len(climb_samples):
+        return segment
+    first_settled_sample = climb_samples[-1] + 1
     return SegmentSamples(
         segment.inputs[first_settled_sample:], segment.outputs[first_settled_sample:]
     )

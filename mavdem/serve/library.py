@@ -542,29 +542,6 @@ class Library:
         entries = self.find("vehicle = ?", [vehicle], sys.maxsize).entries
         return [row for row in self.flight_rows(entries) if row.vehicle == vehicle]
 
-    def rows_with_motor_anomaly(self, entries: Iterable[LibraryEntry]) -> dict[str, FlightRow]:
-        """Finds the flights whose motors have a fault or drift in comparison with other flights of their vehicle.
-
-        The fleet's table has a row for each axis of each vehicle in a log, with the health of the motors by that axis.
-
-        Args:
-            entries: index entries of the flights to examine.
-
-        Returns:
-            For each flight with such an anomaly, by the id of its entry, the row with the worst health.
-        """
-        entries_by_path = {str(self.log_path(entry)): entry for entry in entries}
-        anomalous_rows = []
-        for row in self.brief_flight_rows(entries_by_path.values()):
-            # Rows of other vehicles in the same log do not count: the entry is listed under one vehicle.
-            is_of_listed_vehicle = row.vehicle == entries_by_path[row.file].vehicle
-            if row.health in ANOMALOUS_HEALTHS and is_of_listed_vehicle:
-                anomalous_rows.append(row)
-        worst_rows = {}
-        for path, rows_of_log in group_by(anomalous_rows, lambda row: row.file).items():
-            worst_rows[entries_by_path[path].id] = worst_row(rows_of_log)
-        return worst_rows
-
     def compared_entries(self, entries: Sequence[LibraryEntry]) -> ComparedEntries:
         """Returns flights with the verdict that users see, in which faults count that only other flights show.
 
@@ -583,7 +560,7 @@ class Library:
         # The order of these two queries matters, since a comparison may end between them. As it is, its result is shown
         # a little later. In the other order a verdict without its result would be taken for the final one.
         uncompared_ids = self._uncompared_ids(entries)
-        rows_with_fault = self.rows_with_motor_anomaly(entries)
+        rows_with_fault = self._rows_with_motor_anomaly(entries)
         for id in uncompared_ids:
             # This fault is of an earlier comparison, such as one with another baseline, and may not be true any more.
             rows_with_fault.pop(id, None)
@@ -610,6 +587,29 @@ class Library:
             where tracked and judged is null and path in (select value from json_each(?)) and {IS_COMPARABLE_SQL}"""
         paths = json.dumps([utf8_text(path) for path in ids_by_path])
         return {ids_by_path[path] for (path,) in self.db.execute(query, [paths])}
+
+    def _rows_with_motor_anomaly(self, entries: Iterable[LibraryEntry]) -> dict[str, FlightRow]:
+        """Finds the flights whose motors have a fault or drift in comparison with other flights of their vehicle.
+
+        The fleet's table has a row for each axis of each vehicle in a log, with the health of the motors by that axis.
+
+        Args:
+            entries: index entries of the flights to examine.
+
+        Returns:
+            For each flight with such an anomaly, by the id of its entry, the row with the worst health.
+        """
+        entries_by_path = {str(self.log_path(entry)): entry for entry in entries}
+        anomalous_rows = []
+        for row in self.brief_flight_rows(entries_by_path.values()):
+            # Rows of other vehicles in the same log do not count: the entry is listed under one vehicle.
+            is_of_listed_vehicle = row.vehicle == entries_by_path[row.file].vehicle
+            if row.health in ANOMALOUS_HEALTHS and is_of_listed_vehicle:
+                anomalous_rows.append(row)
+        worst_rows = {}
+        for path, rows_of_log in group_by(anomalous_rows, lambda row: row.file).items():
+            worst_rows[entries_by_path[path].id] = worst_row(rows_of_log)
+        return worst_rows
 
     def _source_of(self, entry: LibraryEntry) -> LogSource:
         """Returns the log of an entry as the fleet's store names it."""

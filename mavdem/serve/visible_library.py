@@ -187,7 +187,11 @@ class VisibleLibrary:
             rows_by_log = {content_hash(row.key): row for row in rows}
             healthy = healthy_figures_by_log(rows, self.library.baseline_rows(vehicle))
             for entry in entries_of_vehicle:
-                figures = health_figures(rows_by_log[entry.content_hash])
+                row = rows_by_log.get(entry.content_hash)
+                if row is None:
+                    # The flight was deleted meanwhile.
+                    continue
+                figures = health_figures(row)
                 logs = [log for log, other in healthy.items() if is_comparable(figures, other)]
                 suitable_entries = self._comparable_flights_of_logs(entry, logs)
                 healthy_entry = most_similar_flight(entry, suitable_entries, baseline=logs)
@@ -318,7 +322,7 @@ class VisibleLibrary:
         review = self.review(entry)
         if review is None:
             return None
-        anomalous_row = self.library.rows_with_motor_anomaly([entry]).get(entry.id)
+        anomalous_row = self.library.compared_entries([entry]).anomalous_rows.get(entry.id)
         return dict(review_with_anomaly(review, motor_anomaly(anomalous_row)))
 
     def review(self, entry: LibraryEntry) -> JsonValues | None:

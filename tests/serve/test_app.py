@@ -42,6 +42,7 @@ from mavdem.serve.rights import Rights, rights_for_host
 from mavdem.serve.stored_files import refuse_full_disk
 from mavdem.serve.stored_parameters import write_parameters
 from mavdem.serve.viewers import RecordingViewer
+from mavdem.serve.visible_library import VisibleLibrary
 
 
 @fixture
@@ -381,7 +382,7 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
 def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served, monkeypatch):
     """The page then waits for it. So it does for a new baseline; the verdict beside the former one is not shown."""
     other, flight = served.add("other.ulg", "One."), served.add("weak.ulg", "A weak motor.")
-    read_verdicts = Library.rows_with_motor_anomaly
+    read_verdicts = Library._rows_with_motor_anomaly
 
     def read_before_the_end(library, entries):
         rows = read_verdicts(library, entries)
@@ -393,7 +394,7 @@ def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served,
         with served.library.transaction() as db:
             db.execute("update flights set judged = null, file = null")
 
-    monkeypatch.setattr(Library, "rows_with_motor_anomaly", read_before_the_end)
+    monkeypatch.setattr(Library, "_rows_with_motor_anomaly", read_before_the_end)
     # As it is once a log was read.
     begin_again()
     entry = served.library.entry(flight)
@@ -408,6 +409,7 @@ def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served,
     listed = served.get("/").text
     assert listed.count("being compared with the baseline …") == 2
     assert "Motor 3 lost thrust." not in listed
+    assert "Motor 3 lost thrust." not in served.get(f"/api/flights/{flight}").text
     assert "being compared with the baseline …" in served.get("/vehicle?name=quad%207").text
     served.work.run()
     assert "Motor 3 lost thrust." in served.get("/").text
@@ -448,6 +450,11 @@ def test_a_flight_with_a_weak_motor_is_compared_with_a_healthy_one_in_like_condi
     # A baseline is what flights are compared with, also where an earlier one is sound.
     assert served.ask("PUT", "/api/baseline", {"flights": [ids["later"]]}).status == 200
     assert "Compare with later.ulg" in served.get("/").text
+    # A flight that is deleted while its page or a list is made is compared with none.
+    entry = served.library.entry(ids["weak"])
+    served.library.delete(ids["weak"])
+    visible = VisibleLibrary(served.library, Rights())
+    assert not visible.healthy_flights_to_compare_with([entry])
 
 
 @mark.slow
