@@ -22,7 +22,7 @@ from mavdem.report.pages.library_page import interface_words
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
 from mavdem.serve.index import CONTENT_HASH_SQL, LibraryEntry
-from mavdem.serve.library import FoundEntries, Library
+from mavdem.serve.library import Library
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
 from mavdem.serve.rights import Rights
@@ -142,8 +142,8 @@ class VisibleLibrary:
         Returns:
             The flight; None if none is known.
         """
-        earlier_flights = self._earlier_flights(entry, limit=1)
-        return earlier_flights.entries[0] if earlier_flights.entries else None
+        earlier_entries = self._earlier_flights(entry, limit=1)
+        return earlier_entries[0] if earlier_entries else None
 
     def flight_to_compare_with(self, entry: LibraryEntry) -> LibraryEntry | None:
         """Returns the flight of the same vehicle with which one without an anomaly of its motors is best compared.
@@ -157,7 +157,7 @@ class VisibleLibrary:
         Returns:
             The flight; None if the library has no other flight that is known to be of this vehicle.
         """
-        candidates = self._earlier_flights(entry, MAX_COMPARABLE_FLIGHTS).entries
+        candidates = self._earlier_flights(entry, MAX_COMPARABLE_FLIGHTS)
         baseline = {content_hash(row.key) for row in self.library.baseline_rows(entry.vehicle)}
         if baseline or not candidates:
             other_entries = self.comparable_flights(entry, best_entry=None)
@@ -215,23 +215,19 @@ class VisibleLibrary:
         values = [entry.vehicle, Stage.DONE, entry.id, json.dumps(logs)]
         return self.library.find(condition, values, len(logs), order=ListingOrder.FLIGHT).entries
 
-    def _earlier_flights(self, entry: LibraryEntry, limit: int, offset: int = 0) -> FoundEntries:
+    def _earlier_flights(self, entry: LibraryEntry, limit: int) -> list[LibraryEntry]:
         """Returns earlier flights of the same vehicle by date, the latest first.
 
         Args:
             entry: a flight. If it has no date, or its vehicle is unnamed, no flight is known to be earlier.
             limit: largest number of flights that are returned.
-            offset: number of the latest ones that are skipped.
-
-        Returns:
-            Their index entries, and the number of all earlier flights.
         """
         if not entry.date or entry.is_vehicle_unnamed:
-            return FoundEntries([], total=0)
+            return []
         # Copies of the log have the same date, so only an entry with an earlier date is another flight.
         condition = f"vehicle = ? and {COMPARABLE_SQL} and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.id, entry.date]
-        return self.library.find(condition, values, limit, offset, order=ListingOrder.FLIGHT)
+        return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
 
     def comparable_flights(
         self, entry: LibraryEntry, best_entry: LibraryEntry | None
