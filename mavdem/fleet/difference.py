@@ -145,6 +145,11 @@ class VehicleDifference(NamedTuple):
         )
 
     @property
+    def axes_with_changed_loops(self) -> set[str]:
+        """Axes of which the rate or the attitude loop is known to have other gains or filters."""
+        return {*self.axes_with_other_gains, *self.axes_with_other_attitude_gains}
+
+    @property
     def tested(self) -> list[QuantityChange]:
         """The changes that are tested: all but those that follow from other gains."""
         return [change for change in self.changes if not self.follows_from_gains(change)]

@@ -152,7 +152,6 @@
   // Pixels above a plot in which its marks stand, where things are counted.
   const MARKS_ABOVE = 13;
   const isDots = line => line.kind === "dots" || line.kind === "joined";
-  // Dots of two lines are told apart without their colours: those of the second one are rings.
   // Dots of every second colour are rings, so that they differ on grey paper, too.
   const isRing = (line, lines) => isDots(line) && [...new Set(lines.filter(isDots).map(other => other.colour))].indexOf(line.colour) % 2 === 1;
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as

@@ -26,7 +26,7 @@ from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import figure_as_svg
 from mavdem.report.difference.quantity_texts import (
     change_text,
-    change_with_interval,
+    change_without_lean,
     equivalence_limit_text,
 )
 from mavdem.report.numbers import listed
@@ -183,9 +183,6 @@ def change_plan(
             beyond = -1
         shape = SHAPES[change.outcome]
         remark = ""
-        without_lean = ""
-        if change.without_lean is not None:
-            without_lean = f"without lean {change_with_interval(change.without_lean)}"
         if is_uncertain_evidence(change, evidence):
             shape = Shape.DIAMOND
             remark = EVIDENCE_REMARK
@@ -201,7 +198,7 @@ def change_plan(
                 beyond=beyond,
                 cut_ends=_cut_ends(relative, extent),
                 remark=remark,
-                without_lean=without_lean,
+                without_lean=change_without_lean(change),
             )
         )
     svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)

@@ -23,7 +23,7 @@ from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import (
     bound_row,
     change_text,
-    change_with_interval,
+    change_without_lean,
     texts_by_kind,
     texts_of_equal_changes,
 )
@@ -199,9 +199,7 @@ def _text_with_lean(change: QuantityChange, difference: VehicleDifference) -> st
         change: change of a trim that is known without lean.
         difference: comparison of the vehicle, with the names of its motors.
     """
-    assert change.without_lean is not None
-    remaining_change = change_with_interval(change.without_lean)
-    return f"{change_text(change, difference)}, without lean {remaining_change}"
+    return f"{change_text(change, difference)}, {change_without_lean(change)}"
 
 
 def largest_of_first_kind(changes: Sequence[QuantityChange]) -> QuantityChange | None:
@@ -349,10 +347,6 @@ def change_sentences(
     texts_of_changes = [change_text(change, difference) for change in causes.unexplained]
     further_texts = [text for text in texts_of_changes if text not in texts_above]
     texts_by_gains = [change_text(change, difference) for change in causes.by_gains]
-    axes_with_other_gains = {
-        *difference.axes_with_other_gains,
-        *difference.axes_with_other_attitude_gains,
-    }
     doubtful = []
     stated_elsewhere = [*motors.evidence, *trims_explained_by_lean(reviewed)]
     for change in difference.changes:
@@ -372,7 +366,7 @@ def change_sentences(
         are_all_listed=len(further_texts) == len(texts_of_changes),
         by_gains=[text for text in texts_by_gains if text not in texts_above],
         is_more=any(text in texts_above for text in texts_by_gains),
-        axes=[axis for axis in AXES if axis in axes_with_other_gains],
+        axes=[axis for axis in AXES if axis in difference.axes_with_changed_loops],
         doubtful=further_doubtful,
         is_doubt_above=is_doubt_above,
         fault_rise=FAULT_RISE,

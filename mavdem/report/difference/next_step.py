@@ -130,11 +130,7 @@ def _has_other_gains(light: BadLight, difference: VehicleDifference) -> bool:
         light: a status light that is bad in one of the logs.
         difference: comparison of the two states, which knows the axes with other gains.
     """
-    axes_with_other_gains = (
-        *difference.axes_with_other_gains,
-        *difference.axes_with_other_attitude_gains,
-    )
-    return light.name == Light.MARGINS and light.axis in axes_with_other_gains
+    return light.name == Light.MARGINS and light.axis in difference.axes_with_changed_loops
 
 
 def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:

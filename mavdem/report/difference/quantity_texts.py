@@ -110,6 +110,17 @@ def increase_with_interval(change: QuantityChange) -> str:
     return change_with_interval(change).replace("+", "")
 
 
+def change_without_lean(change: QuantityChange) -> str:
+    """Returns what is left of the change of a trim without the part that lean makes: "without lean −0 % (−4 to 4 %)".
+
+    Args:
+        change: change of one quantity. The text is empty where its change without lean is not known.
+    """
+    if change.without_lean is None:
+        return ""
+    return f"without lean {change_with_interval(change.without_lean)}"
+
+
 def change_with_interval(change: QuantityChange) -> str:
     """Returns a change with its 90 % interval, such as "−18 % (−24 to −12 %)", "+1.2 ± 0.8 dB" or "−17° ± 5°".
 

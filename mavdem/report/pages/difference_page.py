@@ -182,18 +182,9 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
         *flight_cautions(reviewed),
-        *_parameter_remarks(reviewed),
+        *parameter_count_sentences(reviewed),
         *condition_table(reviewed),
     ]
-
-
-def _parameter_remarks(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns what the top of the page says of parameters; changed ones have a chapter, so that it leaves them out.
-
-    Args:
-        reviewed: comparison of both flights, with the changed parameters.
-    """
-    return parameter_count_sentences(reviewed)
 
 
 def _chapters(
@@ -223,7 +214,7 @@ def _chapters(
     do_loops_differ = _do_loops_differ(reviewed)
     first_chapters = [_change_chapter(reviewed)]
     later_chapters = []
-    is_parameter_table_first = _has_other_gains(reviewed.difference)
+    is_parameter_table_first = bool(reviewed.difference.axes_with_changed_loops)
     if is_parameter_table_first:
         first_chapters.append(parameter_chapter._replace(folded=False))
     if is_motor_first:
@@ -257,7 +248,7 @@ def _chapter_in_words(reviewed: ReviewedDifference, headline: Sequence[Sentence]
         reviewed: comparison of both flights.
         headline: the sentences that head the comparison.
     """
-    stated_above = _parameter_remarks(reviewed)
+    stated_above = parameter_count_sentences(reviewed)
     sentences = []
     for sentence in difference_blocks(reviewed, headline):
         if sentence not in stated_above:
@@ -281,12 +272,7 @@ def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
     """
     changes = reviewed.difference.changes_with(QuantityOutcome.CHANGED)
     has_changed_loop = any(change.quantity.kind in LOOP_KINDS for change in changes)
-    return has_changed_loop or _has_other_gains(reviewed.difference)
-
-
-def _has_other_gains(difference: VehicleDifference) -> bool:
-    """Returns whether gains or filters of a rate or attitude loop are known to differ between two flights."""
-    return bool(difference.axes_with_other_gains or difference.axes_with_other_attitude_gains)
+    return has_changed_loop or bool(reviewed.difference.axes_with_changed_loops)
 
 
 def _motor_chapter(

@@ -30,7 +30,7 @@
   // The table of flights: search as one types, choice, and what is being read.
   const searchForm = $("find"), flightRows = () => $("flights")?.tBodies[0];
   const chosenIds = () => [...document.querySelectorAll('#flights input[name="id"]:checked')].map(box => box.value);
-  const rowOf = id => flightRows().querySelector(`tr[data-id="${id}"]`), nameIn = row => row.querySelector(".name").textContent;
+  const rowOf = id => flightRows()?.querySelector(`tr[data-id="${id}"]`), nameIn = row => row.querySelector(".name").textContent;
   let baselineNote = "";
   const updateButtons = () => {
     const count = chosenIds().length;
@@ -272,7 +272,7 @@
   // What is being read. The rows of the list show it, also after they came anew.
   const progressById = new Map();
   const showStage = flight => {
-    const row = flightRows()?.querySelector(`tr[data-id="${flight.id}"]`), stageText = row?.querySelector("[data-stage]");
+    const row = rowOf(flight.id), stageText = row?.querySelector("[data-stage]");
     if (stageText) stageText.textContent = `${progressText(flight)} …`;
     return row;
   };
