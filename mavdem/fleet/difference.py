@@ -97,6 +97,9 @@ class VehicleDifference(NamedTuple):
     level: float = CONFIDENCE_LEVEL
     """Probability of the intervals."""
 
+    spins: tuple[int, ...] = ()
+    """Direction of each motor, +1 counter-clockwise seen from above; empty where not known, or not the same in both."""
+
     has_other_frame: bool = False
     """Whether the states have other frames or autopilots, as far as their logs name them."""
 
@@ -207,9 +210,10 @@ def vehicle_difference(
     quantities = set().union(*estimates_before)
     for quantity in quantities:
         # A quantity may be missing in some flights of a state: those that have it are compared.
-        values_before = [flight[quantity] for flight in estimates_before if quantity in flight]
-        values_after = [flight[quantity] for flight in estimates_after if quantity in flight]
-        if quantity.kind in comparable_kinds and values_before and values_after:
+        values_before = [flight.get(quantity) for flight in estimates_before]
+        values_after = [flight.get(quantity) for flight in estimates_after]
+        is_known_in_both = any(values_before) and any(values_after)
+        if quantity.kind in comparable_kinds and is_known_in_both:
             allowance = condition_allowance(quantity.kind, conditions_before, conditions_after)
             changes.append(quantity_change(quantity, values_before, values_after, allowance))
 
@@ -234,8 +238,19 @@ def vehicle_difference(
         conditions=BeforeAfter(conditions_before, conditions_after),
         axes_with_other_gains=axes,
         axes_with_other_attitude_gains=attitude_axes,
+        spins=_common_spins(first_rows),
         has_other_frame=has_other_frame(states),
     )
+
+
+def _common_spins(rows: FlightRows) -> tuple[int, ...]:
+    """Returns the directions in which the motors turn, if all flights have the same; otherwise empty.
+
+    Args:
+        rows: the first row of each flight of both states.
+    """
+    different_spins = {row.spins or () for row in rows}
+    return different_spins.pop() if len(different_spins) == 1 else ()
 
 
 def _with_changes_without_lean(
@@ -259,9 +274,9 @@ def _with_changes_without_lean(
     extended_changes = []
     for change in changes:
         quantity = change.quantity
-        values_before = [flight[quantity] for flight in estimates_before if quantity in flight]
-        values_after = [flight[quantity] for flight in estimates_after if quantity in flight]
-        if values_before and values_after:
+        values_before = [flight.get(quantity) for flight in estimates_before]
+        values_after = [flight.get(quantity) for flight in estimates_after]
+        if any(values_before) and any(values_after):
             without_lean = quantity_change(quantity, values_before, values_after, allowance=0.0)
             change = change._replace(without_lean=without_lean)
         extended_changes.append(change)

@@ -49,6 +49,16 @@ the rate loop, changes by as much at most.
 """
 
 
+class WindSpeed(NamedTuple):
+    """The mean wind speed in one flight."""
+
+    speed: float
+    """The speed, m/s."""
+
+    interval: Numbers | None
+    """Both ends of its 90 % interval, m/s; None where they are not known."""
+
+
 class Conditions(NamedTuple):
     """How the flights of one state were flown: means over them; ``None`` where not known."""
 
@@ -73,8 +83,8 @@ class Conditions(NamedTuple):
     wind_torque: dict[str, float]
     """Standard deviation of the wind torque by axis, rad/s²."""
 
-    wind_speeds: Numbers
-    """Mean wind speed in each flight in which it is known, m/s, the smallest first; that of still air is not."""
+    wind_speeds: tuple[WindSpeed, ...]
+    """Mean wind speed in each flight in which it is known, the smallest first; that of still air is not."""
 
     step_sources: dict[str, Names]
     """Where overshoot and rise time of the rate come from, by axis: measured, identified_loop, or both.
@@ -108,11 +118,22 @@ def mean_conditions(flights: Flights) -> Conditions:
         tilt_sd=_mean_of_known(row.tilt_sd for row in flight_rows),
         vibration=_mean_of_known(_largest_vibration(row) for row in flight_rows),
         wind_torque=ReadOnlyDict(_mean_wind_torques(axis_rows)),
-        wind_speeds=tuple(
-            sorted(row.wind_speed for row in flight_rows if row.wind_speed is not None)
-        ),
+        wind_speeds=_wind_speeds(flight_rows),
         step_sources=ReadOnlyDict(_step_sources(axis_rows)),
     )
+
+
+def _wind_speeds(flight_rows: FlightRows) -> tuple[WindSpeed, ...]:
+    """Returns the mean wind speed in each flight in which it is known, the smallest first.
+
+    Args:
+        flight_rows: one row of each flight.
+    """
+    speeds = []
+    for row in flight_rows:
+        if row.wind_speed is not None:
+            speeds.append(WindSpeed(row.wind_speed, row.wind_speed_interval))
+    return tuple(sorted(speeds, key=lambda wind: wind.speed))
 
 
 def _mean_wind_torques(rows: FlightRows) -> dict[str, float]:

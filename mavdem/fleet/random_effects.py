@@ -10,7 +10,7 @@ nothing changed, ``SIGNIFICANCE`` bounds the probability that any is called so (
 """
 
 from collections.abc import Collection, Sequence
-from math import exp, expm1, hypot, inf, sqrt
+from math import exp, expm1, hypot, inf, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +139,7 @@ class QuantityChange(NamedTuple):
     """Degrees of freedom of the standard deviation that the interval is made of."""
 
     flights_before: Numbers = ()
-    """Value in each flight of the first state that has one, as the mean ``before``, in order of date."""
+    """Value in each flight of the first state, as the mean ``before``, in order of date; NaN where it has none."""
 
     flights_after: Numbers = ()
     """Value in each flight of the second state, likewise."""
@@ -269,10 +269,11 @@ class StateEstimates(NamedTuple):
     """Variances of their errors within the flights (f,)."""
 
     @classmethod
-    def from_estimates(cls, estimates: Sequence[Estimate]) -> "StateEstimates":
-        """Returns the estimates of the flights as arrays."""
-        values = np.array([estimate.value for estimate in estimates])
-        variances = np.array([estimate.sd**2 for estimate in estimates])
+    def from_known(cls, estimates: Sequence[Estimate | None]) -> "StateEstimates":
+        """Returns the estimates of the flights that have one as arrays."""
+        known = [estimate for estimate in estimates if estimate is not None]
+        values = np.array([estimate.value for estimate in known])
+        variances = np.array([estimate.sd**2 for estimate in known])
         return cls(values, variances)
 
     @property
@@ -306,8 +307,8 @@ class StateEstimates(NamedTuple):
 
 def quantity_change(
     quantity: Quantity,
-    before: Sequence[Estimate],
-    after: Sequence[Estimate],
+    before: Sequence[Estimate | None],
+    after: Sequence[Estimate | None],
     allowance: float,
 ) -> QuantityChange:
     """Estimates the difference of one quantity between two states by a random-effects model (Hedges and Olkin, 1985).
@@ -318,14 +319,14 @@ def quantity_change(
 
     Args:
         quantity: compared quantity.
-        before: estimates in the flights of the first state, at least one.
-        after: estimates in the flights of the second state, at least one.
+        before: estimate in each flight of the first state, None where it has none; at least one is known.
+        after: estimate in each flight of the second state, likewise.
         allowance: standard deviation of what other conditions may do to the difference.
 
     Returns:
         The change, not yet tested together with others.
     """
-    states = [StateEstimates.from_estimates(before), StateEstimates.from_estimates(after)]
+    states = [StateEstimates.from_known(before), StateEstimates.from_known(after)]
     between_freedom = PRIOR_FREEDOM + sum(state.values.size - 1 for state in states)
     variance_between = variance_between_flights(quantity.kind, states, between_freedom)
 
@@ -343,8 +344,8 @@ def quantity_change(
     half_width = coverage_factor(freedom=freedom) * sd
     mean_before, mean_after = (mean.value for mean in state_means)
     difference = mean_after - mean_before
-    flights_before = [estimate.value for estimate in before]
-    flights_after = [estimate.value for estimate in after]
+    flights_before = [nan if estimate is None else estimate.value for estimate in before]
+    flights_after = [nan if estimate is None else estimate.value for estimate in after]
     # Two-sided probability of such a difference if nothing changed.
     p_value = float(2 * scipy.special.stdtr(freedom, -abs(difference) / sd))
     if quantity.kind in LOGARITHMIC_KINDS:

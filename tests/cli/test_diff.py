@@ -206,6 +206,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     places = [page.index(f"Motor {motor} output (%)") for motor in (1, 2, 3, 4)]
     assert places == sorted(places) and places[0] > page.index('id="what-changed"')
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
+    headlines = [headline.replace("\N{NO-BREAK SPACE}", " ") for headline in headlines]
     assert headlines[0] == "In B: roll oscillates." and "in B. Roll oscillates.</p>" in page
     (row,) = re.findall(r'<tr><td class="words"[^>]*>margins</td>.*?</tr>', page)
     assert re.findall(r'<span class="rating (\w+)', row) == ["good", "bad"]
@@ -213,7 +214,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     # Pitch lost as much without another gain.
     assert headlines[1].startswith("Changed: phase margin on pitch 57 → 17°")
     assert headlines[2].startswith(
-        "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2; by them phase margin on roll"
+        "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2 (+100 %); by them phase margin on roll"
     )
     on_terminal = headline_of_comparison(reviewed)
     for sentence, headline in zip(on_terminal[1:], headlines[1:], strict=True):

@@ -1,6 +1,6 @@
 """Charts of the longest flights of two logs, drawn over each other from their start on."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import degrees
 from typing import NamedTuple
 
@@ -8,12 +8,14 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_COLUMNS
+from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.intervals import TimeInterval, intersection
+from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.report.charts.chart import Axis, Chart, Line
+from mavdem.report.charts.chart import CLIP_SPANS, Axis, Chart, Line
 from mavdem.vibration.vibration_message import reported_vibration
 
 TIME_IN_FLIGHT = Axis("recorded time in the air (s)")
@@ -62,6 +64,12 @@ FLIGHT_SERIES_TITLES = (
     *VIBRATIONS,
 )
 """Titles of the charts of two flights over each other, in the order of a page."""
+
+SCALED_BY_ALL = (HEIGHT, BATTERY_VOLTAGE)
+"""Titles of charts that have the scale of the whole flight: height and voltage change most in climb and landing."""
+
+MIN_WIDER_SCALE = 1.25
+"""Scale of take-off and landing, in that of the flight between them, from which a chart leaves it out: a choice."""
 
 PERCENT = 100.0
 
@@ -231,7 +239,8 @@ def flight_series_charts(
 
     The start is the take-off or, of a log that begins in the air, its first sample. Heights are drawn above that of the
     start, since logs have them above different points. A quantity that neither flight has is left out. The outputs of
-    all motors have one scale, so that they can be compared.
+    all motors have one scale, so that they can be compared. Scales are those of the flight without take-off and landing
+    (:func:`_limits_without_ends`).
 
     Args:
         series: time series of each flight (:func:`flight_series`), by side, "A" and "B".
@@ -244,7 +253,9 @@ def flight_series_charts(
         for times, _ in series_of_flight.values():
             end_times.append(times[-1])
     time_axis = TIME_IN_FLIGHT._replace(limits=(0.0, max(end_times, default=0.0)))
-    motor_limits = _motor_limits(series.values())
+    motor_limits = _limits_without_ends(series.values(), MOTOR_OUTPUTS) or _whole_limits(
+        series.values(), MOTOR_OUTPUTS
+    )
     for title in FLIGHT_SERIES_TITLES:
         lines = []
         for side, series_of_flight in series.items():
@@ -254,24 +265,84 @@ def flight_series_charts(
                     values = values - values[0]
                 lines.append(Line(names[side], colours[side], times, values))
         if lines:
-            limits = motor_limits if title in MOTOR_OUTPUTS else None
+            limits = None
+            if title in MOTOR_OUTPUTS:
+                limits = motor_limits
+            elif title not in SCALED_BY_ALL:
+                limits = _limits_without_ends(series.values(), [title])
             chart_title = HEIGHT_ABOVE_START if title == HEIGHT else title
             axis = Axis(chart_title[0].lower() + chart_title[1:], limits=limits)
             yield Chart(chart_title, time_axis, axis, tuple(lines), group="flights")
 
 
-def _motor_limits(flights: Iterable[FlightSeries]) -> tuple[float, float] | None:
-    """Returns the lowest and the highest output of any motor in any of the flights, %; None if no output is known."""
-    outputs = []
+def _limits_without_ends(
+    flights: Collection[FlightSeries], titles: Sequence[str]
+) -> tuple[float, float] | None:
+    """Returns the limits of a vertical axis, if take-off and landing would take much of it.
+
+    Args:
+        flights: time series of the flights.
+        titles: titles of the series that share the axis.
+
+    Returns:
+        The lowest and highest value between take-off and landing, with a margin of ``CLIP_SPANS`` of their distance;
+        None if the scale of all values is less than ``MIN_WIDER_SCALE`` times as wide, or no value is known.
+    """
+    values_between = [np.zeros(0)]
     for flight in flights:
-        for title in MOTOR_OUTPUTS:
+        start, end = _ends_of_level_flight(flight)
+        for title in titles:
+            if title in flight:
+                times, values = flight[title]
+                values_between.append(values[(times >= start) & (times <= end)])
+    inner_values = np.concatenate(values_between)
+    inner_values = inner_values[np.isfinite(inner_values)]
+    if not len(inner_values):
+        return None
+    lowest, highest = float(inner_values.min()), float(inner_values.max())
+    margin = CLIP_SPANS * (highest - lowest)
+    limits = (lowest - margin, highest + margin)
+    whole_limits = _whole_limits(flights, titles)
+    # What stays the same between take-off and landing has no scale of its own.
+    if whole_limits is None or highest == lowest:
+        return None
+    is_much_wider = np.ptp(whole_limits) >= MIN_WIDER_SCALE * np.ptp(limits)
+    return limits if is_much_wider else None
+
+
+def _ends_of_level_flight(flight: FlightSeries) -> tuple[float, float]:
+    """Returns between which times a flight is neither taking off nor landing, s from its start.
+
+    Take-off and landing last ``TRANSIENT_SECONDS``, as for settled flight. An end with a tilt beyond ``MAX_TILT`` is no
+    landing but a crash, which belongs to what a chart shows.
+
+    Args:
+        flight: time series of the flight.
+    """
+    end_time = max((float(times[-1]) for times, _ in flight.values()), default=0.0)
+    last_level_time = end_time - TRANSIENT_SECONDS
+    for title in (ROLL, PITCH):
+        if title in flight:
+            times, angles = flight[title]
+            if np.any(abs(angles[times > last_level_time]) > degrees(MAX_TILT)):
+                return TRANSIENT_SECONDS, end_time
+    return TRANSIENT_SECONDS, last_level_time
+
+
+def _whole_limits(
+    flights: Collection[FlightSeries], titles: Sequence[str]
+) -> tuple[float, float] | None:
+    """Returns the lowest and the highest value of some series in any of the flights; None if none is known."""
+    all_values = []
+    for flight in flights:
+        for title in titles:
             if title in flight:
                 _, values = flight[title]
-                outputs.append(values)
-    if not outputs:
+                all_values.append(values)
+    if not all_values:
         return None
-    all_outputs = np.concatenate(outputs)
-    return float(all_outputs.min()), float(all_outputs.max())
+    joined_values = np.concatenate(all_values)
+    return float(joined_values.min()), float(joined_values.max())
 
 
 def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:

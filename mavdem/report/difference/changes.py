@@ -247,7 +247,8 @@ def result_sentences(
 ) -> list[Sentence]:
     """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
 
-    The largest of the doubtful changes is named after it or, if nothing changed for sure, in its place. If there
+    The largest of the doubtful changes is named after it or, if nothing changed for sure, in its place. Doubtful trims
+    are not named beside a motor that is known to be weak: that was found by all trims together. If there
     is no doubtful change either, the sentence says how many figures were compared, and how many are too uncertain.
 
     Args:
@@ -260,7 +261,12 @@ def result_sentences(
     causes = changes_by_cause(difference, changes)
     unexplained_changes = causes.unexplained
     by_lean = trims_explained_by_lean(reviewed)
-    doubtful = doubtful_changes(reviewed)
+    all_doubtful = doubtful_changes(reviewed)
+    doubtful = []
+    for change in all_doubtful:
+        is_in_verdict = bool(reviewed.motors.suspects) and change.quantity.kind == SHARE
+        if not is_in_verdict:
+            doubtful.append(change)
     # The sentence names one of these, and says how many others there are. Doubtful changes take the place of
     # confirmed ones if there are none.
     candidates = unexplained_changes or doubtful
@@ -284,6 +290,7 @@ def result_sentences(
         change="" if main_change is None else change_text(main_change, difference),
         further_count=len(candidates) - 1,
         is_doubtful=not unexplained_changes,
+        has_doubt=bool(all_doubtful),
         doubtful=doubtful_text,
         fault_rise=FAULT_RISE,
         by_lean=[_text_with_lean(change, difference) for change in by_lean],

@@ -4,18 +4,20 @@ Such conditions are no changes of the vehicle. They show whether the flights can
 or wind changes figures of a vehicle that is as before.
 """
 
+from collections.abc import Sequence
 from math import degrees, isfinite
 from typing import NamedTuple
 
-from mavdem.containers import JsonValues, Numbers
+from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.facts.lights import Light
 from mavdem.fleet.comparability import STATE_NAMES
-from mavdem.fleet.flight_conditions import Conditions
+from mavdem.fleet.flight_conditions import Conditions, WindSpeed
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.difference.lights import vibrations_of_same_imu
 from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.difference.side_titles import side_title
 from mavdem.report.numbers import UNKNOWN_FIGURE, estimate_with_interval, rounded
 from mavdem.report.templates import rounded_up
 
@@ -72,8 +74,10 @@ def condition_table(reviewed: ReviewedDifference) -> list[Table]:
         rows.append([f"{condition.name} ({condition.unit})", *condition.cells])
     if not rows:
         return []
-    are_means = max(reviewed.difference.flights) > 1
-    return [Table(["flown with (mean)" if are_means else "flown with", *STATE_NAMES], rows)]
+    flight_counts = reviewed.difference.flights
+    sides = [side_title(*state) for state in zip(STATE_NAMES, flight_counts, strict=True)]
+    title = "flown with (mean)" if max(flight_counts) > 1 else "flown with"
+    return [Table([title, *sides], rows)]
 
 
 def condition_sentence(reviewed: ReviewedDifference) -> list[Sentence]:
@@ -145,22 +149,28 @@ def wind_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
     ]
 
 
-def _wind_speed_range(speeds: Numbers, flight_count: int) -> str:
+def _wind_speed_range(winds: Sequence[WindSpeed], flight_count: int) -> str:
     """Returns the range of the wind speeds of some flights, such as "1.9 to 2.8 (5 of 9 flights)".
 
     Args:
-        speeds: mean wind speed in each flight in which it is known, m/s, the smallest first.
+        winds: mean wind speed in each flight in which it is known, the smallest first.
         flight_count: number of all flights.
 
     Returns:
-        The range, with the number of flights if it is not known of all; a dash if it is known of none.
+        The range, with the number of flights if it is not known of all; a dash if it is known of none. A single speed
+        has its 90 % interval, as in "1.9 (0.9 to 3.4; 1 of 2 flights)".
     """
-    if not speeds:
+    if not winds:
         return UNKNOWN_FIGURE
-    speed_range = " to ".join(dict.fromkeys((f"{speeds[0]:.1f}", f"{speeds[-1]:.1f}")))
-    if len(speeds) == flight_count:
-        return speed_range
-    return f"{speed_range} ({len(speeds)} of {flight_count} flights)"
+    slowest, fastest = winds[0], winds[-1]
+    speed_range = " to ".join(dict.fromkeys((f"{slowest.speed:.1f}", f"{fastest.speed:.1f}")))
+    remarks = []
+    if len(winds) == 1 and slowest.interval is not None:
+        low, high = slowest.interval
+        remarks.append(f"{low:.1f} to {high:.1f}")
+    if len(winds) < flight_count:
+        remarks.append(f"{len(winds)} of {flight_count} flights")
+    return f"{speed_range} ({'; '.join(remarks)})" if remarks else speed_range
 
 
 def vibration_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:

@@ -7,6 +7,7 @@ from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
+from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.fleet.quantities import (
@@ -39,9 +40,14 @@ from mavdem.report.difference.lights import (
 )
 from mavdem.report.difference.motors import MotorVerdict
 from mavdem.report.difference.parameter_groups import parameter_group_texts
-from mavdem.report.difference.parameters import changed_rate_gains, parameter_text
+from mavdem.report.difference.parameters import (
+    changed_rate_gains,
+    gain_text,
+    parameter_text,
+)
 from mavdem.report.difference.quantity_texts import change_text, increase_with_interval
 from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.difference.yaw_trim import yaw_trim_sentences
 from mavdem.report.numbers import listed
 from mavdem.report.templates import (
     first_and_further_sentences,
@@ -74,11 +80,13 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
        where both sides warn of different motors, or one side does and the other does not. Figures of the motor that it
        names are its evidence, and no result of their own.
-    3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
+    3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one. If
+       the trims of all motors are those of another yaw trim, that is named too.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
     5. The other lights of the vehicle that are to be watched on one side, and good on the other.
 
     If the gains explain all changed figures, or others are doubtful, the third comes last: nothing else is certain.
+    Gains come before bad lights of which none is bad in B alone: they surely changed, and may be why lights did.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
@@ -107,14 +115,35 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     )
     watched = sentences_on_watched_lights(reviewed.reviews)
     result = result_sentences(reviewed, changes, has_watched_light=bool(watched))
+    result += yaw_trim_sentences(reviewed)
     sentences: list[Sentence] = []
     if reviewed.are_two_vehicles:
         sentences += identity_cautions(reviewed)
+    if _do_gains_come_first(lights, reviewed):
+        sentences += gain_sentences
+        gain_sentences = []
     sentences += light_sentences
     if changes_by_cause(difference, changes).unexplained:
         return [*sentences, *result, *gain_sentences, *watched]
     # The result is then that nothing else changed for sure: it follows all that did.
     return [*sentences, *gain_sentences, *watched, *result]
+
+
+def _do_gains_come_first(lights: Sequence[BadLight], reviewed: ReviewedDifference) -> bool:
+    """Returns whether changed gains are stated before bad lights: they are sure, and lights may follow from them.
+
+    A light that is bad in B alone, or motors that are judged differently, matter more than gains. Gains of two vehicles
+    are no change.
+
+    Args:
+        lights: the lights that are bad in at least one of the states.
+        reviewed: comparison of the two states, with the changed parameters.
+    """
+    has_changed_gains = bool(changed_rate_gains(reviewed.parameters, ()))
+    _, second_side = STATE_NAMES
+    is_some_worse = any(light.bad_sides == (second_side,) for light in lights)
+    is_worse = is_some_worse or reviewed.motors.differs
+    return bool(lights) and has_changed_gains and not is_worse and not reviewed.are_two_vehicles
 
 
 def headline_in_two_sizes(
@@ -247,7 +276,7 @@ def _sentences_on_gains(
         other_parameters = [parameter_text(parameter) for parameter in changed_parameters]
     return render_section(
         "difference_gains",
-        gains=[parameter_text(gain) for gain in shown_gains],
+        gains=[gain_text(gain) for gain in shown_gains],
         further_groups=parameter_group_texts(further_parameters),
         other_parameters=other_parameters,
         further_count=len(further_parameters),

@@ -1,5 +1,6 @@
 """The status lights of two logs side by side: which are bad or differ, and why."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, shortened
+from mavdem.report.difference.side_titles import side_title
 from mavdem.report.numbers import rounded
 from mavdem.report.templates import (
     as_clause,
@@ -27,6 +29,8 @@ NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
 WARNING_LEVELS = (Level.BAD, Level.WATCH)
 """Levels of a light that warns, the worse first."""
 
+LEVELS_WORST_FIRST = (*WARNING_LEVELS, Level.GOOD, Level.UNKNOWN)
+"""All levels in the order in which a cell of several flights names them: what was not judged comes last."""
 
 MAX_HEADING_LENGTH = 90
 """Letters from which on a heading leaves out remarks in brackets, and then all after a clause: a choice, two lines."""
@@ -352,9 +356,9 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
 
     Returns:
         The table, with a row for each differing light and a column with level and sentence for each side, and then the
-        sentence. Empty if either log has no lights.
+        sentence. Of a fleet, the column counts its flights by level. Empty if either side has no lights.
     """
-    lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
+    lights_by_side = {side: lights_of_side(review) for side, review in reviews.items()}
     if not all(lights_by_side.values()):
         return []
     first_lights, second_lights = lights_by_side.values()
@@ -369,26 +373,45 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
             rows.append([name, *_light_cells(first_light, second_light)])
     blocks: Blocks = []
     if rows:
-        # Of a fleet the motors alone have a light, that of the last flight.
         titles = []
         for side, lights in lights_by_side.items():
-            is_of_several = any(len(light.get("levels", ())) > 1 for light in lights.values())
-            titles.append(f"{side}, last flight" if is_of_several else side)
+            flight_count = max(len(levels_in_flights(light)) for light in lights.values())
+            titles.append(side_title(side, flight_count))
         blocks.append(Table(["light", *titles], rows, words=True))
     blocks += render_section("difference_lights", names_by_level=equal_names_by_level)
     return blocks
 
 
+def lights_of_side(review: Review) -> dict[str, JsonValues]:
+    """Returns the status lights of one side of a comparison, by name; of a fleet with the levels in all its flights.
+
+    Args:
+        review: review document of a log, with its lights; or that of a fleet, which has a sentence on its motors alone,
+            and of the other lights the levels (``light_levels``).
+    """
+    lights = {}
+    for name, levels in (review.get("light_levels") or {}).items():
+        lights[name] = {"level": levels[-1], "sentence": "", "levels": levels}
+    return lights | (review.get("lights") or {})
+
+
+def levels_in_flights(light: JsonValues) -> Sequence[Level]:
+    """Returns the level of a status light in each flight of a fleet, in order of date; of a log its one level."""
+    return light.get("levels") or [light["level"]]
+
+
 def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
-    """Returns whether a status light means the same in two logs: the same level and, if it warns, the same reason.
+    """Returns whether a status light means the same on both sides: the same level and, if it warns, the same reason.
 
     A status light is the judgement of one subject, such as the motors. The reason is the same if the code of the
     finding is, and the motor, IMU or axis that it is about. Its numbers, such as the thrust that was lost, may differ.
+    Of a fleet, all flights must have that level.
 
     Args:
-        first_light, second_light: the same light in the review documents of both logs.
+        first_light, second_light: the same light in the review documents of both sides.
     """
-    if first_light["level"] != second_light["level"]:
+    all_levels = {*levels_in_flights(first_light), *levels_in_flights(second_light)}
+    if len(all_levels) > 1:
         return False
     is_warning = first_light["level"] in WARNING_LEVELS
     if is_warning:
@@ -435,8 +458,26 @@ def _light_cell(light: JsonValues, remark: str = "") -> Rated:
     """Returns a table cell with the level of a status light: the text, its colour, and the sentence that explains it.
 
     Args:
-        light: the light, a judgement with a level and a sentence, in the review document of a log.
+        light: the light, a judgement with a level and a sentence, in the review document of a log or a fleet.
         remark: text that is added to the sentence, with a space before it; empty for none.
+
+    Returns:
+        The cell; of a fleet with the worst level, the number of flights with each level, and the sentence of the last.
     """
-    level = light["level"]
-    return Rated(level, Level(level), light["sentence"] + remark)
+    counts = Counter(levels_in_flights(light))
+    if counts.total() == 1:
+        return Rated(light["level"], Level(light["level"]), light["sentence"] + remark)
+    worst_level = next(level for level in LEVELS_WORST_FIRST if level in counts)
+    [explanation] = render_section(
+        "difference_light_of_flights",
+        worst_count=counts[worst_level],
+        count=counts.total(),
+        other_counts={
+            level: counts[level]
+            for level in LEVELS_WORST_FIRST
+            if level in counts and level != worst_level
+        },
+        last_level=light["level"],
+        sentence_on_last=light["sentence"],
+    )
+    return Rated(worst_level, worst_level, explanation.text + remark)

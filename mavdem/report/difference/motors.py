@@ -29,11 +29,15 @@ from mavdem.report.difference.quantity_texts import (
     change_with_interval,
     motor_with_place,
 )
+from mavdem.report.difference.side_titles import last_flight_title
 from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.report.templates import render_section, without_full_stop
 
 MOTOR_AT_START = re.compile(r"^[Mm]otor \d+ (\([^()]*\) )?")
 """The motor at the beginning of a sentence, with its place, such as "Motor 1 (front right) "."""
+
+WITHOUT_LEAN = "without lean"
+"""Title of the column of relative trims without the part that the vehicle's lean makes, as in wind."""
 
 MAX_MOTOR_CHARACTERS = 32
 """Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
@@ -172,8 +176,8 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
     """Returns a table that compares the motors of two flights one by one, for a page or the terminal.
 
     Each row has the name of the motor, then for each flight the worst warning of its review about this motor, such as a
-    loss of thrust, and then the changes of the motor's relative trim and control effectiveness from A to B, with their
-    90 % intervals.
+    loss of thrust, and then the changes of the motor's relative trim, with and without the part that lean makes, and
+    control effectiveness from A to B, with their 90 % intervals.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -193,31 +197,37 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
             # All motors of a flight with a warning are listed, so that the sound ones can be compared.
             hover_motors = value_at(reviews[side], "condition.hover.motors") or ()
             motors.update(range(1, len(hover_motors) + 1))
-    changes_by_kind: dict[str, dict[int, QuantityChange]] = {SHARE: {}, EFFECT: {}}
+    columns: dict[str, dict[int, QuantityChange]] = {SHARE: {}, WITHOUT_LEAN: {}, EFFECT: {}}
     for change in difference.changes:
+        motor = change.quantity.motor
         if change.quantity.is_of_motor:
-            motors.add(change.quantity.motor)
-            changes_by_kind[change.quantity.kind][change.quantity.motor] = change
+            motors.add(motor)
+            columns[change.quantity.kind][motor] = change
+        if change.without_lean is not None:
+            columns[WITHOUT_LEAN][motor] = change.without_lean
     # A quantity that was compared for no motor gets no column.
-    shown_kinds = [kind for kind, changes in changes_by_kind.items() if changes]
+    shown_columns = {name: changes for name, changes in columns.items() if changes}
     rows = []
     for motor in sorted(motors):
         row = [motor_with_place(motor, difference)]
         for side in STATE_NAMES:
             row.append(_motor_cell(reviews[side], warnings_by_side[side].get(motor)))
-        for kind in shown_kinds:
-            change_of_motor = changes_by_kind[kind].get(motor)
+        for changes in shown_columns.values():
+            change_of_motor = changes.get(motor)
             row.append("" if change_of_motor is None else change_with_interval(change_of_motor))
         rows.append(row)
-    side_titles = []
-    for side, flight_count in zip(STATE_NAMES, difference.flights, strict=True):
-        # Warnings are those of one flight, and figures the means of all.
-        side_titles.append(f"{side}, last flight" if flight_count > 1 else side)
+    # Warnings are those of one flight, and figures the means of all.
+    side_titles = [
+        last_flight_title(*state) for state in zip(STATE_NAMES, difference.flights, strict=True)
+    ]
     titles = []
-    for kind in shown_kinds:
-        name = SHOWN_QUANTITIES[kind].name
+    for column in shown_columns:
+        if column == WITHOUT_LEAN:
+            titles.append(column)
+            continue
+        name = SHOWN_QUANTITIES[column].name
         titles.append(f"mean {name}" if max(difference.flights) > 1 else name)
-    return [Table(["", *side_titles, *titles], rows, words=True)]
+    return [Table(["", *side_titles, *titles], rows)]
 
 
 def _motor_warnings(review: Review) -> dict[int, JsonValues]:

@@ -8,6 +8,7 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import parameter_value_text
 from mavdem.report.templates import render_section
@@ -55,13 +56,13 @@ def parameter_blocks(reviewed: ReviewedDifference, *, verbose: bool) -> Blocks:
         reviewed: comparison of two states, with the changed parameters.
         verbose: whether the table has all of them; otherwise those of control, and a sentence says how many more.
     """
-    rows = []
-    for name, value_before, value_after in reviewed.parameters:
-        if verbose or CONTROL_PARAMETERS.match(name):
-            row = [name, parameter_value_text(value_before), parameter_value_text(value_after)]
-            rows.append(row)
+    shown_parameters = []
+    for parameter in reviewed.parameters:
+        if verbose or CONTROL_PARAMETERS.match(parameter.name):
+            shown_parameters.append(parameter)
+    rows = parameter_rows(shown_parameters)
     tables = [Table(["parameter", *STATE_NAMES], rows)] if rows else []
-    further_count = len(reviewed.parameters) - len(rows)
+    further_count = len(reviewed.parameters) - len(shown_parameters)
     return [
         *tables,
         *parameter_count_sentences(reviewed),
@@ -139,6 +140,18 @@ def parameter_text(parameter: ParameterChange) -> str:
     before = parameter_value_text(parameter.before)
     after = parameter_value_text(parameter.after)
     return f"{parameter.name} {before} → {after}"
+
+
+def gain_text(gain: ParameterChange) -> str:
+    """Returns a changed gain with the size of its change, such as "ATC_RAT_RLL_P 0.135 → 0.108 (−20 %)".
+
+    Args:
+        gain: the gain with both values. From or to 0 there is no relative change, and the text has none.
+    """
+    if gain.before == 0 or gain.after == 0:
+        return parameter_text(gain)
+    percent = round(100 * (gain.after / gain.before - 1))
+    return f"{parameter_text(gain)} ({percent:+d} %)".replace("-", "−")
 
 
 def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]:

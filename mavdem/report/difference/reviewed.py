@@ -90,6 +90,11 @@ class ReviewedDifference(NamedTuple):
         return bool(self.tracked_sides or self.outdated_sides)
 
     @property
+    def fleet_sides(self) -> Names:
+        """Sides that are flights of a fleet, whose logs are not read: their steps and spectra are not known."""
+        return tuple(side for side in STATE_NAMES if "light_levels" in self.reviews.get(side, {}))
+
+    @property
     def simulated_sides(self) -> Names:
         """Sides whose flight was simulated, as far as their logs show it."""
         return tuple(side for side in STATE_NAMES if self.reviews.get(side, {}).get("simulated"))

@@ -10,7 +10,9 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
+from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
+from mavdem.facts.lights import Light
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
@@ -49,9 +51,16 @@ from mavdem.report.difference.headline import (
     headline_of_comparison,
 )
 from mavdem.report.difference.identity import identity_remarks
-from mavdem.report.difference.lights import Review, light_blocks
+from mavdem.report.difference.lights import (
+    NO_REVIEWS,
+    Review,
+    levels_in_flights,
+    light_blocks,
+    lights_of_side,
+)
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_count_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
@@ -62,11 +71,10 @@ from mavdem.report.numbers import (
     display_density_unit,
     estimate_with_interval,
     listed,
-    parameter_value_text,
 )
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
-from mavdem.report.palette import PREDICTED, TRUTH
+from mavdem.report.palette import BAD, LIMITED, MEASURED, PHYSICAL, PREDICTED, TRUTH
 from mavdem.report.templates import render_section
 
 Reviews = Mapping[str, Review]
@@ -91,8 +99,21 @@ motors leaves that out. The bars include how much flights of one vehicle usually
 each side."""
 """What stands below the chart of trims."""
 
+FLIGHT_DOTS_CAPTION = """\
+ Dots without bars are single flights in order of date, those of A on the left of the means, those of B on the right, \
+coloured by how the motors of each were judged."""
+"""What is added to it where a side has several flights."""
+
 FLIGHT_DOTS_DISTANCE = 0.16
 """Distance of the dots of single flights from the motor's mean, in distances of two motors: a choice."""
+
+LEVEL_COLOURS = {
+    Level.GOOD: PHYSICAL,
+    Level.WATCH: LIMITED,
+    Level.BAD: BAD,
+    Level.UNKNOWN: MEASURED,
+}
+"""Colour of the dot of a single flight, by the level of its motors."""
 
 FLIGHT_DOTS_WIDTH = 0.14
 """Room of the dots of single flights beside each other, in distances of two motors: a choice."""
@@ -102,7 +123,8 @@ MAX_FLIGHT_DOTS = 40
 
 MOTORS_CAPTION = f"""\
 Means over {MEAN_SECONDS:g} s, all on one scale. The charts begin at take-off, or \
-where the log begins if the vehicle is in the air then; times in tables and sentences are since the autopilot's boot."""
+where the log begins if the vehicle is in the air then; times in tables and sentences are since the autopilot's boot. \
+Take-off and landing may leave a plot, which has the scale of the flight between them."""
 """What stands below the charts of the motors' outputs."""
 
 CHARTS_IN_ROW = 2
@@ -118,7 +140,7 @@ SUBJECT_PLACEHOLDER = "{subject}"
 """Stands for the subject of a sentence, such as "roll rate", while equal ones of several axes are put together."""
 
 MAX_OPEN_PARAMETERS = 20
-"""Changed parameters that the page lists without being asked: a choice, since those of two vehicles may be hundreds."""
+"""Rows of changed parameters that the page shows unasked: a choice, since those of two vehicles may be hundreds."""
 
 MAX_LISTED_PARAMETERS = 2000
 """Changed parameters that the page lists: more than an autopilot has, about 1500; a damaged log may have any number."""
@@ -210,7 +232,7 @@ def _chapters(
     has_motor_warning = bool(motor_chapter.blocks)
     is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
     parameter_chapter = _parameter_chapter(reviewed)
-    step_chapter = _step_chapter(reviews_by_side, legend)
+    step_chapter = _step_chapter(reviewed, legend)
     do_loops_differ = _do_loops_differ(reviewed)
     first_chapters = [_change_chapter(reviewed)]
     later_chapters = []
@@ -231,7 +253,7 @@ def _chapters(
         later_chapters.append(parameter_chapter)
     return [
         *first_chapters,
-        Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
+        _overview_chapter(reviewed, legend, series_charts),
         _series_chapter(flights, series_charts),
         _light_chapter(reviewed, headline),
         *later_chapters,
@@ -285,14 +307,17 @@ def _motor_chapter(
         legend: name of each side in legends.
         series_charts: charts of the time series of both flights.
     """
+    trims_caption = TRIMS_CAPTION
+    if max(reviewed.difference.flights) > 1:
+        trims_caption += FLIGHT_DOTS_CAPTION
     groups = [
         *_motor_groups(series_charts),
-        *_chart_group(_trim_chart(legend, reviewed.difference), TRIMS_CAPTION),
+        *_chart_group(_trim_chart(legend, reviewed.difference, reviewed.reviews), trims_caption),
     ]
     return Chapter("Motors", motor_table(reviewed.reviews, reviewed.difference), groups)
 
 
-def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapter:
+def _step_chapter(reviewed: ReviewedDifference, legend: Mapping[str, str]) -> Chapter:
     """Returns the chapter on step responses: how the rate and the attitude follow a step of their setpoint.
 
     Each axis has a column of charts: its rate loop, and below it its attitude loop. A chart shows the
@@ -300,16 +325,24 @@ def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapte
     if no axis has one.
 
     Args:
-        reviews_by_side: review documents of both logs, by side, "A" and "B".
+        reviewed: comparison of both flights, with the review documents of their logs.
         legend: name of each side in legends.
     """
     charts_by_axis = {}
     for axis in AXES:
-        charts = list(_step_charts(reviews_by_side, legend, axis))
+        charts = list(_step_charts(reviewed.reviews, legend, axis))
         if charts:
             charts_by_axis[axis] = charts
-    groups = [Group.of_axes(charts_by_axis)] if charts_by_axis else []
-    return Chapter("Step response", _missing_step_sentences(reviews_by_side), groups)
+    if not charts_by_axis:
+        return Chapter("Step response")
+    return Chapter(
+        "Step response",
+        [
+            *_missing_step_sentences(reviewed.reviews),
+            *render_section("difference_fleet_steps", sides=reviewed.fleet_sides),
+        ],
+        [Group.of_axes(charts_by_axis)],
+    )
 
 
 def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
@@ -474,30 +507,35 @@ def _series_charts(
         yield _with_single_side(chart)
 
 
-def _overview_groups(
-    reviews_by_side: Reviews, legend: Mapping[str, str], series_charts: Sequence[Chart]
-) -> list[Group]:
-    """Returns the row of pictures at the top of the page: spectra of the gyro, vibration and mean motor output.
+def _overview_chapter(
+    reviewed: ReviewedDifference, legend: Mapping[str, str], series_charts: Sequence[Chart]
+) -> Chapter:
+    """Returns the chapter with a row of pictures: spectra of the gyro, vibration and mean motor output.
 
     Each picture shows both flights; if only one of them has the quantity, its title says which one. A quantity that was
     not recorded in either has no picture.
 
     Args:
-        reviews_by_side: review documents of both logs, by side.
+        reviewed: comparison of both flights, with the review documents of their logs.
         legend: name of each side in legends.
         series_charts: charts of the time series of both flights.
+
+    Returns:
+        The chapter, with a remark on a side that is a fleet, of which nothing is drawn; empty without a picture.
     """
     charts = []
-    spectra = _spectrum_chart(reviews_by_side, legend)
+    spectra = _spectrum_chart(reviewed.reviews, legend)
     if spectra.lines:
         charts.append(_with_single_side(spectra))
     charts_by_title = {chart.title: chart for chart in series_charts}
     for title in _overview_titles(series_charts):
         if title in charts_by_title:
             charts.append(charts_by_title[title])
+    title = "Both flights"
     if not charts:
-        return []
-    return [Group.side_by_side(charts)]
+        return Chapter(title)
+    remarks = render_section("difference_fleet_series", sides=reviewed.fleet_sides)
+    return Chapter(title, remarks, [Group.side_by_side(charts)])
 
 
 def _overview_titles(series_charts: Sequence[Chart]) -> list[str]:
@@ -598,13 +636,14 @@ def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
     Args:
         reviewed: comparison of both flights, with the changed parameters.
     """
-    rows = _parameter_rows(sorted(reviewed.parameters, key=_axis_number))
+    listed_parameters = sorted(reviewed.parameters, key=_axis_number)[:MAX_LISTED_PARAMETERS]
+    rows = parameter_rows(listed_parameters)
     changed_count = len(reviewed.parameters)
     header = f"{changed_count} of {counted(reviewed.common_parameter_count, 'parameter')} changed"
-    if changed_count > len(rows):
-        header += f", the first {len(rows)}"
+    if changed_count > len(listed_parameters):
+        header += f", the first {len(listed_parameters)}"
     return _table_chapter("Parameters", header, rows)._replace(
-        folded=changed_count > MAX_OPEN_PARAMETERS
+        folded=len(rows) > MAX_OPEN_PARAMETERS
     )
 
 
@@ -622,16 +661,8 @@ def _autopilot_parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
         reviewed: comparison of both flights, with these parameters.
     """
     title = f"Calibrated, learned or counted: {len(reviewed.parameters_set_by_autopilot)}"
-    rows = _parameter_rows(reviewed.parameters_set_by_autopilot)
+    rows = parameter_rows(reviewed.parameters_set_by_autopilot[:MAX_LISTED_PARAMETERS])
     return _table_chapter(title, "parameter", rows)._replace(folded=True)
-
-
-def _parameter_rows(parameters: Sequence[ParameterChange]) -> list[list[str]]:
-    """Returns the name and both values of each changed parameter, of at most ``MAX_LISTED_PARAMETERS``."""
-    rows = []
-    for name, value_before, value_after in parameters[:MAX_LISTED_PARAMETERS]:
-        rows.append([name, parameter_value_text(value_before), parameter_value_text(value_after)])
-    return rows
 
 
 def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
@@ -759,7 +790,9 @@ def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Char
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
 
-def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Chart:
+def _trim_chart(
+    legend: Mapping[str, str], difference: VehicleDifference, reviews_by_side: Reviews = NO_REVIEWS
+) -> Chart:
     """Returns a chart with the relative trim of each motor, %, as a dot for flight A and a dot for flight B.
 
     The relative trim is by how much the motor's mean output in hover exceeds that of the median motor. The step from
@@ -773,6 +806,7 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
     Args:
         legend: name of each side, "A" and "B", in legends.
         difference: comparison of both flights, quantity by quantity.
+        reviews_by_side: review documents, of a fleet with the level of the motors in each flight.
 
     Returns:
         The chart, with motors on the horizontal axis and a line at 0; without dots if no trims were compared. Of
@@ -801,9 +835,9 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
             lines.append(dots)
         # Flights of A stand on the left of both means, those of B on the right.
         lines = [
-            *_flight_dots("A", legend["A"], trim_changes),
+            *_flight_dots("A", legend["A"], trim_changes, reviews_by_side),
             *lines,
-            *_flight_dots("B", legend["B"], trim_changes),
+            *_flight_dots("B", legend["B"], trim_changes, reviews_by_side),
         ]
         if len(lines) > len(legend):
             lines = [*_with_common_abscissae(lines)]
@@ -813,38 +847,53 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
     return Chart("Relative trim (%)", motor_axis, trim_axis, tuple(lines), levels=(0.0,))
 
 
-def _flight_dots(side: str, name: str, trim_changes: Sequence[QuantityChange]) -> list[Line]:
+def _flight_dots(
+    side: str, name: str, trim_changes: Sequence[QuantityChange], reviews_by_side: Reviews
+) -> list[Line]:
     """Returns the relative trim of each flight of a side, %, as dots beside the mean of the motor.
 
     Args:
         side: "A", whose flights stand on the left of the motor, or "B", on the right.
         name: name of the side in the legend.
         trim_changes: the compared trims, with their values in all flights.
+        reviews_by_side: review documents, of a fleet with the level of the motors in each flight.
 
     Returns:
-        A list with a line of dots, those of a motor in order of date from left to right. It is empty of a single
-        flight, and of so many that their dots would hide each other.
+        A line of dots for each level of the motors' light; the dots of a motor are in order of date from left to right.
+        It is empty of a single flight, and of so many that their dots would hide each other.
     """
     distance = -FLIGHT_DOTS_DISTANCE if side == "A" else FLIGHT_DOTS_DISTANCE
-    positions: list[float] = []
-    trims: list[float] = []
+    positions: list[Array] = []
+    trims: list[Array] = []
     for change in trim_changes:
         values = change.flights_before if side == "A" else change.flights_after
-        if 1 < len(values) <= MAX_FLIGHT_DOTS:
-            offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, len(values))
-            positions += list(change.quantity.motor - 1.0 + distance + offsets)
-            trims += [100 * value for value in values]
-    if not trims:
+        offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, len(values))
+        positions.append(change.quantity.motor - 1.0 + distance + offsets)
+        trims.append(100 * np.array(values))
+    if not trims or not 1 < len(trims[0]) <= MAX_FLIGHT_DOTS:
         return []
-    return [
-        Line(
-            f"{name}, each flight",
-            SIDE_COLOURS[side],
-            np.array(positions),
-            np.array(trims),
-            style=LineStyle.DOTS,
-        )
-    ]
+    levels = np.array(_motor_levels(reviews_by_side.get(side, {}), len(trims[0])))
+    lines = []
+    for level, colour in LEVEL_COLOURS.items():
+        # (motors, flights of this level), motor after motor as one line.
+        x = np.array(positions)[:, levels == level].ravel()
+        y = np.array(trims)[:, levels == level].ravel()
+        if len(x):
+            lines.append(Line(f"{name}, motors {level}", colour, x, y, style=LineStyle.DOTS))
+    return lines
+
+
+def _motor_levels(review: Review, flight_count: int) -> list[Level]:
+    """Returns the level of the motors in each flight of a side, in order of date; unknown where nothing judged them.
+
+    Args:
+        review: review document of the side.
+        flight_count: number of its flights.
+    """
+    light = lights_of_side(review).get(Light.MOTORS)
+    if light is None:
+        return [Level.UNKNOWN] * flight_count
+    return [Level(level) for level in levels_in_flights(light)]
 
 
 def _with_common_abscissae(lines: Sequence[Line]) -> tuple[Line, ...]:

@@ -25,6 +25,7 @@ from mavdem.report.fleet import (
     HEALTH_LEVELS,
     is_headline_replaced,
     level_beside_other_flights,
+    light_level,
     motor_next_step,
     suspected_motor,
 )
@@ -146,14 +147,16 @@ def _identity_of_fleet(flights: Flights) -> Mapping[str, Any]:
         flights: flights of the fleet in order of date, at least one.
 
     Returns:
-        The document; ``date`` in it is that of the latest flight, ``first_date`` that of the first.
+        The document; ``date`` in it is that of the latest flight, ``first_date`` that of the first. It has the level of
+        each status light in each flight as ``light_levels``, in order of date.
     """
     first_row, last_row = log_row(flights[0]), log_row(flights[-1])
     identity: JsonValues = {"frame": last_row.frame}
     if first_row.date is not None and last_row.date is not None:
         identity["first_date"] = first_row.date.isoformat()
         identity["date"] = last_row.date.isoformat()
-    document: JsonValues = {"identity": identity}
+    light_levels = {light: [light_level(flight, light) for flight in flights] for light in Light}
+    document: JsonValues = {"identity": identity, "light_levels": light_levels}
     if last_row.simulated is not None:
         document["simulated"] = bool(last_row.simulated)
     return document

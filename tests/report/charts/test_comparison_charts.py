@@ -97,9 +97,25 @@ def test_outputs_of_motors_are_means_over_half_a_second_on_one_scale():
     mean_of_motors = np.mean([series[title][1].mean() for title in titles])
     assert mean_of_motors == approx(airborne[1].mean(), abs=1.0)
     charts = flight_series_charts({"A": series}, {"A": "a"}, {"A": "blue"})
-    limits = {chart.y.limits for chart in charts if chart.title in titles}
-    values = [series[title][1] for title in titles]
-    assert limits == {(np.min(values), np.max(values))}
+    (limits,) = {chart.y.limits for chart in charts if chart.title in titles}
+    level = [values[(times > 5.0) & (times < 35.0)] for times, values in map(series.get, titles)]
+    assert limits[0] < np.min(level) and limits[1] > np.max(level)
+
+
+def test_a_scale_leaves_out_take_off_and_landing_but_no_crash():
+    """The motors run up from 10 % and down again; roll ends upright or, in a crash, at 80°."""
+    times = np.arange(0.0, 61.0)
+    outputs = 60.0 + np.sin(times)
+    outputs[[0, -1]] = 10.0
+    limits = {}
+    for roll_at_end in (1.0, 80.0):
+        rolls = np.append(np.cos(times[:-1]), roll_at_end)
+        flight = {MEAN_MOTOR_OUTPUT: np.array([times, outputs]), ROLL: np.array([times, rolls])}
+        roll, output = flight_series_charts({"A": flight}, {"A": "A"}, {"A": "#1f7ad6"})
+        assert roll.y.limits is None
+        limits[roll_at_end] = output.y.limits
+    assert limits[1.0] == approx((58.5, 61.5), abs=0.1)
+    assert limits[80.0] is None
 
 
 def test_a_flight_without_stored_series_or_with_damaged_ones_has_none(tmp_path):

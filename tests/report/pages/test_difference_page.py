@@ -39,6 +39,7 @@ from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import change_with_interval
 from mavdem.report.difference.reviewed import ComparedState, compared_states, reviewed_difference
@@ -190,6 +191,19 @@ def test_other_frames_are_two_vehicles_and_other_system_ids_show_nothing():
     assert not vehicle_difference([quad], [unknown_frame]).is_of_two_vehicles
     unnamed = [flight_row(f"px4-{system}", 0, vehicle_basis="system id") for system in (1, 2)]
     assert not vehicle_difference(unnamed[:1], unnamed[1:]).is_of_two_vehicles
+
+
+def test_a_yaw_trim_of_two_vehicles_is_named():
+    """Motors 3 and 4 turn clockwise and work 16 % harder beside the others in B, or one motor alone does."""
+    intervals = {"trim_share_interval": (0.01,) * 4, "spins": (1, 1, -1, -1)}
+    for shares, is_yaw in (((0.92, 0.92, 1.08, 1.08), True), ((0.97, 0.97, 1.09, 0.97), False)):
+        states = [
+            [flight_row("quad", 0, trim_share=SHARES["A"], **intervals)],
+            [flight_row("other", 1, trim_share=shares, **intervals)],
+        ]
+        headline = headline_of_comparison(reviewed_difference(vehicle_difference(*states)))
+        text = plain_text(headline)
+        assert ("in B clockwise motors work harder beside" in text) == is_yaw
 
 
 def test_two_vehicles_with_serial_numbers_are_told_apart_by_these():
@@ -347,6 +361,12 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     assert cells[2] == ["motor 3 (front left)", "lost 19 to 42 % at 47 s", "not known"]
     assert table.rows[2][1].level == "bad"
     assert table.rows[1][3].startswith("+10 % (")
+    # Trims without lean have a column where they are known.
+    trim, *other_changes = difference.changes
+    without_lean = (trim._replace(without_lean=trim), *other_changes)
+    (table,) = motor_table(reviews, difference._replace(changes=without_lean))
+    assert table.header[4] == "without lean"
+    assert table.rows[0][4] == table.rows[0][3] and table.rows[1][4] == ""
     assert motor_table({"A": {}, "B": {}}, difference) == []
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
     # What a motor lost comes after what has changed, and before other charts.
@@ -447,6 +467,10 @@ def test_conditions_of_both_flights_stand_on_page_and_terminal():
     windy = [flight_row("quad", number, wind_speed=number + 2.0) for number in (2, 3)]
     (sentence,) = condition_sentence(reviewed_difference(vehicle_difference(fleet, windy)))
     assert "wind 3.0 (1 of 2 flights) → 4.0 to 5.0 m/s" in sentence.text
+    # A single speed has its interval.
+    fleet[0] = replace(fleet[0], wind_speed_interval=(2.0, 4.5))
+    speeds, _ = wind_rows(reviewed_difference(vehicle_difference(fleet, windy)))
+    assert speeds.cells == ("3.0 (2.0 to 4.5; 1 of 2 flights)", "4.0 to 5.0")
 
 
 def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(difference):
@@ -459,6 +483,10 @@ def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(differe
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
     assert page.count("Not measured in A:</strong> The log is too slow.") == 1
     assert "Not measured in B" not in page
+    # The logs of a fleet are not read.
+    reviews["A"] = {"light_levels": {"motors": ["good", "good"]}}
+    page = comparison_page(("fleet", "b.bin"), reviewed_difference(difference, reviews))
+    assert "Not drawn:</strong> step responses of A, which" in page
 
 
 def test_a_list_of_changes_does_not_repeat_the_one_that_the_headline_names():
@@ -509,7 +537,8 @@ def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(
 @pytest.mark.slow
 def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
     parameters = [
-        ParameterChange(f"P{number}", 0.0, 1.0) for number in range(MAX_LISTED_PARAMETERS + 9)
+        ParameterChange(f"P{number}", 0.0, 1.0 + number)
+        for number in range(MAX_LISTED_PARAMETERS + 9)
     ]
     reviewed = reviewed_difference(
         difference, {"A": {}, "B": {}}, parameters, (), 2 * len(parameters)
@@ -519,6 +548,17 @@ def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
     assert f"{len(parameters)} of {2 * len(parameters)} parameters changed, the first" in page
     # The headline has no gains to name, but does not leave out that parameters changed.
     assert f"{len(parameters)} that A and B have in common differ, but no gain of the rate" in page
+
+
+def test_parameters_of_several_outputs_that_changed_alike_have_one_row():
+    changes = [ParameterChange(f"SERVO{number}_MIN", 1000.0, 1100.0) for number in (1, 10, 2, 3)]
+    changes += [ParameterChange("SERVO4_MIN", 1000.0, 1200.0), ParameterChange("THR_MIN", 0.1, 0.2)]
+    assert parameter_rows(changes) == [
+        ["SERVO1–3_MIN", "1000", "1100"],
+        ["SERVO10_MIN", "1000", "1100"],
+        ["SERVO4_MIN", "1000", "1200"],
+        ["THR_MIN", "0.1", "0.2"],
+    ]
 
 
 def test_gains_that_both_sides_name_differently_are_not_compared_and_not_called_equal():
@@ -609,8 +649,12 @@ def test_a_bad_margin_is_stated_for_both_flights():
         ([ParameterChange("ATC_RAT_RLL_P", 1.1, 0.2)], "Next, by B: Fly doublets."),
     ):
         uncertain = reviewed_difference(vehicle_difference(*states, gains), reviews | watch, gains)
-        sentence, *_ = headline_of_comparison(uncertain)
-        assert sentence.text == "bad in A, watch in B. A: A lacks it. B: Ms is 2.4."
+        first, second, *_ = headline_of_comparison(uncertain)
+        # What surely changed comes first, with its size.
+        changed_gains = "ATC_RAT_RLL_P 1.1 → 0.2 (−82 %)."
+        assert (first.text == changed_gains) == bool(gains)
+        margins_sentence = second if gains else first
+        assert margins_sentence.text == "bad in A, watch in B. A: A lacks it. B: Ms is 2.4."
         assert plain_text(next_blocks(uncertain)) == step
     other_loop = reviews["B"]["lights"]["margins"] | {"subject": "attitude"}
     reviews["B"] = {"lights": {"margins": other_loop}}

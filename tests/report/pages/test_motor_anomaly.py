@@ -20,6 +20,7 @@ from mavdem.report.difference.changes import (
 )
 from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import headline_of_comparison
+from mavdem.report.difference.lights import light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.reviewed import (
@@ -219,6 +220,9 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     motors, *_ = texts(headline_of_comparison(surely))
     assert "Motor 1 (front right) works 8 % (2 to 14 %) harder than in A. Perhaps" in motors
     assert "agrees" not in motors and motors.count("probability") == 1
+    # A doubtful trim of another motor is part of the verdict of all trims, and no second one.
+    *_, rest = texts(headline_of_comparison(reviewed_difference(doubtful_trim(2, -0.08), reviews)))
+    assert rest.startswith("No other change is certain. ") and "Perhaps" not in rest
     # A motor that became stronger is no evidence that it is weak.
     stronger = " ".join(
         texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), reviews)))
@@ -267,6 +271,7 @@ def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
 def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_are_mixed():
     """Motor 1 is weak in the last two of four flights of A; B was flown before and is sound."""
     columns = {"health_reason": "Motor 1 lost thrust.", "suspect_motor": 1, "health": "fault"}
+    columns |= {"light_vibration": "watch", "light_log": "good"}
     rows = [flight_row("quad", number, health_reason="No change.") for number in (1, 2)]
     rows += [flight_row("quad", number, **columns) for number in (3, 4)]
     sound = [flight_row("quad", 0, health_reason="No change.")]
@@ -290,8 +295,15 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     assert description.endswith("4 flights (figures are their means), 2026-01-06 to 2026-01-09")
     page = comparison_page(("fleet", "log"), reviewed)
     assert "its motors are good in 2 of 4 flights" in page
-    for part in ("A, each flight", "A, mean", "A, last flight", "flown with (mean)"):
+    titles = ("A, last of 4 flights", "flown with (mean)", "<th>A, 4 flights</th>")
+    for part in ("A, motors good", "A, motors bad", "A, mean", *titles):
         assert part in page
+    # Of a fleet each light is counted over its flights.
+    lights, equal = light_blocks(reviewed.reviews)
+    reasons = {name: fleet_cell.reason for name, fleet_cell, _ in lights.rows}
+    assert reasons["motors"].startswith("in 2 of 4 flights, good in 2. The last one, bad: Motor 1")
+    assert reasons["vibration"] == "in 2 of 4 flights, unknown in 2."
+    assert "power" in equal.text and "power" not in reasons
     # No chart of this page is over time.
     assert "Drag over a plot" not in page
     common = reviewed._replace(common_files=("a.bin",), counting_side="B")
