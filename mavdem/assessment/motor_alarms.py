@@ -17,9 +17,9 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import lean_at, tracked_headings
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.motors.balance import run_around
+from mavdem.motors.balance import SteadyRun, run_around
 from mavdem.motors.gradual_loss import gradual_loss
-from mavdem.motors.lean_check import is_beyond_lean
+from mavdem.motors.lean_check import without_shifts_by_lean
 from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import MotorChange, is_much_larger, lasting_changes
 from mavdem.motors.signatures import motor_signatures
@@ -98,7 +98,14 @@ def _sudden_changes_of_boot(
         for change in new_changes:
             if change.motor is None and change.onset_time < settled_end:
                 changes.append(change)
-    return _without_shifts_by_wind(signals, motors, lasting_changes(changes))
+
+    def settled_run(change: MotorChange, interval: TimeInterval) -> SteadyRun | None:
+        """Returns the segment of settled flight around a change, limited to an interval, s since boot."""
+        return run_around(signals, motors, boot, change.onset_time, interval)
+
+    return without_shifts_by_lean(
+        lasting_changes(changes), motor_signatures(motors.geometry), settled_run
+    )
 
 
 def _descents_after(settled: Intervals, flights: Intervals) -> Intervals:
@@ -118,43 +125,6 @@ def _descents_after(settled: Intervals, flights: Intervals) -> Intervals:
         if settled_ends and max(settled_ends) < end - TRANSIENT_SECONDS:
             descents.append((max(settled_ends), end - TRANSIENT_SECONDS))
     return descents
-
-
-def _without_shifts_by_wind(
-    signals: Signals, motors: MotorOutputs, changes: Sequence[MotorChange]
-) -> list[MotorChange]:
-    """Removes the changes of the motors' balance that the lean against the wind may explain.
-
-    Only changes that name no motor are removed. Each is judged by the steady flight around it, from the change before
-    it to the one after.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        motors: outputs and geometry of its motors.
-        changes: all changes of the motors' balance in one boot, in the order of time.
-
-    Returns:
-        The other changes, in the same order.
-    """
-    signatures = motor_signatures(motors.geometry)
-    remaining = []
-    for change in changes:
-        if change.motor is not None:
-            remaining.append(change)
-            continue
-        previous_onset, next_onset = -inf, inf
-        for other_change in changes:
-            if other_change.onset_time < change.onset_time:
-                previous_onset = max(previous_onset, other_change.onset_time)
-            elif other_change.onset_time > change.onset_time:
-                next_onset = min(next_onset, other_change.onset_time)
-        steady_run = run_around(
-            signals, motors, change.boot, change.onset_time, (previous_onset, next_onset)
-        )
-        # Without steady flight on both sides of the change nothing shows more than the lean explains.
-        if steady_run is not None and is_beyond_lean(steady_run, signatures, change.onset_time):
-            remaining.append(change)
-    return remaining
 
 
 def _lasting_losses(

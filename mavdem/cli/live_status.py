@@ -48,6 +48,7 @@ from mavdem.report.live import (
     unrepaired_fault_text,
     unwatched_quantities_text,
     vehicle_text,
+    verdict_on_present_flight,
     watched_quantities_text,
 )
 from mavdem.report.templates import headline as headline_text
@@ -72,8 +73,8 @@ MAX_HEADLINE_LINES = 2
 """Most lines of the headline on a terminal: a longer one loses its details, so that the table below is seen. A choice.
 """
 
-MAX_LIGHTS_PER_LINE = 3
-"""Lights on a line of the widest terminal, a choice: with more, the eye loses the column."""
+MAX_LIGHTS_PER_LINE = 2
+"""Lights on a line of the widest terminal, a choice: with more, there is too little room for most texts beside them."""
 
 UNREPORTED_REASONS = frozenset(
     {
@@ -286,8 +287,9 @@ class StatusLines:
     def show_if_new(self, status: SessionStatus) -> None:
         """Updates the status on a terminal if it shows other alarms or another vehicle than there are now.
 
-        This is called just before an alarm or a vehicle is reported. Otherwise the report would stand above a status
-        that contradicts it, until the status is updated a second later.
+        This is called once a second, and just before an alarm or a vehicle is reported. Otherwise the report would
+        stand above a status that contradicts it, until the status is updated a second later. Where lines are printed, a
+        fault of an earlier flight is printed at the take-off.
 
         Args:
             status: Present state of the live session.
@@ -296,6 +298,9 @@ class StatusLines:
         has_other_vehicle = status.vehicle != self._shown_vehicle
         if has_other_alarms or has_other_vehicle:
             self.update_in_place(status)
+        if self.terminal_text is None and status.is_in_flight:
+            # The pilot must know at the take-off, before the next line of the state.
+            self._print_fault_of_earlier_flight(status)
 
     def print_event(self, event: Event) -> None:
         """Prints an event of a live session, such as a take-off or an alarm, as a line of its own.
@@ -534,6 +539,14 @@ class StatusLines:
         """
         state_text = escape_unprintable(status_line_text(status))
         self._print_now(state_text, status)
+        self._print_fault_of_earlier_flight(status)
+
+    def _print_fault_of_earlier_flight(self, status: SessionStatus) -> None:
+        """Prints the fault of an earlier flight, with what to do about it, unless that was printed last.
+
+        Args:
+            status: State of the live session, with the fault, if there is one.
+        """
         fault_text = _fault_of_earlier_flight(status)
         if fault_text and fault_text != self._printed_fault_of_earlier_flight:
             self._printed_fault_of_earlier_flight = fault_text
@@ -722,6 +735,9 @@ def _status_block(status: SessionStatus) -> Group:
     unrepaired_fault = escape_unprintable(unrepaired_fault_beside_next_step(status))
     if unrepaired_fault:
         parts.append(Text(unrepaired_fault, LEVEL_STYLES[Level.WATCH]))
+    present_verdict = escape_unprintable(verdict_on_present_flight(status))
+    if present_verdict:
+        parts.append(present_verdict)
     if status.vehicle is not None:
         table_width = min(STDERR.width, MAX_COLUMNS)
         parts.append(_table_of_lights(light_rows(status), table_width))

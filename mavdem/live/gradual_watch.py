@@ -12,10 +12,10 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.containers import Numbers
 from mavdem.ingest.motors import MotorGeometry
+from mavdem.motors.balance import MAX_GAP
 from mavdem.motors.balance_blocks import UNKNOWN_LEAN, BlockAverager, CommandBlock
 from mavdem.motors.gradual_loss import MAX_BLOCKS, MIN_BEFORE_SECONDS, gradual_loss
 from mavdem.motors.loss_confirmation import HALF_CHANGE, MAX_CONFIRMATION_SECONDS
-from mavdem.motors.loss_detection import MAX_GAP
 from mavdem.motors.motor_changes import MIN_LOSS_SECONDS, MotorChange
 
 SEARCH_PERIOD = 1.0

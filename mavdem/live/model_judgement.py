@@ -57,10 +57,10 @@ def judge_model(
     climbs: Intervals,
     provisional_margins: Fact | None,
 ) -> JudgedModel:
-    """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
+    """Judges a model learned in flight, and the vehicle by the longest settled segment of the model's samples.
 
-    The samples of the model are put into the form of a log of one axis in settled flight, so that the functions that
-    judge logs can be used: limit cycle, hover trim, control loop, and from these the lights and the headline. What
+    The settled samples of the model are put into the form of a log of one axis, so that the functions that judge logs
+    can be used: limit cycle, hover trim, control loop, and from these the lights and the headline. What
     needs other axes or messages is left for the judgement of the recording after the flight. The margins are left for
     :class:`mavdem.live.margin_review.MarginReview` where the stream has the setpoint of the body rate: by that setpoint
     the loop is identified, and margins that are too uncertain are not reported. Inputs and outputs alone, as here,
@@ -75,13 +75,19 @@ def judge_model(
         recording_name: name of the recorded log, by which the rest is judged later; empty if the name is not known yet,
             None if nothing is recorded.
         climbs: times of climbs after take-off, s of the boot clock. The model is learned from them, too, but they are
-            no hover.
+            not settled flight: a limit cycle and the hover are looked for in the samples after them.
         provisional_margins: the light of the margins until the loop is identified by setpoints of the body rate, which
             is not done here; None where these do not come.
     """
     record = learned.record
-    # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
-    inputs, outputs = max(record.segments, key=lambda segment: len(segment.outputs))
+    settled_segment = longest_settled_segment(record, climbs)
+    if settled_segment is not None:
+        segment = settled_segment
+    else:
+        # A model of the climb alone: its samples show neither a hover nor a limit cycle.
+        segment = max(record.segments, key=lambda segment: len(segment.outputs))
+    # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2).
+    inputs, outputs = segment
     axis = record.output_names[0]
     duration = len(inputs) * learned.dt
     time = learned.dt * np.arange(len(inputs), dtype=float)
@@ -101,8 +107,11 @@ def judge_model(
     # The model has one axis. It stands for both, so that the vehicle counts as upright where this axis is.
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(attitude,) * len(TILT_AXES))
 
-    limit_cycle = detect_limit_cycle(motors, {axis: attitude}, [Segment(0, 0.0, duration)])
-    hover = hover_of_record(record, row_format, climbs)
+    limit_cycle = None
+    hover = None
+    if settled_segment is not None:
+        limit_cycle = detect_limit_cycle(motors, {axis: attitude}, [Segment(0, 0.0, duration)])
+        hover = hover_of_segment(settled_segment, record, row_format)
     settled_seconds = 0.0 if hover is None else hover.seconds
     condition = Condition(
         duration=duration, settled=settled_seconds, hover=hover, oscillation=limit_cycle
@@ -134,27 +143,37 @@ def judge_model(
     return JudgedModel(findings, judgement)
 
 
-def hover_of_record(
-    record: Record, row_format: RowFormat, climbs: Intervals
-) -> HoverFigures | None:
-    """Returns how hard each motor works in the longest settled segment of a model's samples.
+def longest_settled_segment(record: Record, climbs: Intervals) -> SegmentSamples | None:
+    """Returns the longest segment of a model's samples in settled flight.
 
     Args:
         record: samples of the model, whose segments begin at known times of the boot clock.
-        row_format: format of the samples: mixer geometry, and scale of the motors.
         climbs: times of climbs after take-off, s of the boot clock, which are not settled flight.
 
     Returns:
-        Figures of the motors; None if no segment has ``MIN_SEGMENT_SECONDS`` of settled flight.
+        The samples; None if no segment has ``MIN_SEGMENT_SECONDS`` of settled flight.
     """
     settled_segments = []
     for segment, start_time in zip(record.segments, record.begins, strict=True):
         settled_segments.append(_samples_after_climbs(segment, start_time, record.dt, climbs))
-    inputs, outputs = max(settled_segments, key=lambda segment: len(segment.outputs))
-    seconds = len(outputs) * record.dt
-    if seconds < MIN_SEGMENT_SECONDS:
-        return None
+    longest_segment = max(settled_segments, key=lambda segment: len(segment.outputs))
+    is_long_enough = len(longest_segment.outputs) * record.dt >= MIN_SEGMENT_SECONDS
+    return longest_segment if is_long_enough else None
+
+
+def hover_of_segment(
+    settled_segment: SegmentSamples, record: Record, row_format: RowFormat
+) -> HoverFigures:
+    """Returns how hard each motor works in a segment of settled flight.
+
+    Args:
+        settled_segment: samples of the segment, whose first output is the angle, rad.
+        record: the record that the segment is a part of: names of its outputs, and time step.
+        row_format: format of the samples: mixer geometry, and scale of the motors.
+    """
+    inputs, outputs = settled_segment
     mean_lean = {record.output_names[0]: np.degrees(outputs[:, 0].mean())}
+    seconds = len(outputs) * record.dt
     return hover_figures(row_format.geometry.names, row_format.scale, seconds, inputs, mean_lean)
 
 

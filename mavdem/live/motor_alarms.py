@@ -8,9 +8,11 @@ from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
 from mavdem.facts.watch import WatchFact
 from mavdem.live.gradual_watch import GradualLossWatch
+from mavdem.live.lean_watch import LeanWatch
 from mavdem.live.recent_messages import MAX_EVENTS
+from mavdem.motors.balance import MAX_GAP
 from mavdem.motors.balance_blocks import UNKNOWN_LEAN
-from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
+from mavdem.motors.loss_detection import REFERENCE_SECONDS, MotorLossDetector
 from mavdem.motors.motor_changes import MIN_REPORTED_GROWTH, MotorChange, is_much_larger
 
 
@@ -18,7 +20,8 @@ class MotorAlarms:
     """Finds lasting changes of the motors' balance sample by sample, and keeps the alarms on weak motors.
 
     A sequential test finds sudden changes. Flight in which it names no motor is also searched for one that loses thrust
-    slowly; that loss is updated as it grows.
+    slowly; that loss is updated as it grows. Shifts of the trims that the lean against the wind may explain are left
+    out, as in a log.
 
     Attributes:
         latest: the latest changes, also those that are no alarms.
@@ -38,6 +41,9 @@ class MotorAlarms:
         # The search for a slow loss in the same samples, and the loss that it has found, as it was reported.
         self._gradual_watch: GradualLossWatch | None = None
         self._reported_loss: MotorChange | None = None
+        # Judges which of the shifts of the trims are beyond the lean, and those of them that were reported.
+        self._lean_watch: LeanWatch | None = None
+        self._reported_shifts: list[MotorChange] = []
         # Whether a motor is weak by a sudden loss, and no slow one was reported.
         self._is_suddenly_weak = False
         # Why the test cannot find anything, as of the latest sample.
@@ -53,7 +59,9 @@ class MotorAlarms:
         """
         self._detector = None
         self._gradual_watch = None
+        self._lean_watch = None
         self._reported_loss = None
+        self._reported_shifts = []
         self._is_suddenly_weak = False
         self._undetectable_reason = None
         self.active = ()
@@ -157,29 +165,67 @@ class MotorAlarms:
             lean: roll and pitch, rad; NaN where they are not known.
 
         Returns:
-            A fact (coded finding) for each change that this sample completes; most samples complete none.
+            A fact (coded finding) for each change that this sample completes; most samples complete none. A shift of
+            the trims is one of them only once it is beyond the lean.
         """
         # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins again.
         tested_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
         if self._detector is None or tested_motors != self._tested_motors:
             self._detector = MotorLossDetector(motors.geometry, boot)
             self._gradual_watch = GradualLossWatch(motors.geometry, boot)
+            self._lean_watch = LeanWatch(motors.geometry)
             self._tested_motors = tested_motors
         facts = []
         for change in self._detector.update(time, commands, heading, lean):
             if self._is_part_of_gradual_loss(change):
                 # The user knows it already.
                 continue
-            self.latest.append(change)
-            is_explained_by_motor = change.motor is not None
-            if is_explained_by_motor:
+            names_motor = change.motor is not None
+            if names_motor:
+                self.latest.append(change)
                 self._update_active_alarms(change)
-            facts.append(change.event)
+                facts.append(change.event)
+        assert self._lean_watch is not None
+        self._lean_watch.add_sample(time, commands, lean)
+        facts += self._update_shifts()
         self._undetectable_reason = self._detector.undetectable_reason
         follows_setpoint = isfinite(heading)
         if follows_setpoint:
             facts += self._search_gradual_loss(time, commands, lean)
         return tuple(facts)
+
+    def withdraw_since(self, time: float) -> Facts:
+        """Judges the shifts of the trims without the flight since a time, which was a landing or a loss of control.
+
+        Args:
+            time: the time, s of the boot clock.
+
+        Returns:
+            The events of shifts that are beyond the lean only now; mostly none.
+        """
+        if self._lean_watch is None:
+            return ()
+        self._lean_watch.withdraw_since(time)
+        return self._update_shifts()
+
+    def _update_shifts(self) -> Facts:
+        """Updates the shifts of the trims among the latest changes: those that are beyond the lean by the flight so far.
+
+        Returns:
+            The events of those that were not reported before.
+        """
+        assert self._detector is not None
+        assert self._lean_watch is not None
+        shifts = self._lean_watch.unexplained_shifts(self._detector.alarms)
+        for change in self._reported_shifts:
+            is_explained_now = change in self.latest and change not in shifts
+            if is_explained_now:
+                self.latest.remove(change)
+        new_shifts = [change for change in shifts if change not in self.latest]
+        self.latest.extend(new_shifts)
+        unreported_shifts = [change for change in new_shifts if change not in self._reported_shifts]
+        self._reported_shifts += unreported_shifts
+        return tuple(change.event for change in unreported_shifts)
 
     def _update_active_alarms(self, change: MotorChange) -> None:
         """Updates the active alarms after a change of one motor: an alarm for each motor that is weak now.

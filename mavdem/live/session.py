@@ -704,7 +704,7 @@ class LiveSession:
         return self.flight.learning.learn_row(row, self.stream.motor_alarms.weak_since)
 
     def _withdraw_samples_of_landing_or_loss(self) -> None:
-        """Withdraws the samples of a landing, or of a loss of control, from those that the model is trained on.
+        """Withdraws the samples of a landing, or of a loss of control, from those that model and trims are judged by.
 
         A landing is recognised some time after it has begun. Until then its samples are taken for settled flight, and
         the model is trained on them. The same holds for a loss of control. Nothing is done until one is recognised.
@@ -719,6 +719,8 @@ class LiveSession:
         self.history.forget_learned_since(withdrawal_start)
         if self.flight.learning.learner is not None:
             self.flight.learning.withdraw_since(withdrawal_start)
+        for fact in self.stream.motor_alarms.withdraw_since(withdrawal_start):
+            self._presentation.log(fact)
 
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.

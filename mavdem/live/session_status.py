@@ -571,9 +571,10 @@ class SessionStatus(ImmutableResult):
         """The judgement to show: that of the latest flight, with a warning of faults that earlier flights had.
 
         A take-off repairs nothing. So a next step that lets the vehicle fly on gets the condition "if the fault was
-        repaired". On the ground the headline is that of the worst flight: one of the session, or an earlier one in the
-        library. While the link is lost in flight, what to do about that comes first. The lights, which judge the parts
-        of the vehicle, remain those of the latest flight.
+        repaired", and as long as nothing else warns in flight, the fault is the headline. On the ground the headline is
+        that of the worst flight: one of the session, or an earlier one in the library. While the link is lost in
+        flight, what to do about that comes first. The lights, which judge the parts of the vehicle, remain those of the
+        latest flight.
         """
         judgement = self._judgement_with_worst_headline
         if self.link_loss is not None:
@@ -592,13 +593,10 @@ class SessionStatus(ImmutableResult):
         """Adds a condition to the next step of a judgement in flight: that the fault of an earlier flight was repaired.
 
         Args:
-            judgement: judgement of the present flight.
-            fault: the warning of the fault.
+            judgement: judgement of the present flight. Its headline stays if it warns.
+            fault: the warning of the fault, which becomes the headline otherwise.
         """
-        headline = judgement.headline
-        if not headline.is_watch_or_bad:
-            # Whatever is good, the vehicle is to be watched until the fault is known to be repaired.
-            headline = headline.replace(Level.WATCH)
+        headline = judgement.headline if judgement.headline.is_watch_or_bad else fault
         step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
         return replace(judgement, headline=headline, next_step=step)
 
@@ -1056,6 +1054,7 @@ class SessionStatus(ImmutableResult):
         if verdict.code is SessionFact.RECORDING_NOT_JUDGED:
             return self._judgement_before_recording(judgement, verdict)
         lights = self._lights_with_recording(judgement.lights)
+        verdict = _verdict_by_shown_lights(verdict, lights)
         next_step = self._step_after_recording(verdict)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
@@ -1584,6 +1583,31 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
                 figure=figures.get(part, ""),
             )
     return lights
+
+
+def _verdict_by_shown_lights(recording_verdict: Fact, lights: NamedFacts) -> Fact:
+    """Returns the verdict of a recording without a fault, so that it counts the lights that are shown beside it.
+
+    A part that the recording leaves unknown may have been judged in flight, and its light shows that. Then the verdict
+    states what these lights show, instead of the sentence by the recording alone.
+
+    Args:
+        recording_verdict: the library's judgement of the recording, with the level of each part as ``levels``.
+        lights: the lights of the flight by the recording, or in flight where that leaves a part unknown, by name.
+
+    Returns:
+        The verdict, with the level and the figure ``shown`` of the lights' headline. It is unchanged if it states a
+        fault, or if no light of the vehicle has another level than the recording gives it.
+    """
+    levels: Mapping[str, str] = recording_verdict.figures["levels"]
+    has_other_level = any(
+        lights[name].level != (levels[name] or Level.UNKNOWN) for name in VEHICLE_LIGHTS
+    )
+    if recording_verdict.is_watch_or_bad or not has_other_level:
+        return recording_verdict
+    bad_lights = [lights[name] for name in VEHICLE_LIGHTS if lights[name].is_bad]
+    headline = bad_lights[0] if bad_lights else headline_by_lights(lights)
+    return recording_verdict.replace(headline.level, shown=headline)
 
 
 def _light_not_recorded(light_in_flight: Fact, recorded_level: str, sentence: str) -> Fact:

@@ -14,8 +14,15 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dataset.intervals import Intervals, TimeInterval, intersection, total_duration
+from mavdem.dataset.intervals import (
+    Intervals,
+    TimeInterval,
+    intersection,
+    split_at_gaps,
+    total_duration,
+)
 from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import TRANSIENT_SECONDS, settled_intervals
 from mavdem.dataset.segments import Segment, in_segments, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import steady_intervals
@@ -34,6 +41,10 @@ MIN_STEADY_SECONDS = 10.0
 
 Of 324 real logs, shorter ones showed gusts and corrections of the pilot.
 """
+
+MAX_GAP = TRANSIENT_SECONDS
+"""Seconds without settled flight after which what was before is not a reference: no landing with take-off is
+shorter."""
 
 MAX_AUTOCORRELATION = 0.9
 """Upper bound of the autocorrelation of neighbouring blocks: an estimate of 1 would make all errors infinite."""
@@ -101,24 +112,27 @@ def steady_run(
 def run_around(
     signals: Signals, motors: MotorOutputs, boot: int, time: float, interval: TimeInterval
 ) -> SteadyRun | None:
-    """Collects motor commands and lean around a time, from the segment of settled flight that contains it.
+    """Collects motor commands and lean around a time, from the settled flight that contains it.
 
-    Unlike in :func:`steady_run`, the flight within the interval need not be steady.
+    Unlike in :func:`steady_run`, the flight within the interval need not be steady, and messages may be missing for up
+    to ``MAX_GAP``: means over seconds need no closer samples.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: Outputs of its motors.
         boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
-        time: Time that the segment must contain, s since boot.
+        time: Time that the run must contain, s since boot.
         interval: Interval to which the run is limited, s since boot.
 
     Returns:
-        The run; None if the time is in no segment of settled flight.
+        The run; None if the time is not in settled flight.
     """
-    for segment in settled_segments(signals):
-        if segment.boot == boot and segment.start <= time <= segment.end:
-            intervals = intersection([(segment.start, segment.end)], [interval])
-            return steady_run(signals, motors, segment, intervals)
+    for start, end in settled_intervals(signals, boot):
+        motor_times = motors.time[in_segments(motors, Segment(boot, start, end))]
+        for run_start, run_end in split_at_gaps(motor_times, np.diff(motor_times) > MAX_GAP):
+            if run_start <= time <= run_end:
+                run_intervals = intersection([(run_start, run_end)], [interval])
+                return steady_run(signals, motors, Segment(boot, run_start, run_end), run_intervals)
     return None
 
 

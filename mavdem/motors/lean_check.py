@@ -6,11 +6,13 @@ blocks of steady flight is fitted by least squares with the lean l of each block
 
     b = b₀ + E l + c · (1 after the shift, 0 before) + noise,
 
-and the shift is beyond the lean if the step c is significant in roll or pitch.
+and the shift is beyond the lean if the step c is significant in roll or pitch. Logs and live sessions are judged by it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +20,9 @@ import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.motors.balance import BLOCK_SECONDS, SteadyRun, block_means, variance_inflation
-from mavdem.motors.motor_changes import MAX_ONSET_ERROR
+from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MotorChange
 from mavdem.motors.signatures import MotorSignatures
 
 MIN_FREEDOM = 3
@@ -36,6 +39,55 @@ MIN_BLOCK_SECONDS = 2.0
 
 FALSE_FRACTION = 0.01
 """Fraction of shifts by wind alone that may pass for beyond the lean, by the design of the test; a choice."""
+
+
+def without_shifts_by_lean(
+    changes: Sequence[MotorChange],
+    signatures: MotorSignatures,
+    run_around: Callable[[MotorChange, TimeInterval], SteadyRun | None],
+) -> list[MotorChange]:
+    """Removes the changes of the motors' balance that the lean against the wind may explain.
+
+    Only changes that name no motor are removed. Each is judged by the settled flight around it, from the change before
+    it to the one after.
+
+    Args:
+        changes: all changes of the motors' balance in one boot, in the order of time.
+        signatures: mixer of the vehicle.
+        run_around: function that returns the settled flight around a change within an interval, s since boot; None
+            without any.
+
+    Returns:
+        The other changes, in the same order.
+    """
+    remaining = []
+    for change in changes:
+        if change.motor is not None:
+            remaining.append(change)
+            continue
+        run = run_around(change, _interval_between_neighbours(change, changes))
+        # Without settled flight on both sides of the change nothing shows more than the lean explains.
+        if run is not None and is_beyond_lean(run, signatures, change.onset_time):
+            remaining.append(change)
+    return remaining
+
+
+def _interval_between_neighbours(
+    change: MotorChange, changes: Sequence[MotorChange]
+) -> TimeInterval:
+    """Returns the interval around a change in which nothing else changed, s since boot; infinite without neighbours.
+
+    Args:
+        change: the change.
+        changes: all changes of the motors' balance in the boot.
+    """
+    previous_onset, next_onset = -inf, inf
+    for other_change in changes:
+        if other_change.onset_time < change.onset_time:
+            previous_onset = max(previous_onset, other_change.onset_time)
+        elif other_change.onset_time > change.onset_time:
+            next_onset = min(next_onset, other_change.onset_time)
+    return previous_onset, next_onset
 
 
 def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: float) -> bool:

@@ -27,11 +27,10 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.containers import Numbers
-from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.facts import Fact
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance import MIN_STEADY_SECONDS
+from mavdem.motors.balance import MAX_GAP, MIN_STEADY_SECONDS
 from mavdem.motors.balance_blocks import (
     MIN_SAMPLE_RATE,
     UNKNOWN_LEAN,
@@ -78,10 +77,6 @@ NEXT_REFERENCE_SECONDS = 2.0
 
 KEPT_SECONDS = 150.0
 """Seconds of flight that are remembered; a choice, a few times the memory of the reference."""
-
-MAX_GAP = TRANSIENT_SECONDS
-"""Seconds without settled flight after which what was before is not a reference: no landing with take-off is
-shorter."""
 
 SETTLING_BLOCKS = 2
 """Number of blocks after a motor's change in which the vehicle settles, and which are not a reference."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite, sqrt
 from typing import NamedTuple
 
+from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.facts import Fact, Level, NamedFacts
@@ -454,6 +455,23 @@ def unrepaired_fault_beside_next_step(status: SessionStatus) -> str:
     return fault.sentence_and_remedy
 
 
+def verdict_on_present_flight(status: SessionStatus) -> str:
+    """Returns the headline of the latest flight as a sentence where that of the session is a fault of an earlier one.
+
+    Args:
+        status: state of the session.
+
+    Returns:
+        The sentence, such as "This flight: no alarm now."; empty before the first flight, and without such a fault.
+    """
+    headline_fact = status.session_judgement.headline
+    if headline_fact.code is not SessionFact.UNREPAIRED_FAULT or status.flight_number == 0:
+        return ""
+    own_headline = status.overall_judgement.headline
+    statement = statement_of_headline(own_headline.sentence, own_headline)
+    return f"This flight: {as_clause(statement)}."
+
+
 def states_unrepaired_fault(next_step: Fact) -> bool:
     """Returns whether a next step is what to do about a fault of an earlier flight that may not have been repaired.
 
@@ -466,30 +484,56 @@ def states_unrepaired_fault(next_step: Fact) -> bool:
 def closing_lines(status: SessionStatus) -> list[str]:
     """Returns the last lines that a session prints: what it found, and what to do next.
 
-    They are the headline and the next step or, after several flights, the verdict on each flight (its headline). The
-    worst one comes first, so that a fault of the first flight is not forgotten because the last one was sound. The next
-    step is that after the worst flight. A fault of an earlier flight that forbids to fly has its own next step.
+    They are the headline and the next step or, after several flights, the verdict on each flight (its headline), with
+    its own next step. The worst one comes first, so that a fault of the first flight is not forgotten because the last
+    one was sound. An earlier flight without a fault has no next step: what was to be done then is out of date.
 
     Args:
         status: state of the session at its end.
 
     Returns:
-        The lines. Of several flights: the verdict on the worst one, the next step, and the other verdicts.
+        The lines: each verdict, and below it its next step, unless there is none or the verdict says it already.
     """
     verdicts = status.verdicts_worst_first
     if len(verdicts) < 2:
         return headline_and_next_step(status.session_judgement)
-    worst_verdict, *other_verdicts = verdicts
-    # The headline is left out, since the verdict says the same with the number of the flight.
-    _, *next_step_lines = headline_and_next_step(worst_verdict.judgement)
+    must_not_fly = verdicts[0].judgement.headline.forbids_flight
+    lines = []
+    for verdict in verdicts:
+        lines.append(verdict.fact.sentence)
+        next_step = _next_step_of_verdict(verdict, status, must_not_fly=must_not_fly)
+        if next_step and next_step not in headline(verdict.judgement.headline):
+            lines.append(f"{NEXT_STEP_LEAD}{next_step}")
+    return lines
+
+
+def _next_step_of_verdict(
+    verdict: FlightVerdict, status: SessionStatus, *, must_not_fly: bool
+) -> str:
+    """Returns what to do after one of several flights, the latest one or one with a fault.
+
+    Advice to fly a vehicle that must not fly is left out.
+
+    Args:
+        verdict: the verdict on the flight.
+        status: state of the session at its end.
+        must_not_fly: whether the fault of another flight forbids to fly.
+
+    Returns:
+        The advice; empty without any. A vehicle that is still in the air is to land in any case.
+    """
+    is_latest = verdict.number == status.flight_number
+    if not is_latest and not verdict.judgement.headline.is_watch_or_bad:
+        return ""
     unrepaired_fault = status.unrepaired_fault
-    other_sentences = []
-    for verdict in other_verdicts:
-        if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
-            other_sentences.append(unrepaired_fault.sentence_and_remedy)
-        else:
-            other_sentences.append(verdict.fact.sentence)
-    return [worst_verdict.fact.sentence, *next_step_lines, *other_sentences]
+    if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
+        return unrepaired_fault.remedy
+    next_step = verdict.judgement.next_step
+    advises_flight = next_step.without_flight_advice.sentence != next_step.sentence
+    if not (must_not_fly and advises_flight):
+        return next_step.sentence
+    is_landing = next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT)
+    return next_step.replace(reason=None).sentence if is_landing else ""
 
 
 def moment_text(event: Event) -> str:

@@ -685,7 +685,7 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
             assert not fact.remedy
         if telemetry is holed:
             assert str(fact) == "The log has a gap: 1.1 s without attitude in flight."
-            assert fact.remedy.startswith("If that comes again, use a better link")
+            assert fact.remedy.startswith("If that comes again, bring the antennas closer")
 
 
 @mark.parametrize("last_share, code", [(0.3, "commands_incomplete"), (0.7, "recorded_fast")])

@@ -34,6 +34,7 @@ from mavdem.report.live import (
     headline_and_next_step,
     unrepaired_fault_beside_next_step,
     unrepaired_fault_text,
+    verdict_on_present_flight,
 )
 from mavdem.report.templates import as_clause, headline
 
@@ -187,10 +188,12 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
         headline_and_next_step(replace(lost, is_over=True).overall_judgement)
     )
     end = replace(sound, is_over=True, verdicts=milestones.verdicts)
-    first_line, next_step, second_line = closing_lines(end)
+    first_line, next_step, second_line, second_step = closing_lines(end)
     assert first_line == f"Flight 1 (0:34 min): {as_clause(loss)}."
     assert next_step == f"Next: {lost.verdict.judgement.next_step}"
     assert second_line.startswith("Flight 2 (0:22 min): ")
+    # Each verdict has its own next step, which is not to fly a vehicle that must not fly.
+    assert second_step == "Next: Land by sight."
 
 
 def test_the_verdict_on_a_lost_flight_comes_at_its_end_and_not_again_at_the_next_take_off():
@@ -223,9 +226,13 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert advice.startswith("Do not fly")
 
     flying = replace(second, verdicts=milestones.verdicts)
-    # Nothing is green while that is not known.
-    headline = flying.overall_judgement.headline.replace(Level.WATCH)
-    assert flying.session_judgement.headline == headline
+    # While that is not known, the fault comes before all that does not warn; below it stands how this flight is.
+    headline = flying.session_judgement.headline
+    assert headline == flying.unrepaired_fault and headline.level is Level.WATCH
+    assert verdict_on_present_flight(flying) == "This flight: the model is being learned."
+    limited = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
+    warned = replace(flying, worst_lights={Light.MOTORS: limited})
+    assert warned.session_judgement.headline == limited and not verdict_on_present_flight(warned)
     # What the present flight advises holds only if the fault of the first one was repaired.
     next_step = str(flying.session_judgement.next_step)
     assert next_step == "Land unless the fault of flight 1 was repaired."
@@ -237,8 +244,9 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
         "If that was not repaired, land."
     )
-    # Beside the next step stands only what the fault is.
-    fault_alone = unrepaired_fault_beside_next_step(flying)
+    # Beside the next step stands only what the fault is, unless that is the headline.
+    assert not unrepaired_fault_beside_next_step(flying)
+    fault_alone = unrepaired_fault_beside_next_step(warned)
     assert text == f"{fault_alone} If that was not repaired, land."
     # The status of the first second of a flight comes before that flight has a verdict.
     assert unrepaired_fault_text(replace(flying, verdicts=milestones.verdicts[:1])) == text
@@ -263,10 +271,11 @@ def test_a_vehicle_that_is_missing_in_the_air_is_searched_first_and_the_crash_be
         milestones.update(learning_with(), status, float(now))
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     end = replace(silent, no_model_reason=silence, is_over=True, verdicts=milestones.verdicts)
-    missing_line, search, crash_line = closing_lines(end)
+    missing_line, search, crash_line, crash_step = closing_lines(end)
     assert missing_line.startswith("Flight 2 (0:09 min): link lost")
     assert "search" in search
-    assert crash_line.startswith("Flight 1 (0:34 min)") and "Do not fly" in crash_line
+    assert crash_line.startswith("Flight 1 (0:34 min)")
+    assert crash_step.startswith("Next: If that was not repaired: Do not fly")
 
 
 def test_a_crash_comes_before_a_weak_motor_whatever_the_order_of_the_flights():

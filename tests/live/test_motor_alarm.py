@@ -331,6 +331,32 @@ def noisy_commands(rises):
     return (0.5 + noise + rises).tolist()
 
 
+@mark.parametrize("is_wind", [True, False], ids=["wind", "load"])
+def test_a_shift_of_the_trims_is_reported_in_flight_only_if_lean_does_not_explain_it(is_wind):
+    """At 30 s the pitch trim shifts for good: the vehicle leans against a fresh wind, or its load has shifted."""
+    time = np.arange(600) / 10
+    gusts = np.random.default_rng(2).normal(0.0, 0.02, (15, 2))
+    is_after = time >= 30.0
+    lean = np.repeat(gusts, 40, axis=0) + np.outer(0.15 * is_wind * is_after, [0.0, 1.0])
+    trim = 0.15 * lean[:, 1] + 0.025 * (not is_wind) * is_after
+    commands = noisy_commands(np.outer(trim, [1.0, -1.0, 1.0, -1.0]))
+    scale = partial_record(OutputScale, low=0.0, high=1.0)
+    motors = partial_record(MotorOutputs, geometry=geometry(), scale=scale)
+    alarms = MotorAlarms()
+    alarms.begin_flight(0.0, 0)
+    facts = []
+    for sample in zip(time.tolist(), commands, lean.tolist(), strict=True):
+        seconds, sample_commands, sample_lean = sample
+        facts += alarms.add_sample(seconds, 0, motors, sample_commands, 0.0, sample_lean)
+    # The sequential test finds it in either case.
+    [change] = alarms._detector.alarms
+    assert change.motor is None and change.onset_time == approx(30.0, abs=1.5)
+    assert facts == ([] if is_wind else [change.event])
+    assert alarms.changes_in_latest_flight == (() if is_wind else (change,))
+    # Without the flight after it nothing shows more than the lean explains.
+    assert alarms.withdraw_since(32.0) == () and alarms.changes_in_latest_flight == ()
+
+
 def test_a_slow_loss_is_over_when_the_motor_gives_its_thrust_again_and_not_before():
     """The flight before the loss is out of the two minutes that are searched when the motor recovers."""
     watch = GradualLossWatch(geometry(), 0)
@@ -451,7 +477,7 @@ def test_a_shift_shortly_before_the_descent_is_found_in_the_log(monkeypatch):
 
     The hover does not lean, so that the test by the lean, which has its own tests, would leave the cause open.
     """
-    monkeypatch.setattr("mavdem.assessment.motor_alarms.is_beyond_lean", lambda *flight: True)
+    monkeypatch.setattr("mavdem.motors.lean_check.is_beyond_lean", lambda *flight: True)
     hover = Shifted(hovering=28.0)
     frames = Flight(hover, attitude=12.0, motors=12.0).frames(3.0, hover.end)
     signals = Signals(offline([frame for _, frame in frames]))

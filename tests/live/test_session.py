@@ -47,7 +47,7 @@ from mavdem.ingest.output_scale import OutputScale
 from mavdem.live import AlignedRow, LiveStream
 from mavdem.live.intake import FrameBatch
 from mavdem.live.link import MAX_PIECES, LinkLost, ReceivedPiece
-from mavdem.live.model_judgement import hover_of_record
+from mavdem.live.model_judgement import hover_of_segment, longest_settled_segment
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
@@ -331,10 +331,11 @@ def test_hover_figures_leave_out_the_climb_that_the_model_is_learned_from(
     record = replace(memory.record(), output_names=("roll", "roll rate"))
     scale = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
     row_format = Mock(scale=scale, geometry=Mock(names=("1", "2", "3", "4")))
-    hover = hover_of_record(record, row_format, learning.climbs)
+    settled_segment = longest_settled_segment(record, learning.climbs)
     if hover_seconds < MIN_SEGMENT_SECONDS:
-        assert hover is None
+        assert settled_segment is None
     else:
+        hover = hover_of_segment(settled_segment, record, row_format)
         assert hover.seconds == approx(hover_seconds)
         assert hover.trim == approx((1500.0,) * 4) and hover.headroom == approx((0.5,) * 4)
 
@@ -610,6 +611,11 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     )
     session.judge_final_model(replace(learned, record=shaken))
     assert session.flight.judging.judgement.lights["margins"].code is MarginsLight.OSCILLATES
+    # A limit cycle is not looked for in a climb.
+    climb_end = shaken.begins[0] + (len(late) - 300) * learned.dt
+    session.flight.learning._climb_by_segment = {0: (shaken.begins[0], climb_end)}
+    session.judge_final_model(replace(learned, record=shaken))
+    assert session.flight.judging.judgement.lights["margins"].code is not MarginsLight.OSCILLATES
 
 
 def test_margins_that_a_decision_states_are_reported_once():

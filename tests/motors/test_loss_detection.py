@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.motor_geometry import motor_geometry
+from mavdem.motors.balance import MAX_GAP
 from mavdem.motors.change_statistics import (
     PRIOR_FREEDOM,
     changes_with_least_variance,
@@ -17,7 +18,7 @@ from mavdem.motors.change_statistics import (
     window_changes,
     window_means,
 )
-from mavdem.motors.loss_detection import HOURS_TO_FALSE_ALARM, MAX_GAP, MotorLossDetector
+from mavdem.motors.loss_detection import HOURS_TO_FALSE_ALARM, MotorLossDetector
 from mavdem.motors.motor_changes import MotorChange, alarm_figures
 from mavdem.motors.signatures import motor_signatures
 
