@@ -209,7 +209,7 @@ class MotorAlarms:
         return self._update_shifts()
 
     def _update_shifts(self) -> Facts:
-        """Updates the shifts of the trims among the latest changes: those that are beyond the lean by the flight so far.
+        """Updates the shifts of the trims among the latest changes: those beyond the lean by the flight so far.
 
         Returns:
             The events of those that were not reported before.
