@@ -50,6 +50,9 @@ LOSSES_OF_THRUST = (MotorWatchFact.MOTOR_LOST_THRUST, MotorWatchFact.MOTOR_SATUR
 USUAL_QUANTILE = 0.95
 """Quantile of the command above the others' mean, in the usual flight, beyond which a command climbs; a choice."""
 
+START_OF_RISE = 0.1
+"""Fraction of a rise at which it begins: the lower reference level of rise times in IEEE Std 181."""
+
 
 class FailureCommands(NamedTuple):
     """Median commands of the k motors of a vehicle when one of them failed, as shares of their range."""
@@ -329,8 +332,8 @@ def _change_of_mean_command(logged: _LoggedCommands, ending: Fact) -> Facts:
 def _start_of_climb(usual: TimeSeries, until_failure: TimeSeries, motor: int) -> float:
     """Returns when the command of a motor began to climb above the others', before the motor failed.
 
-    The excess of a command is how much it is above the mean of the others. It is usual up to the ``USUAL_QUANTILE`` of
-    the excess in the flight before. The climb begins after the last sample of usual excess.
+    The excess of a command is how much it is above the mean of the others. The climb begins after the last sample whose
+    excess, averaged over ``AVERAGING_SECONDS``, is at most :func:`_max_excess_before_climb`.
 
     Args:
         usual: commands (N, k) of the k motors in the flight before.
@@ -338,21 +341,41 @@ def _start_of_climb(usual: TimeSeries, until_failure: TimeSeries, motor: int) ->
         motor: index of the motor.
 
     Returns:
-        The time, s since boot. It is the time of the first sample if no excess was usual, and the time of the last
+        The time, s since boot. It is the time of the first sample if no excess was so small, and the time of the last
         sample if that excess still is.
     """
-    max_usual_excess = np.quantile(_mean_excess(usual, motor), USUAL_QUANTILE)
-    excess = _mean_excess(until_failure, motor)
-    usual_samples = np.flatnonzero(excess <= max_usual_excess)
-    if not len(usual_samples):
-        return float(until_failure.time[0])
-    last_usual_sample = usual_samples[-1]
-    last_sample = len(excess) - 1
-    first_sample_of_climb = min(last_usual_sample + 1, last_sample)
-    return float(until_failure.time[first_sample_of_climb])
+    excess = _excess(until_failure, motor)
+    max_excess_before = _max_excess_before_climb(_excess(usual, motor), excess)
+    samples_before_climb = np.flatnonzero(moving_average(excess) <= max_excess_before)
+    if not len(samples_before_climb):
+        return float(excess.time[0])
+    last_sample = len(excess.time) - 1
+    first_sample_of_climb = min(samples_before_climb[-1] + 1, last_sample)
+    return float(excess.time[first_sample_of_climb])
 
 
-def _mean_excess(commands: TimeSeries, motor: int) -> Array:
+def _max_excess_before_climb(usual: TimeSeries, until_failure: TimeSeries) -> float:
+    """Returns up to which excess the command of a motor has not begun to climb to its value at the failure.
+
+    It is the larger of two levels: the ``USUAL_QUANTILE`` of the excess in the flight before; and its median there plus
+    ``START_OF_RISE`` of the rise to the highest excess of the last ``AVERAGING_SECONDS``. By the first alone, a little
+    more lean in the wind, seconds before a sudden failure, would be the beginning of a slow one.
+
+    Args:
+        usual: excess (N,) in the flight before, as a fraction of the range.
+        until_failure: excess (M,) of the boot until the failure, at least one.
+    """
+    usual_means = moving_average(usual)
+    median = np.median(usual_means)
+    failure_time = until_failure.time[-1]
+    last_seconds = until_failure.within((failure_time - AVERAGING_SECONDS, failure_time))
+    rise = last_seconds.values.max() - median
+    return max(
+        float(np.quantile(usual_means, USUAL_QUANTILE)), float(median + START_OF_RISE * rise)
+    )
+
+
+def _excess(commands: TimeSeries, motor: int) -> TimeSeries:
     """Returns by how much the command of one motor exceeds the mean command of the other motors, over time.
 
     Args:
@@ -360,11 +383,11 @@ def _mean_excess(commands: TimeSeries, motor: int) -> Array:
         motor: index of the motor.
 
     Returns:
-        The excess (N,), as a moving average; negative where the motor is commanded less.
+        The excess (N,), negative where the motor is commanded less.
     """
     mean_of_others = np.delete(commands.values, motor, axis=1).mean(axis=1)
     excess = commands.values[:, motor] - mean_of_others
-    return moving_average(TimeSeries(commands.time, commands.boot, excess))
+    return TimeSeries(commands.time, commands.boot, excess)
 
 
 def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]) -> Facts:

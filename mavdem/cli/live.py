@@ -453,7 +453,8 @@ def _follow_vehicle(
             model=paths.model if code == EXIT_DONE else None,
         )
         # The page is the last one of the server, which ends before the files are complete.
-        dashboard.report(session, status, written_file_lines(expected_paths, frame_count))
+        file_lines = written_file_lines(expected_paths, frame_count, is_for_browser=True)
+        dashboard.report(session, status, file_lines)
         resources.close()
         rrd_path, record_path = _written_recordings(paths, dashboard, recording)
         written_paths = OutputPaths(

@@ -124,12 +124,16 @@ def _with_number(paths: Sequence[Path | None], number: int) -> list[Path | None]
     return paths_with_number
 
 
-def written_file_lines(paths: OutputPaths, frame_count: int) -> list[str]:
+def written_file_lines(
+    paths: OutputPaths, frame_count: int, *, is_for_browser: bool = False
+) -> list[str]:
     """Returns a line for each file that a session has written: what it is, where, and what opens it.
 
     Args:
         paths: Paths of the written files; None for a file that was not written.
         frame_count: Messages in the recording of the raw stream.
+        is_for_browser: Whether the lines are for the session's page in a browser. Terminals make a link of the URI of
+            a file; browsers open no file from a page of a server, which may be on another computer.
     """
     lines = []
     if paths.record is not None:
@@ -139,8 +143,10 @@ def written_file_lines(paths: OutputPaths, frame_count: int) -> list[str]:
         )
     if paths.rrd is not None:
         lines.append(f"Dashboard: {paths.rrd}. Open it: `rerun {_shell_word(paths.rrd)}`")
-    if paths.page is not None:
-        lines.append(f"Page: {paths.page}. Open it in a browser.")
+    if paths.page is not None and is_for_browser:
+        lines.append(f"Page: {paths.page}. It has what this page shows, and the model.")
+    elif paths.page is not None:
+        lines.append(f"Page: {paths.page}. Open it: {paths.page.absolute().as_uri()}")
     if paths.model is not None:
         lines.append(
             f"Model: {paths.model}. For the next flight: `--prior {_shell_word(paths.model)}`"

@@ -192,6 +192,13 @@ class Baseline(Document):
     """ids"""
 
 
+class StoredBaseline(Baseline):
+    """A baseline as it was stored, with what is doubtful about its flights."""
+
+    caution: str
+    """which flights have motors to be watched, and what follows; empty where none has"""
+
+
 class Recordings(Document):
     """How far the recordings of a flight are, flight.rrd for Rerun and flight.mcap for Foxglove."""
 
@@ -273,6 +280,7 @@ ANSWERS = (
     Change,
     VehicleName,
     Baseline,
+    StoredBaseline,
     Recordings,
     LogFields,
     PlottedField,

@@ -46,6 +46,12 @@ class StartFailure(Code):
     FOLDER_NOT_WRITABLE = "folder_not_writable"
 
 
+class BaselineCaution(Code):
+    """What is doubtful about a baseline that was set."""
+
+    MOTORS_WATCHED = "motors_watched"
+
+
 class Stage(StrEnum):
     """How far a log is, or the making of its recordings: from waiting through learning to recording."""
 

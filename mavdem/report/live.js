@@ -65,21 +65,33 @@
     plot.scrollIntoView();
   });
 
-  // The library stores that the fault of an earlier flight was repaired, which the next state of the page shows.
+  // The library stores that the fault of an earlier flight was repaired. The button says so at once, and the next states of
+  // the page, which may still have it for some seconds, do not offer it again.
+  const notedRepairs = new Set();
+  const markNotedRepair = () => {
+    const repair = document.getElementById("repaired");
+    if (!repair || !notedRepairs.has(repair.value)) return;
+    repair.disabled = true;
+    repair.textContent = "Noted";
+  };
   document.addEventListener("click", async ({ target }) => {
     if (target.id !== "repaired") return;
-    if (!confirm("Was the fault of the earlier flight repaired, or the vehicle inspected? This warning then ends. The library keeps today's date, and can take it back.")) return;
+    const statement = target.textContent, address = target.value;
+    if (!confirm(`${statement}?\n\nThe warning then ends. The library keeps today’s date, and can take it back.`)) return;
     const key = document.querySelector('meta[name="mavdem-key"]')?.content, headers = { "Content-Type": "application/json" };
     if (key) headers.Authorization = `Bearer ${key}`;
     const options = { method: "PATCH", headers, body: JSON.stringify({ repaired: true }) };
-    target.disabled = true;
+    notedRepairs.add(address);
+    markNotedRepair();
     try {
-      const response = await fetch(target.value.replace("/f/", "/api/flights/"), options);
+      const response = await fetch(address.replace("/f/", "/api/flights/"), options);
       if (response.ok) return;
       const { error } = await response.json();
       alert([error?.reason, error?.remedy].filter(Boolean).join(" ") || response.statusText);
     } catch { alert("mavdem does not answer: nothing was stored."); }
+    notedRepairs.delete(address);
     target.disabled = false;
+    target.textContent = statement;
   });
 
   // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to. Where a menu opens, or
@@ -272,6 +284,7 @@
     let followedSpan = isLast() ? chosenSpan : shownSpan;
     title = newer.title;
     renew(main, newer.querySelector("main"));
+    markNotedRepair();
     if (flightNumber() !== shownFlight) {
       // The plots are of another flight: a zoom, or an event that was chosen, was of the one before.
       followedSpan = chosenSpan;

@@ -372,7 +372,7 @@ def headline_reason(judgement: Judgement) -> list[Sentence]:
 
     Returns:
         - After a lost link in flight, the last known position.
-        - If a fault is the reason for the headline, what shows the fault.
+        - If a fault of this flight is the reason for the headline, what shows the fault.
 
         Empty in other cases.
     """
@@ -382,7 +382,9 @@ def headline_reason(judgement: Judgement) -> list[Sentence]:
     fault = cause_of_alarm(judgement.headline)
     # An all-clear is amber where a fault of an earlier flight may not be repaired, which the next step says.
     is_fault = fault.is_watch_or_bad and fault.code not in HEADLINES_WITHOUT_ALARM
-    if is_fault and fault.code is not LinkFact.LOST_IN_FLIGHT:
+    # What showed a fault of an earlier flight stands with that flight, not below the lights of this one.
+    is_of_this_flight = fault.code not in (SessionFact.FLIGHT_VERDICT, SessionFact.UNREPAIRED_FAULT)
+    if is_fault and is_of_this_flight and fault.code is not LinkFact.LOST_IN_FLIGHT:
         sentences += _what_shows_fault(fault, judgement.lights)
     return sentences
 
@@ -479,6 +481,19 @@ def states_unrepaired_fault(next_step: Fact) -> bool:
         next_step: what the pilot is to do next, such as to take off only if motor 3 was repaired.
     """
     return next_step.code in (NextStep.FLY_ON_IF_REPAIRED, NextStep.TAKE_OFF_IF_REPAIRED)
+
+
+def statement_of_repair(unrepaired_fault: Fact) -> str:
+    """Returns what a user states with the button that ends the warning of a fault of an earlier flight.
+
+    It names the flight and, for a fault of one motor, that motor, as in "Motor 3 was repaired or inspected after the
+    flight of 2026-11-28 09:15 UTC".
+
+    Args:
+        unrepaired_fault: the fact that the fault may not have been repaired; its ``reason`` is the fault itself.
+    """
+    [statement] = render_section("live_repair", fault=unrepaired_fault.figures["reason"])
+    return statement.text
 
 
 def closing_lines(status: SessionStatus) -> list[str]:

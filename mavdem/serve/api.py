@@ -23,6 +23,7 @@ from mavdem.documents.library import (
     LogFields,
     PlottedField,
     Progress,
+    StoredBaseline,
     VehicleName,
     Viewer,
 )
@@ -419,12 +420,13 @@ class Api:
         return _json(Viewer(address=page_address, data_address=data_address))
 
     async def set_baseline(self, request: HttpRequest) -> Response:
-        """Sets the healthy flights with which others are compared, and answers with the same document."""
+        """Sets the healthy flights with which others are compared, and answers with them and what is doubtful."""
         self._rights.require(request, Permission.WRITE)
         baseline = await read_document(request, Baseline)
-        await run_in_threadpool(self._library.set_baseline, baseline.flights)
+        caution = await run_in_threadpool(self._library.set_baseline, baseline.flights)
         self._work_requested()
-        return _json(baseline)
+        caution_text = "" if caution is None else caution.sentence_and_remedy
+        return _json(StoredBaseline(flights=baseline.flights, caution=caution_text))
 
     async def remove_baseline(self, request: HttpRequest) -> Response:
         """Removes the baseline of the vehicle whose name in its logs is ``vehicle`` in the query."""

@@ -26,8 +26,15 @@ from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues, Names, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
-from mavdem.facts import Fact
-from mavdem.facts.serve import ListingOrder, RefusalReason, Sharing, Stage, StartFailure
+from mavdem.facts import Fact, Level
+from mavdem.facts.serve import (
+    BaselineCaution,
+    ListingOrder,
+    RefusalReason,
+    Sharing,
+    Stage,
+    StartFailure,
+)
 from mavdem.fleet.assigned_vehicles import assign_vehicle, rows_with_assigned_vehicles
 from mavdem.fleet.baseline import row_with_bad_motors
 from mavdem.fleet.flights import worst_row
@@ -821,7 +828,7 @@ class Library:
         """
         return [row for row in self.store.healthy if row.vehicle == vehicle]
 
-    def set_baseline(self, ids: Iterable[str]) -> None:
+    def set_baseline(self, ids: Iterable[str]) -> Fact | None:
         """Marks some flights as healthy: the baseline with which other flights of the same vehicle are compared.
 
         They replace those of the same vehicles that were marked before. Two kinds of flights are left out: those that
@@ -831,18 +838,32 @@ class Library:
         Args:
             ids: ids of the healthy flights in the index.
 
+        Returns:
+            The caution that motors of some of these flights are to be watched; None if none are.
+
         Raises:
             Refusal: there is no such flight, the motors of one are bad, or the disk is full.
         """
+        entries = [self.entry(id) for id in ids]
+        # As the pages show them: by the log, and by comparison with the vehicle's other flights.
+        watched_names = []
+        for entry in self.compared_entries(entries).entries:
+            if entry.motors == Level.WATCH:
+                watched_names.append(self._shown_name(entry))
         healthy_rows = []
-        for id in ids:
-            entry = self.entry(id)
+        for entry in entries:
             rows = self.flight_rows([entry])
             if row_with_bad_motors(rows) is not None:
-                name = self.names.flights.get(entry.content_hash) or entry.name
-                raise Refusal(RefusalReason.MOTORS_BAD, name=name)
+                raise Refusal(RefusalReason.MOTORS_BAD, name=self._shown_name(entry))
             healthy_rows += [row for row in rows if row.is_read and row.has_own_name]
         self._replace_baseline({row.vehicle for row in healthy_rows}, healthy_rows)
+        if not watched_names:
+            return None
+        return Fact(BaselineCaution.MOTORS_WATCHED, names=watched_names)
+
+    def _shown_name(self, entry: LibraryEntry) -> str:
+        """Returns the name under which pages show a flight: the one that a user gave it, or that of its log's file."""
+        return self.names.flights.get(entry.content_hash) or entry.name
 
     def remove_baseline(self, vehicle: str) -> None:
         """Removes the baseline of a vehicle, the flights that a user marked as healthy.

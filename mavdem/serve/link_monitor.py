@@ -363,8 +363,8 @@ class LinkMonitor:
         self._stored_flight: _StoredFlight | None = None
         # Flights before it, the oldest first, that decide which fault still stands (``_flights_to_keep``).
         self._earlier_stored_flights: list[_StoredFlight] = []
-        # The latest flights of each vehicle from before the server was started, by its name in the library.
-        self._flights_before_start: dict[str, list[_StoredFlight]] = {}
+        # Ids of the recordings that this server has added to the library.
+        self._recorded_ids: set[str] = set()
         # The part of the running session's recording that was stored once its vehicle was lost in the air.
         self._stored_part: _StoredFlight | None = None
         # The latest recording of a session in the library, also of one before the server was started.
@@ -678,7 +678,9 @@ class LinkMonitor:
             Refusal: the library has no room.
         """
         first_time = datetime.fromtimestamp(recording.first_stamp, UTC)
-        return self._library.add(path, _recording_name(first_time))
+        entry = self._library.add(path, _recording_name(first_time))
+        self._recorded_ids.add(entry.id)
+        return entry
 
     def _with_verdict(self, flight: _StoredFlight) -> _StoredFlight:
         """Looks up how the library judges a stored flight now (its verdict), and shows the verdict if it has changed.
@@ -972,10 +974,10 @@ class LinkMonitor:
     def _flights_from_before_start(
         self, vehicle: _LinkedVehicle, session: LiveSession
     ) -> list[_StoredFlight]:
-        """Returns the latest flights of a vehicle that the library had when the server first received the vehicle.
+        """Returns the latest flights of a vehicle in the library that this server has not recorded.
 
-        They are needed since a new start of the server repairs no fault. The library is searched once for each name of
-        the vehicle: its name is made of its system id until its parameters come, and of these later.
+        They are needed since a new start of the server repairs no fault. The library is searched each time, since it
+        may judge the last flight of the server before only after this one has received the vehicle.
 
         Args:
             vehicle: the vehicle.
@@ -987,10 +989,7 @@ class LinkMonitor:
         state = session.status.state
         if state is None or not state.library_name:
             return []
-        name = state.library_name
-        if name not in self._flights_before_start:
-            self._flights_before_start[name] = self._latest_judged_flights(vehicle, state)
-        return self._flights_before_start[name]
+        return self._latest_judged_flights(vehicle, state)
 
     def _latest_judged_flights(
         self, vehicle: _LinkedVehicle, state: VehicleState
@@ -1025,6 +1024,8 @@ class LinkMonitor:
     def _latest_judged_entries(self, name: str, vehicle: _LinkedVehicle) -> list[LibraryEntry]:
         """Finds the latest flights under a name that the library has judged, at most ``MAX_FLIGHTS_BEFORE_START``.
 
+        Those that this server has recorded are left out.
+
         Args:
             name: name under which the library lists the vehicle.
             vehicle: the vehicle, with the autopilot and frame that the flights must have.
@@ -1033,8 +1034,12 @@ class LinkMonitor:
             The flights, the latest one last.
         """
         # SQL. A flight that is not judged yet has an empty level.
-        condition = "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
-        values = (name, vehicle.autopilot, vehicle.vehicle_type)
+        condition = (
+            "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
+            " and id not in (select value from json_each(?))"
+        )
+        recorded_ids = json.dumps([*self._recorded_ids])
+        values = (name, vehicle.autopilot, vehicle.vehicle_type, recorded_ids)
         found = self._library.find(
             condition, values, limit=MAX_FLIGHTS_BEFORE_START, order=ListingOrder.FLIGHT
         )
@@ -1330,6 +1335,7 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
             levels={light: getattr(entry, light) for light in Light},
             light_sentences=json.loads(entry.light_sentences),
             flight_date=_date_to_the_minute(entry),
+            motor=_motor_of_headline(entry),
             light_figures=json.loads(entry.light_figures),
         )
     has_failed = entry.stage == Stage.FAILED
@@ -1340,6 +1346,16 @@ def _verdict_on_recording(entry: LibraryEntry, *, is_compared: bool) -> Fact:
 def _date_to_the_minute(entry: LibraryEntry) -> str:
     """Returns when the flight of a recording began, such as "2026-11-28 09:15", UTC; empty where that is not known."""
     return entry.date[: len("2026-11-28T09:15")].replace("T", " ")
+
+
+def _motor_of_headline(entry: LibraryEntry) -> int | None:
+    """Returns the number of the motor whose fault is the headline of a recording; None if that is something else.
+
+    Args:
+        entry: the recording in the library, which has judged it.
+    """
+    motors_sentence = json.loads(entry.light_sentences).get(Light.MOTORS, "")
+    return entry.motor if entry.headline == motors_sentence else None
 
 
 def _name_in_logs(session: LiveSession) -> str:

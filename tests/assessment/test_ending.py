@@ -8,6 +8,7 @@ import numpy as np
 from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
 from instrumented import stamps
+from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.assessment.assess import loss_of_flight
@@ -16,11 +17,13 @@ from mavdem.assessment.failure_by_commands import is_first_at_limit, weak_motor
 from mavdem.assessment.first_failure import first_failure
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_failure import (
+    _start_of_climb,
     failure_commands,
     raise_level_of_assumed_landings,
     with_evidence_of_cause,
 )
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
@@ -718,6 +721,19 @@ def test_the_climb_of_its_command_is_the_first_evidence_for_a_weak_motor():
     assert text.startswith(f"Why: the command of {NAMES[1]} rose from its usual ")
     assert "; then the gyro measured " in text
     assert text.index("the gyro measured") < text.index("the attitude was ")
+
+
+def test_a_command_that_rises_at_once_has_not_climbed_since_the_lean_changed():
+    """Seven seconds before its limit, motor 2 works 1 % harder, since the vehicle leans a little more in the wind."""
+    time = np.arange(0.0, 30.0, 0.02)
+    commands = np.full((len(time), 4), 0.7)
+    commands[:, 1] += default_rng(1).normal(0.0, 0.002, len(time))
+    commands[time > 23.0, 1] += 0.01
+    commands[time > 29.8, 1] = 1.0
+    series = TimeSeries(time, np.zeros(len(time), int), commands)
+    usual = series.within((2.0, 20.0))
+    # The average over two seconds rises a second early.
+    assert 28.7 < _start_of_climb(usual, series, motor=1) < 29.8
 
 
 def test_of_a_motor_without_output_the_evidence_is_that_its_command_fell():

@@ -26,9 +26,12 @@ def test_each_written_file_has_a_line_with_what_opens_it():
     assert lines == [
         "Recording: my flight.tlog, 12,345 messages. Judge it: `mavdem 'my flight.tlog'`",
         "Dashboard: f.rrd. Open it: `rerun f.rrd`",
-        "Page: f.html. Open it in a browser.",
+        f"Page: f.html. Open it: {Path('f.html').absolute().as_uri()}",
         "Model: f.model.json. For the next flight: `--prior f.model.json`",
     ]
+    page_alone = OutputPaths(None, None, None, page=Path("f.html"))
+    [line_of_page] = written_file_lines(page_alone, frame_count=0, is_for_browser=True)
+    assert line_of_page == "Page: f.html. It has what this page shows, and the model."
     assert written_file_lines(OutputPaths(None, None, None, None), frame_count=0) == []
 
 

@@ -58,7 +58,7 @@ def test_what_shows_the_cause_comes_before_what_followed_and_each_is_listed_once
     cause = Fact(FailedFirst.LIMIT_FIRST, time=2.0, subject="motor 2", witnesses=(climb,))
     lost = Fact(Ending.CONTROL_LOST, time=2.0, cause=cause, witnesses=(SANK,))
     clause = (
-        "the command of motor 2 rose from its usual 61 % to its limit of 93 % from 1.0 to 2.0 s "
+        "the command of motor 2 rose from its usual 61 % to its limit of 93 % between 1.0 and 2.0 s "
         "(the mean of the others from 59 % to 62 %)"
     )
     assert evidence_text(lost) == f"Why: {clause}; then the barometer sank at 4.0 m/s at 2.5 s."

@@ -361,7 +361,15 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
     assert served.library.store.healthy == []
     served.ask("PATCH", f"/api/flights/{other}", {"vehicle_name": "Red"})
     for flight in (other, sound):
-        assert served.ask("PUT", "/api/baseline", {"flights": [flight]}).status == 200
+        served.library.change(flight, motors="good")
+        stored = served.ask("PUT", "/api/baseline", {"flights": [flight]})
+        assert stored.status == 200 and stored.json == {"flights": [flight], "caution": ""}
+    # Motors that are to be watched are no reason to refuse: the answer has the caution of the page's question.
+    served.library.change(sound, motors="watch")
+    caution = served.ask("PUT", "/api/baseline", {"flights": [sound]}).json["caution"]
+    flights_watched, consequence = caution.split(". ")
+    assert flights_watched == "The motors light is “watch” in sound.ulg"
+    assert consequence in served.get("/static/serve.js").text
     page = served.get("/vehicle?name=quad%207").text
     assert f'Baseline: <a href="/f/{sound}">sound.ulg</a>.' in page
     assert served.ask("DELETE", "/api/baseline?vehicle=quad%207").status == 204

@@ -1,6 +1,7 @@
 """A server that is attached to a link: the page of the session, its log in the library, and what ends it."""
 
 import errno
+import json
 import signal
 import socket
 import time
@@ -46,7 +47,12 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.live.vehicle_state import VehicleState
-from mavdem.report.live import moment_text, unrepaired_fault_text
+from mavdem.report.live import (
+    headline_reason,
+    moment_text,
+    statement_of_repair,
+    unrepaired_fault_text,
+)
 from mavdem.report.pages import flight_page
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import as_clause
@@ -347,7 +353,7 @@ def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_kn
     entry = LibraryEntry("abc", "a.tlog")
     awaited = link_monitor._verdict_on_recording(entry, is_compared=False)
     page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), awaited)
-    assert "This flight is over." in page and '<a href="/f/abc">a.tlog</a>' in page
+    assert "This flight is over." in page and 'href="/f/abc">Open its page</a>' in page
     assert "Nothing was received" not in page and "The flight is over; nothing more" in page
 
 
@@ -530,6 +536,10 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         status = shown_status(autopilot, name, is_named, is_flying=True, flight_number=1)
         return status.session_judgement.next_step
 
+    # The server judges it some time after its start, perhaps when the vehicle flies again.
+    library.change(entry.id, level="")
+    assert "repaired" not in str(next_step("PX4", "quad"))
+    library.change(entry.id, level="bad")
     step = next_step("PX4", "quad")
     assert str(step) == "Land unless the earlier fault was repaired."
     hover_first = Fact(NextStep.HOVER_FIRST, reason=None)
@@ -544,7 +554,12 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         assert stated_fault.lead == "Earlier flight (2026-11-28 09:15 UTC): motor 3 lost thrust."
         # The card with the button that says so names flight and fault, too.
         head = flight_page._live_head(LiveHistory(), status, [], None)
-        assert head.earlier_fault == stated_fault.lead
+        assert (
+            head.earlier_fault
+            == "In an earlier flight (2026-11-28 09:15 UTC), motor 3 lost thrust."
+        )
+        flight = "the flight of 2026-11-28 09:15 UTC"
+        assert head.statement_of_repair == f"The vehicle was repaired or inspected after {flight}"
         assert step.text == "Take off only if that was repaired."
         assert step.address == f"/f/{entry.id}"
         assert advice.text == "Do not fly before it is inspected."
@@ -556,13 +571,21 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     assert headline_text(waiting.unrepaired_fault.replace(reason=stated)) == (
         "Earlier flight (2026-11-28 09:15 UTC): motor 3 lost 18 to 40 % of its thrust at 26 s."
     )
+    # What showed it stands beside its flight, and not below the lights of this one.
+    explained = waiting.session_judgement.headline.replace(reason=stated)
+    assert headline_reason(replace(waiting.session_judgement, headline=explained)) == []
+    of_motor = {"motor": 3, "light_sentences": json.dumps({"motors": fault["headline"]})}
+    library.change(entry.id, **of_motor)
+    fault_of_motor = shown_status("PX4", "quad").unrepaired_fault
+    assert (
+        statement_of_repair(fault_of_motor) == f"Motor 3 was repaired or inspected after {flight}"
+    )
     # Where only its system id is known, the flight may be of another vehicle.
     doubtful_step = next_step("PX4", "quad", is_named=False)
     assert "of a vehicle with this system id" in str(doubtful_step.figures["reason"])
     for autopilot, name in (("ARDUPILOTMEGA", "copter"), ("PX4", "other"), ("PX4", "")):
         assert "repaired" not in str(next_step(autopilot, name))
     # A fault with which the vehicle may fly counts in the next flight.
-    live._flights_before_start.clear()
     library.change(entry.id, headline="Too little margin.", next_step="Lower the gain.")
     assert str(next_step("PX4", "quad")).startswith("Land soon unless the earlier fault")
     # It is no news, and the verdict on it none of this server.

@@ -1,5 +1,7 @@
 """The page of a live session in Chromium: it takes over what is new, keeps its place, and says when nothing comes."""
 
+from dataclasses import replace
+
 from live_rows import add_flight
 from pytest import approx, fixture, mark
 from serving import serving
@@ -8,7 +10,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorWatchFact
-from mavdem.facts.session import RowsFact, TimeUse, VehicleFact
+from mavdem.facts.session import RowsFact, SessionFact, TimeUse, VehicleFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.live.history import LiveHistory
@@ -351,6 +353,40 @@ def test_a_lost_link_has_a_strip_of_its_own_before_it_is_an_alarm(session, tab):
     offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     tab.command("Network.emulateNetworkConditions", offline=True, **offline)
     tab.until(f"{LOUD_LINE}.endsWith('Last alarm: {last}.') && !({is_shown})")
+
+
+def test_a_repair_is_noted_at_once_and_not_offered_again(session, tab):
+    """The server still has the warning for some seconds; where it stores nothing, the button is as before."""
+    fault = Fact(
+        SessionFact.RECORDING_JUDGED,
+        Level.BAD,
+        headline="Motor 3 lost thrust.",
+        next_step="Do not fly before it is inspected.",
+        flight_date="2026-11-28 09:15",
+        motor=3,
+        address="/f/no-such-flight",
+    )
+    warned = SessionStatus("1:1", is_flying=True, message_age=0.0, fault_in_library=fault)
+    session.show(warned)
+    statement = "Motor 3 was repaired or inspected after the flight of 2026-11-28 09:15 UTC"
+    button = "document.querySelector('#repaired')"
+    tab.until(f"{button}?.textContent === '{statement}'")
+    tab.run("""(() => {
+      window.confirm = question => { window.question = question; return true; };
+      window.alert = refusal => { window.refusal = refusal; };
+      const ask = window.fetch, asked = new Promise(answer => { window.answer = answer; });
+      window.fetch = (address, options) =>
+        options.method === "PATCH" ? asked.then(() => ask(address, options)) : ask(address, options);
+    })()""")
+    tab.run(f"{button}.click()")
+    assert tab.run(f"[{button}.textContent, {button}.disabled]") == ["Noted", True]
+    assert tab.run("window.question").startswith(f"{statement}?")
+    session.show(replace(warned, message_age=1.0, flight_seconds=3.0))
+    tab.until("document.body.innerText.includes('in flight 0:03')")
+    assert tab.run(f"[{button}.textContent, {button}.disabled]") == ["Noted", True]
+    tab.run("window.answer()")
+    tab.until("window.refusal")
+    assert tab.run(f"[{button}.textContent, {button}.disabled]") == [statement, False]
 
 
 def test_who_read_the_headline_reads_that_of_the_next_flight(session, tab):

@@ -1345,7 +1345,8 @@ def _live_head(
         are_lights_of_recording=_are_lights_of_recording(judgement.lights),
         unrepaired_fault=unrepaired_fault,
         page_of_earlier_fault=_page_of_earlier_fault(status),
-        earlier_fault="" if unrepaired_fault else _earlier_fault_in_short(status),
+        earlier_fault="" if unrepaired_fault else _earlier_fault(status),
+        statement_of_repair=_statement_of_repair(status),
         vehicle_state=vehicle_state_cells(status) if goes_on else (),
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
@@ -1448,14 +1449,27 @@ def _page_of_earlier_fault(status: SessionStatus) -> str:
     return "" if fault is None else _address_of_earlier_flight(fault)
 
 
-def _earlier_fault_in_short(status: SessionStatus) -> str:
-    """Returns the earlier flight and its fault that may not have been repaired, in one line; empty without one.
+def _earlier_fault(status: SessionStatus) -> str:
+    """Returns the earlier flight and its fault that may not have been repaired, with all details; empty without one.
 
     Args:
         status: state of the session now, or at its end.
     """
     fault = status.unrepaired_fault
-    return "" if fault is None else headline(fault)
+    return "" if fault is None else fault.sentence
+
+
+def _statement_of_repair(status: SessionStatus) -> str:
+    """Returns what a user states with the button that ends the warning of an earlier fault; empty without such a fault.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import statement_of_repair
+
+    fault = status.unrepaired_fault
+    return "" if fault is None else statement_of_repair(fault)
 
 
 def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:

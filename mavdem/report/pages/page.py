@@ -418,7 +418,11 @@ class Head(NamedTuple):
     page is there, or nobody can ask for that any more."""
 
     earlier_fault: str = ""
-    """The date of that flight and its fault in one line; empty where ``unrepaired_fault`` states them."""
+    """The date of that flight and its fault in one sentence; empty where ``unrepaired_fault`` states them."""
+
+    statement_of_repair: str = ""
+    """What a user states with the button that ends the warning of that fault: which motor was repaired after which
+    flight; empty without such a fault."""
 
     vehicle_state: Sequence[Sentence] = ()
     """Mode, height, battery, satellites and link of that vehicle, each a value and a remark, which a telephone always
