@@ -178,7 +178,7 @@ def _compare_until_stopped(windows: Sequence[Window], methods: Sequence[Method])
     """
     outcomes: list[WindowOutcomes] = []
     with progress_bar("Comparing") as show_bar:
-        show_progress = _ComparisonProgress(methods, len(windows), show_bar)
+        show_progress = _ComparisonProgress(methods, windows, show_bar)
         try:
             with closing(outcomes_by_window(windows, methods, show_progress)) as window_outcomes:
                 for outcomes_of_window in window_outcomes:
@@ -205,22 +205,25 @@ class _ComparisonProgress:
     """
 
     def __init__(
-        self, methods: Sequence[Method], window_count: int, show_bar: Callable[[float, str], None]
+        self,
+        methods: Sequence[Method],
+        windows: Sequence[Window],
+        show_bar: Callable[[float, str], None],
     ) -> None:
         """Starts the clock.
 
         Args:
             methods: methods to compare.
-            window_count: number of windows to compare.
+            windows: windows to compare.
             show_bar: function that shows a bar, filled by a fraction from 0 to 1, with a title beside it.
         """
         self._method_count = len(methods)
-        self._window_count = window_count
-        self._trial_count = len(methods) * window_count
+        self._window_count = len(windows)
+        self._trial_count = len(methods) * len(windows)
         self._done_count = 0
         self._show_bar = show_bar
         workers = workers_for(self._trial_count)
-        self._run_time = RunTimeEstimate(methods, window_count, workers)
+        self._run_time = RunTimeEstimate(methods, windows, workers)
         self._last_line_time = perf_counter()
         self._is_first_estimate = True
         # Start of the first trial; the time before it is that in which the workers start.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 from mavdem.dem import Settings, learn
 from mavdem.experiments import methods
-from mavdem.experiments.window import Window, part_samples
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster
@@ -90,20 +89,3 @@ QUICK_METHODS = (
     HeldOutForecast.HOLD_LAST,
 )
 """Names of methods that take less than a second a window and answer first: a fit without a prior, and the baselines."""
-
-
-def expected_seconds(windows: Sequence[Window], methods: Sequence[Method], workers: int) -> float:
-    """Returns how long methods are expected to take on windows, s; a run may well take half or twice of that.
-
-    The processor time of a method is taken as proportional to the samples of a window. It is known for a window of the
-    default length at 100 Hz (``Method.window_seconds``).
-
-    Args:
-        windows: windows to compare.
-        methods: methods to compare.
-        workers: number of processes that share the work.
-    """
-    samples_of_known_window = sum(part_samples(dt=0.01))
-    samples = sum(window.stop - window.start for window in windows)
-    seconds_per_window = sum(method.window_seconds for method in methods)
-    return samples / samples_of_known_window * seconds_per_window / workers

@@ -1,4 +1,4 @@
-"""Expected time until the end of a comparison, by what each method has taken in the windows that are done.
+"""Expected time of a comparison: by typical times before it starts, then by what each method has taken so far.
 
 Methods differ by a factor of a hundred, and the prediction-error method (PEM) takes several times as long in one window
 as in another. So neither the number of trials nor the first window says how long the rest will take. A trial is one
@@ -6,30 +6,39 @@ method in one window.
 """
 
 from collections.abc import Sequence
-from statistics import median
+from statistics import mean, median
 
 from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.outcomes import Outcome
+from mavdem.experiments.window import Window, part_samples
+
+SAMPLES_OF_TYPICAL_WINDOW = sum(part_samples(dt=0.01))
+"""Samples of a window of the default length at 100 Hz, for which the typical times of methods are known."""
 
 
 class RunTimeEstimate:
     """Expected time of all trials of a comparison, methods times windows, on several processes.
 
     The expected time of a method in a window is the mean of those that are measured and, as one more window, of the
-    method's typical time on this machine. So a first window that takes unusually long does not stand for all.
+    method's typical time on this machine. So a first window that takes unusually long does not stand for all. The
+    typical time is taken as proportional to the samples of a window.
     """
 
-    def __init__(self, methods: Sequence[Method], window_count: int, workers: int) -> None:
+    def __init__(self, methods: Sequence[Method], windows: Sequence[Window], workers: int) -> None:
         """Starts with the typical times.
 
         Args:
             methods: methods to compare.
-            window_count: number of windows to compare.
+            windows: windows to compare, at least one.
             workers: number of processes that share the work.
         """
-        self._window_count = window_count
+        self._window_count = len(windows)
         self._workers = workers
-        self._typical_seconds = {method.name: method.window_seconds for method in methods}
+        mean_samples = mean(window.stop - window.start for window in windows)
+        relative_length = mean_samples / SAMPLES_OF_TYPICAL_WINDOW
+        self._typical_seconds = {
+            method.name: relative_length * method.window_seconds for method in methods
+        }
         self._measured_seconds = {method.name: list[float]() for method in methods}
 
     def add(self, outcome: Outcome) -> None:
@@ -42,6 +51,8 @@ class RunTimeEstimate:
 
     def seconds_left(self, elapsed_seconds: float) -> float:
         """Returns the expected time until the end, s; at least 0.
+
+        Before the start it may well be wrong by a factor of two.
 
         Results come in the order of the trials, while other processes are ahead of them. So the time left is not that
         of the trials without a result, but the time of all trials minus the time that has passed.

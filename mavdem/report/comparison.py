@@ -12,7 +12,6 @@ from mavdem.experiments.compared_methods import (
     DEFAULT_METHOD,
     QUICK_METHODS,
     Method,
-    expected_seconds,
 )
 from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
@@ -26,6 +25,7 @@ from mavdem.experiments.useful_horizons import (
 )
 from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
+from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.templates import render_section
@@ -76,8 +76,10 @@ def plan_report(
         methods: methods to compare.
         workers: number of processes that share the work.
     """
-    seconds = expected_seconds(windows, methods, workers)
+    run_time = RunTimeEstimate(methods, windows, workers)
+    seconds = run_time.seconds_left(elapsed_seconds=0.0)
     quick_methods = [method for method in methods if method.name in QUICK_METHODS]
+    quick_run_time = RunTimeEstimate(quick_methods, windows, workers)
     sentences = render_section(
         "comparison_plan",
         windows=windows,
@@ -86,9 +88,9 @@ def plan_report(
         min_pairs=MIN_PAIRS,
         workers=workers,
         seconds=seconds,
-        slow_method=RunTimeEstimate(methods, len(windows), workers).slow_method(),
+        slow_method=run_time.slow_method(),
         quick_names=",".join(method.name for method in quick_methods),
-        quick_seconds=expected_seconds(windows, quick_methods, workers),
+        quick_seconds=quick_run_time.seconds_left(elapsed_seconds=0.0),
         is_long=seconds >= LONG_RUN and len(quick_methods) == len(QUICK_METHODS) < len(methods),
     )
     return sentences + _advice_on_pairs(windows)
@@ -113,11 +115,15 @@ def comparison_report(
     yield from render_section(
         "comparison_stopped", windows=len(comparison.windows), planned_windows=planned_windows
     )
-    for kind in kinds:
-        headline, *details = _result_sentences(comparison, kind)
-        yield headline_sentence(headline.text)
+    results = [_method_results(comparison, kind) for kind in kinds]
+    summary = _summary_of_kinds(comparison, results)
+    for sentence in summary:
+        yield headline_sentence(sentence.text)
+    for result in results:
+        first_sentence, *details = _result_sentences(comparison, result, is_detail=bool(summary))
+        yield first_sentence if summary else headline_sentence(first_sentence.text)
         yield from details
-        yield from _use_sentences(comparison, kind)
+        yield from _use_sentences(comparison, result.kind)
     yield _rmse_table(comparison, kinds)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
@@ -172,16 +178,40 @@ def _advice_on_pairs(windows: Sequence[Window]) -> list[Sentence]:
     )
 
 
-def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
-    """Returns sentences on how the error of the first method compares with the others', the headline first.
+class _MethodResults(NamedTuple):
+    """Error ratios of all methods that make forecasts of a kind, and how each compares with the first one's."""
 
-    The headline has the error ratios of the first method, of those that are better beyond chance, of the baselines, and
-    of the best other method, as they stand in the table, with the p-values of the tests. The others are grouped by the
-    result of their test. Methods that failed in all windows cannot be tested, and are named apart.
+    kind: ForecastKind
+    """Kind of forecast, by the data that it may use."""
+
+    reference: str
+    """The first method, with which the others are compared."""
+
+    error_ratios: dict[str, float]
+    """Error ratio of each method over the whole test part."""
+
+    tests: dict[str, Paired]
+    """Paired test of the first method against each other one; none of a method that failed in all windows."""
+
+    failed_methods: list[str]
+    """Methods that made no forecast in any window."""
+
+    def methods_with(self, result: TestResult) -> list[str]:
+        """Returns the other methods for which the test of the first method had a result."""
+        return [method for method, test in self.tests.items() if test.result is result]
+
+    @property
+    def better_methods(self) -> list[str]:
+        """Methods whose error is significantly lower than the first one's."""
+        return self.methods_with(TestResult.HIGHER)
+
+
+def _method_results(comparison: Comparison, kind: ForecastKind) -> _MethodResults:
+    """Returns the error ratios of all methods, and how each compares with the first one's.
 
     Args:
         comparison: errors and tests of all methods.
-        kind: ``KNOWN_INPUTS`` for forecasts with recorded inputs, ``UNKNOWN_INPUTS`` for those without.
+        kind: kind of forecast, by the data that it may use.
     """
     reference = comparison.methods_of(kind)[0]
     failed_methods = []
@@ -194,42 +224,93 @@ def _result_sentences(comparison: Comparison, kind: ForecastKind) -> list[Senten
     for method, test in comparison.tests(kind).items():
         if method not in failed_methods and reference not in failed_methods:
             tests[method] = test
-    methods_by_result: dict[TestResult, list[str]] = {result: [] for result in TestResult}
-    for method, test in tests.items():
-        methods_by_result[test.result].append(method)
-    better_methods = methods_by_result[TestResult.HIGHER]
+    return _MethodResults(kind, reference, error_ratios, tests, failed_methods)
+
+
+def _summary_of_kinds(comparison: Comparison, results: Sequence[_MethodResults]) -> list[Sentence]:
+    """Returns the headline of a method that forecasts both with and without knowledge of the inputs.
+
+    Only the first method has a summary, and only if it made forecasts of both kinds: otherwise each kind of forecast
+    has a headline of its own.
+
+    Args:
+        comparison: errors and tests of all methods.
+        results: the results of each kind of forecast.
+
+    Returns:
+        The sentence with the error ratio of each kind, and the methods that are better; none without a summary.
+    """
+    reference = comparison.methods[0]
+    for result in results:
+        if result.reference != reference or reference in result.failed_methods:
+            return []
+    if len(results) == 1:
+        return []
+    return render_section(
+        "comparison_summary",
+        seconds=_test_length(comparison),
+        reference=reference,
+        is_default=reference == DEFAULT_METHOD,
+        results=results,
+        error_ratios=[_short_number(result.error_ratios[reference]) for result in results],
+    )
+
+
+def _result_sentences(
+    comparison: Comparison, result: _MethodResults, *, is_detail: bool
+) -> list[Sentence]:
+    """Returns sentences on how the error of the first method compares with the others', the headline first.
+
+    The headline has the error ratios of the first method, of those that are better beyond chance, of the baselines, and
+    of the best other method, as they stand in the table, with the p-values of the tests. The others are grouped by the
+    result of their test. Methods that failed in all windows cannot be tested, and are named apart, as are those that
+    make no forecasts of the kind.
+
+    Args:
+        comparison: errors and tests of all methods.
+        result: the results of a kind of forecast.
+        is_detail: whether a headline on all kinds stands above.
+    """
+    reference = result.reference
     benchmarks = []
-    all_benchmarks = _benchmarks(comparison, kind)
+    all_benchmarks = _benchmarks(comparison, result.kind)
     for method in all_benchmarks:
-        if method in tests and method not in better_methods:
+        if method in result.tests and method not in result.better_methods:
             benchmarks.append(method)
-    benchmarks.sort(key=lambda method: error_ratios[method])
+    benchmarks.sort(key=lambda method: result.error_ratios[method])
 
     def tested_methods(names: Sequence[str]) -> list[_TestedMethod]:
         """Returns methods with their error ratios and p-values as text."""
         return [
-            _TestedMethod(name, _short_number(error_ratios[name]), _p_value_text(tests[name]))
+            _TestedMethod(
+                name, _short_number(result.error_ratios[name]), _p_value_text(result.tests[name])
+            )
             for name in names
         ]
 
     return render_section(
         "comparison_result",
-        forecasts=_forecasts_text(comparison, kind),
+        is_detail=is_detail,
+        kind=result.kind,
+        forecasts=_forecasts_text(comparison, result.kind),
         reference=reference,
         is_default=reference == DEFAULT_METHOD,
-        error_ratio=_short_number(error_ratios[reference]),
+        error_ratio=_short_number(result.error_ratios[reference]),
         are_flights_pairs=_are_flights_pairs(comparison),
-        pair_count=min([test.tested for test in tests.values()], default=0),
+        pair_count=min([test.tested for test in result.tests.values()], default=0),
         min_pairs=MIN_PAIRS,
-        method_count=len(tests),
-        losses=tested_methods(better_methods),
+        method_count=len(result.tests),
+        losses=tested_methods(result.better_methods),
         benchmarks=tested_methods(benchmarks),
         best_other=all_benchmarks[-1] if all_benchmarks else None,
         trivial_methods=TRIVIAL_METHODS,
-        lower=methods_by_result[TestResult.LOWER],
-        similar=methods_by_result[TestResult.NOT_DISTINGUISHABLE],
-        failed_methods=failed_methods,
-        best_at_horizons=_better_at_shorter_horizons(comparison, kind),
+        lower=result.methods_with(TestResult.LOWER),
+        similar=result.methods_with(TestResult.NOT_DISTINGUISHABLE),
+        failed_methods=result.failed_methods,
+        absent_methods=[
+            method for method in comparison.methods if method not in result.error_ratios
+        ],
+        best_at_horizons=_better_at_shorter_horizons(comparison, result.kind),
     )
 
 
@@ -303,28 +384,45 @@ def _seconds_text(seconds: float) -> str:
 def _rmse_table(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
     """Returns a table of the first method's RMSE by horizon, and of the windows in which a constant is better.
 
+    The last rows have the RMSE of the last value as forecast, which depends on no inputs.
+
     Args:
         comparison: errors of all methods.
         kinds: kinds of forecasts, by the data that they may use; the table has rows for each.
     """
     reference = comparison.methods[0]
-    train = comparison.windows[0].train
     rows = []
     for kind in kinds:
         summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
         if reference not in summaries:
             continue
         summary = summaries[reference]
-        for index, output in enumerate(train.output_names):
-            unit = display_unit(train.output_units[index])
-            row = [f"inputs {kind}: RMSE of {output} ({unit.name})"]
-            for squared_errors in summary["horizons_mspe"]:
-                row.append(_short_number(unit.scale * sqrt(squared_errors[index])))
-            rows.append(row)
+        rows += _rmse_rows(f"inputs {kind}", summary, comparison.windows[0].train)
         worse_counts = [str(count) for count in summary["horizons_worse"]]
         worse_label = f"inputs {kind}: worse than constant, of {summary['windows']}"
         rows.append([worse_label, *worse_counts])
+    for summary in comparison.over_flights(KNOWN_INPUTS):
+        if summary["method"] == HOLD_LAST != reference:
+            rows += _rmse_rows(HOLD_LAST, summary, comparison.windows[0].train)
     return Table([f"{reference}, by horizon (s)", *_horizon_header(comparison, kinds[0])], rows)
+
+
+def _rmse_rows(label: str, summary: JsonValues, train: Flight) -> list[list[str]]:
+    """Returns the rows of a table with the RMSE of one method by horizon, one for each output.
+
+    Args:
+        label: what the rows begin with: the kind of forecast, or the method.
+        summary: figures of the method over all flights, by key (``Comparison.over_flights``).
+        train: training part of a window, which has the names and units of the outputs.
+    """
+    rows = []
+    for index, output in enumerate(train.output_names):
+        unit = display_unit(train.output_units[index])
+        row = [f"{label}: RMSE of {output} ({unit.name})"]
+        for squared_errors in summary["horizons_mspe"]:
+            row.append(_short_number(unit.scale * sqrt(squared_errors[index])))
+        rows.append(row)
+    return rows
 
 
 def _horizon_header(comparison: Comparison, kind: ForecastKind) -> list[str]:

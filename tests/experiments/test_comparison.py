@@ -22,6 +22,7 @@ FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enume
 WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
 MEAN = Method("constant mean", baselines.constant_mean, predicts=True)
 HOLD = Method("hold", baselines.hold, predicts=True)
+LAST = Method("hold last", baselines.hold, predicts=True)
 SUBSPACE = Method("subspace", baselines.subspace)
 
 
@@ -187,6 +188,12 @@ def test_predictions_are_compared_of_the_methods_that_make_them(compared):
     assert compared.methods_of(UNKNOWN_INPUTS) == ("hold", "constant mean")
     assert compared.to_dict()["predictions"]["methods"] == ("hold", "constant mean")
     assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
+    # A method that is not among them is said to be missing, also the first one, and the last value has its RMSE.
+    blocks = list(comparison_report(compare(WINDOWS[:2], [SUBSPACE, MEAN, LAST])))
+    text = plain_text(blocks)
+    assert "subspace needs the inputs, and is not compared here." in text
+    rmse = next(block for block in blocks if isinstance(block, Table))
+    assert [row[0].partition(":")[0] for row in rmse.rows[-2:]] == ["hold last", "hold last"]
 
 
 @fixture(scope="module")
@@ -202,9 +209,12 @@ def assert_headline_repeats_the_table(comparison):
     )
     column = table.header.index("1.5")
     ratios = {row[0].removesuffix(" *"): row[column] for row in table.rows}
-    headline = blocks[0].lead
-    assert f"has an error ratio of {ratios['joint VAR (Bayesian)']} (" in headline
-    assert f"constant mean {ratios['constant mean']}" in headline.replace(" has ", " ")
+    headline, with_known_inputs, *_ = blocks
+    assert f"error ratio {ratios['joint VAR (Bayesian)']} with inputs known" in headline.lead
+    assert f"has an error ratio of {ratios['joint VAR (Bayesian)']};" in with_known_inputs.text
+    assert f"constant mean {ratios['constant mean']}" in with_known_inputs.text.replace(
+        " has ", " "
+    )
     assert [float(ratio) for ratio in ratios.values()] == sorted(map(float, ratios.values()))
 
 
@@ -228,9 +238,9 @@ def test_the_horizon_up_to_which_forecasts_are_useful_is_stated():
 
 @mark.slow
 def test_the_headline_names_the_default_and_by_how_much_it_is_better_or_first_worse(predicted):
-    """The report marks mavdem's default, and begins with what it loses to."""
+    """The report marks mavdem's default, and begins with its errors with and without inputs, and what it loses to."""
     text = plain_text(comparison_report(predicted))
-    expected = "Forecasts of 1.5 s, inputs known: joint VAR (Bayesian), mavdem's default, has an error ratio of 0."
+    expected = "Forecasts of 1.5 s by joint VAR (Bayesian), mavdem's default: error ratio 0."
     assert text.startswith(expected) and "\njoint VAR (Bayesian) *" in text
     assert_headline_repeats_the_table(predicted)
     # Six flights that are alike make each difference significant; the errors of the two methods are swapped.
@@ -242,11 +252,10 @@ def test_the_headline_names_the_default_and_by_how_much_it_is_better_or_first_wo
     ]
     losing = Comparison(tuple(parts), predicted.methods, tuple(swapped))
     headline, details, *_ = comparison_report(losing)
-    assert (
-        "mavdem's default, loses to hold and constant mean. It has an error ratio of "
-        in headline.lead
-    )
-    assert headline.lead.count("(p = 0.031)") == 2 and "not significant" not in headline.lead
+    assert "with inputs known (loses to hold and constant mean)" in headline.lead
+    assert details.lead == "Inputs known:"
+    assert "loses to hold and constant mean. It has an error ratio of " in details.text
+    assert details.text.count("(p = 0.031)") == 2 and "not significant" not in details.text
     assert_headline_repeats_the_table(losing)
 
 
