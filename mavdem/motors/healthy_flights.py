@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -186,9 +187,17 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
         """Returns the standard error of a flight's balance: the root sum of squares over roll, pitch and yaw."""
         return float(np.linalg.norm(flight.known_balance.error))
 
+    def start_time(flight: HealthFigures) -> float:
+        """Returns when a flight began, by which the flights that are kept are sorted."""
+        return flight.start_time
+
     kept_flights: list[HealthFigures] = []
     for flight in sorted(flights, key=balance_error):
-        is_second_record = any(flight.overlaps(kept_flight) for kept_flight in kept_flights)
+        # The flights that are kept do not overlap, so that only the one before and the one after may overlap this one.
+        index = bisect_left(kept_flights, flight.start_time, key=start_time)
+        neighbours = kept_flights[max(index - 1, 0) : index + 1]
+        is_second_record = any(flight.overlaps(neighbour) for neighbour in neighbours)
         if not is_second_record:
-            kept_flights.append(flight)
-    return [flight for flight in flights if flight in kept_flights]
+            kept_flights.insert(index, flight)
+    kept_ids = {id(flight) for flight in kept_flights}
+    return [flight for flight in flights if id(flight) in kept_ids]

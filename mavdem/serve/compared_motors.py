@@ -38,20 +38,6 @@ ANOMALIES_INDEX_SQL = (
 )
 """SQL that creates an index of these rows, which are few: without it each search reads the JSON of all rows."""
 
-ROWS_WITH_ANOMALY_SQL = f"""
-select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle as flight, {HEALTH_SQL} as health,
-    json_extract(brief, '$.health_reason') as reason, json_extract(brief, '$.suspect_motor') as suspect_motor
-from flights where file is not null and {IS_ANOMALOUS_SQL}
-"""
-"""SQL query of the fleet's rows, one for each axis, in which the motors have a fault or a drift."""
-
-WORST_ANOMALIES_SQL = f"""
-select flight, health, reason, suspect_motor, min(iif(health = '{MotorHealth.FAULT}', 0, 1))
-from ({ROWS_WITH_ANOMALY_SQL}) group by flight
-"""
-"""SQL query of the worst anomaly of each flight; SQLite takes the other columns from the row that has the minimum."""
-
-
 HAS_BALANCE_SQL = (
     "json_extract(iif(json_valid({table}.row), {table}.row, '{{}}'), '$.balance') is not null"
 )
@@ -72,6 +58,26 @@ and {HAS_BALANCE_SQL.format(table="other")})))
 
 Flights that only have a system id in common, which several vehicles may have, are compared with a baseline alone.
 """
+
+IS_UNCOMPARED_SQL = f"(judged is null and {IS_COMPARABLE_SQL})"
+"""SQL condition of a row of the fleet whose motors are still to be compared, or to be compared again.
+
+The column "judged" is empty until the vehicle is judged, and again once its flights or its baseline have changed. What
+the row says of the motors is then of an earlier comparison, and may not be true any more.
+"""
+
+ROWS_WITH_ANOMALY_SQL = f"""
+select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle as flight, {HEALTH_SQL} as health,
+    json_extract(brief, '$.health_reason') as reason, json_extract(brief, '$.suspect_motor') as suspect_motor
+from flights where file is not null and {IS_ANOMALOUS_SQL} and not {IS_UNCOMPARED_SQL}
+"""
+"""SQL query of the fleet's rows, one for each axis, in which the motors have a fault or a drift that is up to date."""
+
+WORST_ANOMALIES_SQL = f"""
+select flight, health, reason, suspect_motor, min(iif(health = '{MotorHealth.FAULT}', 0, 1))
+from ({ROWS_WITH_ANOMALY_SQL}) group by flight
+"""
+"""SQL query of the worst anomaly of each flight; SQLite takes the other columns from the row that has the minimum."""
 
 
 def has_anomaly_sql(condition: str) -> str:

@@ -48,6 +48,7 @@ from mavdem.fleet.names import (
 )
 from mavdem.fleet.row import (
     GIVEN_BASIS,
+    STATUS_READ,
     SYSTEM_ID_BASIS,
     UNKNOWN,
     FlightRow,
@@ -62,7 +63,8 @@ from mavdem.results import PAGE_FILE
 from mavdem.serve.compared_motors import (
     ANOMALIES_INDEX_SQL,
     BASELINE_VEHICLES_SQL,
-    IS_COMPARABLE_SQL,
+    HAS_BALANCE_SQL,
+    IS_UNCOMPARED_SQL,
     entry_compared_with_fleet,
     order_sql,
 )
@@ -540,14 +542,18 @@ class Library:
         """Returns the fleet's rows of these logs: one for each axis of each vehicle."""
         return self.store.rows_of(map(self._source_of, entries))
 
-    def rows_of_vehicle(self, vehicle: str) -> FlightRows:
-        """Returns the fleet's rows of all flights that are listed under a vehicle, one for each axis.
+    def motor_rows_of_vehicle(self, vehicle: str) -> FlightRows:
+        """Returns a row of each flight of a vehicle by whose motors it is compared with others.
+
+        These figures are the same in the rows of all axes of a flight, of which one is read.
 
         Args:
             vehicle: name of the vehicle in its logs.
         """
-        entries = self.find("vehicle = ?", [vehicle], sys.maxsize).entries
-        return [row for row in self.flight_rows(entries) if row.vehicle == vehicle]
+        query = f"""select row, path from flights join logs using (log)
+            where vehicle = ? and {HAS_BALANCE_SQL.format(table="flights")}
+            and json_extract(row, '$.status') = ? group by log"""
+        return list(self.store.sound_rows(query, [vehicle, STATUS_READ]))
 
     def compared_entries(self, entries: Sequence[LibraryEntry]) -> ComparedEntries:
         """Returns flights with the verdict that users see, in which faults count that only other flights show.
@@ -588,10 +594,10 @@ class Library:
             entries: index entries of the flights to examine.
         """
         ids_by_path = {str(self.log_path(entry)): entry.id for entry in entries}
-        # The column "judged" is empty until the vehicle is judged. Logs that the fleet does not track never are; "file"
-        # does not tell them apart, since it too is empty until then.
+        # Logs that the fleet does not track are never compared; "file" does not tell them apart, since it too is empty
+        # until their vehicle is judged.
         query = f"""select distinct path from flights join logs using (log)
-            where tracked and judged is null and path in (select value from json_each(?)) and {IS_COMPARABLE_SQL}"""
+            where tracked and path in (select value from json_each(?)) and {IS_UNCOMPARED_SQL}"""
         paths = json.dumps([utf8_text(path) for path in ids_by_path])
         return {ids_by_path[path] for (path,) in self.db.execute(query, [paths])}
 

@@ -183,36 +183,39 @@ class VisibleLibrary:
         """
         healthy_entries = {}
         for vehicle, entries_of_vehicle in group_by(entries, lambda entry: entry.vehicle).items():
-            rows = self.library.rows_of_vehicle(vehicle)
+            rows = self.library.motor_rows_of_vehicle(vehicle)
             rows_by_log = {content_hash(row.key): row for row in rows}
             healthy = healthy_figures_by_log(rows, self.library.baseline_rows(vehicle))
+            entries_of_healthy = self._flights_of_logs(vehicle, list(healthy))
             for entry in entries_of_vehicle:
                 row = rows_by_log.get(entry.content_hash)
                 if row is None:
                     # The flight was deleted meanwhile.
                     continue
                 figures = health_figures(row)
-                logs = [log for log, other in healthy.items() if is_comparable(figures, other)]
-                suitable_entries = self._comparable_flights_of_logs(entry, logs)
+                logs = {log for log, other in healthy.items() if is_comparable(figures, other)}
+                suitable_entries = [
+                    other
+                    for other in entries_of_healthy
+                    if other.content_hash in logs and other.id != entry.id
+                ]
                 healthy_entry = most_similar_flight(entry, suitable_entries, baseline=logs)
                 if healthy_entry is not None:
                     healthy_entries[entry.id] = healthy_entry
         return healthy_entries
 
-    def _comparable_flights_of_logs(
-        self, entry: LibraryEntry, logs: Sequence[str]
-    ) -> list[LibraryEntry]:
-        """Returns those flights of a vehicle whose logs have some contents, as far as one can be compared with them.
+    def _flights_of_logs(self, vehicle: str, logs: Sequence[str]) -> list[LibraryEntry]:
+        """Returns those flights of a vehicle whose logs have some contents, as far as they have a page in the library.
 
         Args:
-            entry: index entry of the flight that is to be compared, which is left out.
+            vehicle: name of the vehicle in its logs.
             logs: hashes of the contents.
         """
         condition = (
-            f"vehicle = ? and {COMPARABLE_SQL}"
+            "vehicle = ? and stage = ? and digest != ''"
             f" and {CONTENT_HASH_SQL} in (select value from json_each(?))"
         )
-        values = [entry.vehicle, Stage.DONE, entry.id, json.dumps(logs)]
+        values = [vehicle, Stage.DONE, json.dumps(logs)]
         return self.library.find(condition, values, len(logs), order=ListingOrder.FLIGHT).entries
 
     def _earlier_flights(self, entry: LibraryEntry, limit: int) -> list[LibraryEntry]:
