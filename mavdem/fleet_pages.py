@@ -15,6 +15,7 @@ from mavdem.fleet.page_parts import cached_charts, cached_summaries
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.store import Store
 from mavdem.fleet.stored_rows import read_brief_rows, read_rows
+from mavdem.fleet.tracking import healthy_figures_by_log
 from mavdem.fleet.workers import PAGES
 from mavdem.report.blocks import Block
 from mavdem.report.pages.fleet_page import fleet_page, vehicle_charts
@@ -117,7 +118,9 @@ def _charts_html(store: Store, vehicle: str) -> str:
 
     def draw_charts(name: str) -> str:
         """Draws the charts anew, from the rows of all flights."""
-        return vehicle_charts(read_rows(store.folder, name))
+        rows = read_rows(store.folder, name)
+        baseline_rows = [row for row in store.healthy if row.vehicle == name]
+        return vehicle_charts(rows, healthy_figures_by_log(rows, baseline_rows))
 
     return cached_charts(store, vehicle, draw_charts)
 

@@ -307,7 +307,9 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
         By name of the column:
 
         - ``wind_speed``, m/s, with both ends of its 90 % interval, if the speed is identifiable. In calm air, where the
-          velocity may have been 0, the speed is None, and the interval is that of the speed of the mean wind vector;
+          velocity may have been 0, the speed is None, and the interval is that of the speed of the mean wind vector. If
+          the speed is not identifiable, it is None too, and the interval has the bounds that the light of the wind
+          states;
         - ``wind_direction``, rad, with the half width of its interval, if the direction is identifiable;
         - ``drag``, four coefficients with the half widths of their intervals: linear along body x and y, 1/s, then
           quadratic, 1/m.
@@ -320,6 +322,10 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
         else:
             columns["wind_speed"] = wind.mean_speed
             columns["wind_speed_interval"] = wind.mean_speed_interval
+    else:
+        bounds = wind.reasons["speed"].figures
+        columns["wind_speed"] = None
+        columns["wind_speed_interval"] = (bounds["low"], bounds["high"])
     if wind.direction_identifiable:
         columns["wind_direction"] = np.radians(wind.direction)
         columns["wind_direction_interval"] = np.radians(wind.direction_interval)

@@ -380,13 +380,11 @@ def _health_summary(
         # The list below has the others, and what to do about each.
         urgent_list = f"first {urgent[0].label}"
         advised = []
-    elif lists_follow:
-        urgent_list = listed(_label_with_level(vehicle) for vehicle in urgent)
-        if len(urgent) == 1:
-            reason = _reason(urgent[0])
     elif len(urgent) == 1:
         urgent_list = _urgent_text(urgent[0])
         reason = _reason(urgent[0])
+    elif lists_follow:
+        urgent_list = listed(_label_with_level(vehicle) for vehicle in urgent)
     else:
         # A line for each vehicle follows, with what to do about it.
         advised = []

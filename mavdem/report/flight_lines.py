@@ -249,7 +249,8 @@ def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> st
 
     Args:
         speed: the speed; None if still air is likely too, or if the speed is not identifiable.
-        interval: both ends of its 90 % interval; None if they are not known.
+        interval: both ends of its 90 % interval; None if they are not known. The lower one is 0 if still air is likely
+            too.
 
     Returns:
         Both ends of the interval, such as "1.9 to 8.0". If still air is likely too, the upper end, such as "below 2.1".
@@ -258,7 +259,7 @@ def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> st
     if interval is None:
         return "" if speed is None else f"{speed:.1f}"
     low, high = interval
-    if speed is None or not low:
+    if not low:
         return f"below {rounded_up(high, 1)}"
     return f"{low:.1f} to {high:.1f}"
 
@@ -280,14 +281,14 @@ def _wind_text(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", file_name, "12rem", "flight"),
-    "vehicle": Column("text", _vehicle, "10rem", "vehicle"),
-    "date": Column("text", _date, "6.6rem", "date"),
-    "health": Column("health", _badge, "5.8rem", "health"),
-    "lights": Column("lights", _warning_lights, "9rem", "lights"),
-    "motor": Column("text", _suspect_motors, "4.4rem"),
+    "flight": Column("text", file_name, "11rem", "flight"),
+    "vehicle": Column("text", _vehicle, "8.6rem", "vehicle"),
+    "date": Column("text", _date, "6rem", "date"),
+    "health": Column("health", _badge, "5rem", "health"),
+    "lights": Column("lights", _warning_lights, "7.5rem", "lights"),
+    "motor": Column("text", _suspect_motors, "3.6rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),
-    "time (s)": Column("number", _flight_seconds, "4.4rem"),
+    "time (s)": Column("number", _flight_seconds, "3.8rem"),
     "wind (m/s)": Column("number", _wind_text, "6rem"),
 }
 """Columns of the table of flights, by their headers."""

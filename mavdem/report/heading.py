@@ -1,5 +1,7 @@
-"""The heading of a flight's page: what was found in few words, and its details for plain text below."""
+"""The heading of a flight's page and of its row in a list: what was found in few words, and its details."""
 
+import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from mavdem.facts import Fact
@@ -11,6 +13,12 @@ MAX_HEADING_LENGTH = 120
 
 CLAUSE_ENDS = (": ", "; ")
 """What ends a clause of a sentence after which its details may follow."""
+
+LISTED_ENDS = (*CLAUSE_ENDS, ", although ", ". ")
+"""What ends a clause or a sentence after which a list leaves out the rest; no decimal point has a space behind it."""
+
+REMARK = re.compile(r"(?<!motor \d)(?<!motor \d\d) \((?![^()]*probability)[^()]*\)", re.IGNORECASE)
+"""A remark in brackets, such as an interval or a limit; neither a probability nor the place of a motor is one."""
 
 
 class Heading(NamedTuple):
@@ -40,7 +48,7 @@ def heading_of(fact: Fact, text: str) -> Heading:
     reason = fact.figures.get("reason")
     ending = reason if isinstance(reason, Fact) else fact
     if ending.code not in Ending:
-        return _divided_at_clause(text)
+        return _divided(text, CLAUSE_ENDS)
     short_ending = _without_source_of_height(ending)
     short_text = _with_ending(fact, short_ending)
     if len(short_text) <= MAX_HEADING_LENGTH:
@@ -48,8 +56,28 @@ def heading_of(fact: Fact, text: str) -> Heading:
     finding = _with_ending(fact, _with_cause_in_short(short_ending))
     _how_it_ended, _, causes = str(ending).partition(": ")
     if len(finding) > MAX_HEADING_LENGTH or not causes:
-        return _divided_at_clause(short_text)
+        return _divided(short_text, CLAUSE_ENDS)
     return Heading(finding, capitalize_first(causes))
+
+
+def listed_headline(text: str) -> str:
+    """Shortens the headline of a flight for its row in a list, which must show cause, size and probability at a glance.
+
+    A headline that is too long loses its remarks in brackets first, such as intervals and limits. What is still too
+    long ends with its first clauses or sentences: the rest states the evidence, or what to check.
+
+    Args:
+        text: the headline, of one sentence or several.
+
+    Returns:
+        At most ``MAX_HEADING_LENGTH`` characters where the text can be shortened so far.
+    """
+    if len(text) <= MAX_HEADING_LENGTH:
+        return text
+    text_without_remarks = REMARK.sub("", text)
+    if len(text_without_remarks) <= MAX_HEADING_LENGTH:
+        return text_without_remarks
+    return _divided(text_without_remarks, LISTED_ENDS).finding
 
 
 def _without_source_of_height(ending: Fact) -> Fact:
@@ -93,21 +121,25 @@ def _with_ending(fact: Fact, ending: Fact) -> str:
     return fact.replace(reason=ending).sentence
 
 
-def _divided_at_clause(text: str) -> Heading:
-    """Divides a long sentence between two clauses, so that its beginning is as long as a heading may be at most.
+def _divided(text: str, ends: Sequence[str]) -> Heading:
+    """Divides a long text after a clause or a sentence, so that its beginning is as long as a heading may be at most.
 
     It is not divided within brackets.
 
     Args:
-        text: the sentence.
+        text: the text.
+        ends: what ends the clauses or sentences after which it may be divided.
 
     Returns:
-        The heading, and the rest as a sentence of its own. The rest is empty if the sentence could not be divided.
+        The heading, and the rest as a sentence of its own. The rest is empty if the text could not be divided.
     """
     for length in range(MAX_HEADING_LENGTH - 1, 0, -1):
         beginning, rest = text[:length], text[length:]
         is_within_brackets = beginning.count("(") > beginning.count(")")
-        if rest.startswith(CLAUSE_ENDS) and not is_within_brackets:
-            # Each of ``CLAUSE_ENDS`` has two characters: a mark and a space.
-            return Heading(f"{without_full_stop(beginning)}.", capitalize_first(rest[2:]))
+        if is_within_brackets:
+            continue
+        for end in ends:
+            if rest.startswith(end):
+                finding = f"{without_full_stop(beginning)}."
+                return Heading(finding, details=capitalize_first(rest.removeprefix(end)))
     return Heading(text, "")

@@ -37,6 +37,9 @@ LIMITED = "#b5852a"
 BAD = "#d6453d"
 """Level "bad", and alarms: always beside a word, never instead of one."""
 
+GOOD = "#12997a"
+"""Level "good": always beside a word, never instead of one."""
+
 DISTINCT = (
     "#1f7ad6",
     "#dd5a2f",

@@ -43,7 +43,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "14"
+SUMMARY_VERSION = "15"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -92,6 +92,12 @@ class Wind(NamedTuple):
 
     speed: float
     """Speed, m/s."""
+
+    low: float
+    """Lower end of the 90 % interval of the speed, m/s; the speed itself where no interval is known."""
+
+    high: float
+    """Upper end of that interval, m/s, likewise."""
 
 
 class UnusedRow(NamedTuple):
@@ -271,7 +277,8 @@ def _mean_winds(logs: Sequence[AxisRows]) -> list[Wind]:
     for log in logs:
         row = log_row(log)
         if row.wind_direction is not None and row.wind_speed is not None:
-            winds.append(Wind(row.wind_direction, row.wind_speed))
+            low, high = row.wind_speed_interval or (row.wind_speed, row.wind_speed)
+            winds.append(Wind(row.wind_direction, row.wind_speed, low, high))
     return winds
 
 

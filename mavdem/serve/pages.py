@@ -587,6 +587,7 @@ class Pages:
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
             _changes_from_baseline(name, rows, healthy_rows),
+            healthy_flights or assumed_healthy,
             name=name,
             baseline_count=len(healthy_flights),
             baseline_entries=baseline_entries,

@@ -19,6 +19,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.fleet import NoPrior
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
+from mavdem.facts.wind import WindDoubt
 from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
@@ -69,6 +70,19 @@ def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
     wind = module.wind_columns(moving_air)
     assert still["wind_speed"] is None and still["wind_speed_interval"] == (0.0, 1.0)
     assert wind["wind_speed"] == 0.4
+    # Bounds that the light of the wind states of a speed in doubt.
+    doubt = Fact(WindDoubt.SPEED_UNSURE, low=0.0, high=3.6, by_drag=False)
+    unknown = dict.fromkeys(status, Status.NOT_IDENTIFIABLE)
+    vague = module.wind_columns(
+        partial_record(
+            WindVelocity,
+            drag=drag,
+            status=unknown,
+            speed_interval=(0.0, 3.6),
+            reasons={"speed": doubt},
+        )
+    )
+    assert vague["wind_speed"] is None and vague["wind_speed_interval"] == (0.0, 3.6)
     low, high = drag.interval("linear")
     assert wind["drag_interval"][:2] == approx((high - low) / 2)
 

@@ -65,10 +65,10 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     reason = "Motor 2 lost about 21 % of its thrust."
     explained = replace(weak, health_reason=reason)
     assert f"Why: {reason}" in plain_text(fleet_blocks([explained]))
-    # A page has a list of the vehicles, which says it.
-    assert "beta (bad).\n\nWhy: Motor 2 lost" in plain_text(
-        fleet_blocks([explained], lists_follow=True)
-    )
+    # Page and terminal have the same headline of one vehicle.
+    headline, *_ = fleet_blocks([explained])
+    assert headline.lead == "1 of 1 vehicle needs a look: beta (motor 2: fault)."
+    assert fleet_blocks([explained], lists_follow=True)[0] == headline
     motors = fleet_summary.motor_health_by_vehicle(vehicle_summaries([explained]))["beta"]
     assert motors == {"health": "fault", "sentence": reason, "next_step": inspect}
     lost = flight_row("beta", 0, health="unknown", headline="It fell.", headline_level="bad")
@@ -401,6 +401,7 @@ def test_a_flight_without_a_date_comes_last():
         (5.7, (5.1, 6.5), "5.1 to 6.5 W (270°) →"),
         (5.7, (2.9, 10.4), "2.9 to 10.4 W (270°) →"),
         (None, (0.0, 2.04), "below 2.1 W (270°) →"),
+        (None, (1.2, 6.0), "1.2 to 6.0 W (270°) →"),
         (None, None, "W (270°) →"),
     ],
 )

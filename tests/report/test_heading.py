@@ -6,7 +6,7 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import HeightSource
-from mavdem.report.heading import MAX_HEADING_LENGTH, heading_of
+from mavdem.report.heading import MAX_HEADING_LENGTH, heading_of, listed_headline
 
 SPENT_THRUST = Fact(
     FailedFirst.THRUST_SPENT_FIRST,
@@ -68,3 +68,37 @@ def test_what_measured_a_height_is_left_out_first_unless_satellites_contradict_i
 )
 def test_another_headline_is_divided_after_the_last_clause_that_fits(text, finding, details):
     assert heading_of(Fact(SessionFact.FLIGHT_VERDICT), text) == (finding, details)
+
+
+WEAK_MOTOR = (
+    "Motor 1 (front right) lost about 25 % of its thrust (20 to 29 %; motor or propeller) with "
+)
+
+
+@mark.parametrize(
+    "text, listed",
+    [
+        (
+            f"{WEAK_MOTOR}probability 0.96: it then works 15 % (12 to 19 %) harder than in 3 healthy flights.",
+            "Motor 1 (front right) lost about 25 % of its thrust with probability 0.96.",
+        ),
+        (
+            "All motors work 8 % harder than in 3 healthy flights (probability 0.57): check the load, then all "
+            "propellers. The balance differs with probability 0.09.",
+            "All motors work 8 % harder than in 3 healthy flights (probability 0.57): check the load, then all "
+            "propellers.",
+        ),
+        (
+            "Lost control at 143.1 s, 28 m up by the barometer, 12 m by satellites: motor 2 (rear left) did not hold "
+            "the vehicle, although it was commanded to 89 %.",
+            "Lost control at 143.1 s, 28 m up by the barometer, 12 m by satellites: motor 2 (rear left) did not hold "
+            "the vehicle.",
+        ),
+        (
+            "Vibration 15.7 m/s² on IMU 2 (axis z; above 15.0), no clips.",
+            "Vibration 15.7 m/s² on IMU 2 (axis z; above 15.0), no clips.",
+        ),
+    ],
+)
+def test_a_headline_in_a_list_keeps_cause_size_probability_and_the_place_of_a_motor(text, listed):
+    assert listed_headline(text) == listed and len(listed) <= MAX_HEADING_LENGTH

@@ -612,6 +612,10 @@ class Group(NamedTuple):
         columns = [(panel,) for panel in panels if panel is not None]
         return cls(tuple(columns), caption)
 
+    def folded_by_title(self) -> Group:
+        """Returns the group with its columns named by their first charts: a phone opens one and folds the others."""
+        return self._replace(names=tuple(column[0].title for column in self.columns))
+
 
 def step_chart(title: str, steps: Sequence[Line]) -> Chart:
     """Makes a chart of step responses over the time after the step, s; a horizontal line at 1 is the setpoint.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, pairwise
-from math import ceil, dist
+from math import ceil, degrees, dist
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -255,22 +255,24 @@ def dots_of_flights(winds: Array) -> Plan:
     """Draws the mean wind of each of a few flights as a dot: its direction from the centre, and its speed as distance.
 
     Args:
-        winds: mean wind of each flight (N, 2): direction that it comes from, rad, and speed, m/s.
+        winds: mean wind of each flight (N, 4): direction that it comes from, rad; speed, m/s; and both ends of the 90 %
+            interval of the speed.
 
     Returns:
-        The drawing, with two rings at round speeds.
+        The drawing, with two rings at round speeds, and a line along the interval of each speed.
     """
-    directions, speeds = winds.T
-    # The outer ring is at an even number of m/s that no wind exceeds, and the inner one at half of it.
-    outer_speed = 2 * max(int(np.ceil(speeds.max() / 2)), 1)
+    # The outer ring is at an even number of m/s that no interval exceeds, and the inner one at half of it.
+    outer_speed = 2 * max(int(np.ceil(winds[:, 1:].max() / 2)), 1)
     rings = [(RADIUS / 2, f"{outer_speed // 2} m/s"), (RADIUS, f"{outer_speed} m/s")]
-    angles = np.degrees(directions)
-    radii = RADIUS / outer_speed * speeds
     dots = []
-    for angle, radius in zip(angles.tolist(), radii.tolist(), strict=True):
-        dots.append((round(angle, 1), round(radius, 1)))
+    for direction, *speeds in winds.tolist():
+        radii = [round(RADIUS / outer_speed * speed, 1) for speed in speeds]
+        dots.append((round(degrees(direction), 1), *radii))
     subject = "The dot shows" if len(winds) == 1 else "Each dot shows"
-    description = f"{subject} where the wind of a flight came from, and how strong it was."
+    description = (
+        f"{subject} where the wind of a flight came from, and how strong it was; the line is the 90 % interval "
+        "of the speed."
+    )
     svg = figure_as_svg("rose", petals=(), rings=rings, arrow=None, dots=dots)
     return Plan("Wind", description, svg)
 

@@ -1,6 +1,6 @@
 """Charts of one vehicle over its flights: motors, vibration, margins and parameters, flight by flight."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from datetime import timedelta
 from itertools import pairwise
 from math import degrees
@@ -11,15 +11,22 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
+from mavdem.fleet.names import content_hash
 from mavdem.fleet.trims_without_lean import trims_without_lean
 from mavdem.report.blocks import truncated
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.flight_lines import file_name
 from mavdem.report.numbers import TORQUE_UNIT, listed, without_remark
-from mavdem.report.palette import BAD, LIMITED, distinct
+from mavdem.report.palette import BAD, GOOD, LIMITED, distinct
 
-HEALTH_MARKS = {"fault": ("●", BAD), "drift": ("▲", LIMITED)}
-"""Symbol and colour of the mark at a flight in which the motors had a fault or a drift."""
+HEALTH_MARKS = {"fault": ("■", BAD), "drift": ("▲", LIMITED)}
+"""Symbol and colour of the mark at a flight in which the motors had a fault or a drift, as in lists of flights."""
+
+HEALTHY_MARK = ("✓", GOOD)
+"""Symbol and colour of the mark at a flight with which the motors of the others are compared."""
+
+HEALTHY_CAPTION = " ✓: the healthy flights with which the motors of the others are compared, {}."
+"""What is added where such flights are marked; their names are filled in."""
 
 PERCENT = 100
 """Percent of the whole."""
@@ -112,7 +119,11 @@ Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
 
 
-def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -> list[Group]:
+def vehicle_groups(
+    flights: Sequence[AxisRows],
+    addresses: Sequence[str] = (),
+    healthy_logs: Collection[str] = (),
+) -> list[Group]:
     """Returns charts that show how the motors and other figures of one vehicle changed from flight to flight.
 
     The charts of the motors, by which their health is judged, are a group of their own, in the first row.
@@ -120,6 +131,7 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
     Args:
         flights: rows of each flight in the fleet's table, one for each axis, in order of time; at least two flights.
         addresses: address of the page of each flight, which a click opens; empty for a flight without a page.
+        healthy_logs: hashes of the contents of the logs with whose flights the motors of the others are compared.
 
     Returns:
         The charts in groups, the last of which has a caption; empty if no quantity is known.
@@ -127,7 +139,7 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
     if len(flights) > MAX_DATED_FLIGHTS:
         # Each chart has a copy of the addresses, as of the dates, so that those of many flights take too much space.
         addresses = ()
-    charts = _charts_over_flights(flights, addresses)
+    charts = _charts_over_flights(flights, addresses, healthy_logs)
     if not charts:
         return []
     caption = FLIGHTS_CAPTION
@@ -137,6 +149,9 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
         caption += GAPS_CAPTION.format(f"{listed(months)} months")
     if any(addresses):
         caption += CLICK_CAPTION
+    healthy_flights = [flight for flight in flights if _is_of_log(flight, healthy_logs)]
+    if healthy_flights:
+        caption += HEALTHY_CAPTION.format(listed(map(file_name, healthy_flights)))
     if any(chart.title == ERROR_RATIO_TITLE for chart in charts):
         caption += ERROR_RATIO_CAPTION
     motor_charts = [chart for chart in charts if chart.title in TITLES_OF_DEVIATIONS]
@@ -146,18 +161,27 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
     trim_caption = TRIM_CAPTION if _suspect_motor(flights) else ""
     return [
         Group.side_by_side(motor_charts, trim_caption),
-        Group.side_by_side(other_charts, caption),
+        Group.side_by_side(other_charts, caption).folded_by_title(),
     ]
 
 
-def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) -> list[Chart]:
+def _is_of_log(flight: AxisRows, logs: Collection[str]) -> bool:
+    """Returns whether a flight is of one of some logs, given by the hashes of their contents."""
+    return content_hash(log_row(flight).key) in logs
+
+
+def _charts_over_flights(
+    flights: Sequence[AxisRows], addresses: Sequence[str], healthy_logs: Collection[str]
+) -> list[Chart]:
     """Returns a chart for each quantity of the motors and the model, with 90 % intervals, over the flights.
 
-    Flights with a fault or a drift of the motors are marked in all charts, and months without a flight.
+    Flights with a fault or a drift of the motors are marked in all charts, those with which they are compared, and
+    months without a flight.
 
     Args:
         flights: rows of each flight in the fleet's table, one for each axis, in order of time.
         addresses: address of the page of each flight; empty for a flight without a page.
+        healthy_logs: hashes of the contents of the logs whose flights are healthy.
 
     Returns:
         The charts; a quantity that is known of fewer than two flights has none, since it shows no change.
@@ -169,6 +193,9 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
         health = worst_health(flight)
         if health in HEALTH_MARKS:
             symbol, colour = HEALTH_MARKS[health]
+            marks.append(Mark(float(number), symbol, colour))
+        elif _is_of_log(flight, healthy_logs):
+            symbol, colour = HEALTHY_MARK
             marks.append(Mark(float(number), symbol, colour))
     suspect_motor = _suspect_motor(flights)
     charts = []

@@ -1,7 +1,7 @@
 """The HTML index of a fleet: a summary, the charts of each vehicle over its flights, and a table of all flights."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from math import ceil
@@ -198,17 +198,19 @@ def _cells_with_rated_health(cells: Sequence[str]) -> list[str]:
     return list(cells_by_column.values())
 
 
-def vehicle_charts(rows: FlightRows) -> str:
+def vehicle_charts(rows: FlightRows, healthy_logs: Collection[str]) -> str:
     """Renders the charts that show how one vehicle changed from flight to flight, as a part of the fleet's page.
 
     Args:
         rows: the rows of the vehicle in the fleet's table, with all columns.
+        healthy_logs: hashes of the contents of the logs with whose flights the motors of the others are compared.
 
     Returns:
         HTML; empty if there is nothing to draw.
     """
     flights = group_into_flights(row for row in rows if row.has_flight)
-    groups = vehicle_groups(flights, [flight_line(flight).link for flight in flights])
+    addresses = [flight_line(flight).link for flight in flights]
+    groups = vehicle_groups(flights, addresses, healthy_logs)
     if not groups:
         return ""
     macros = environment().get_template("pictures.html").module
@@ -764,7 +766,8 @@ def _wind_drawing(summaries: Sequence[VehicleSummary]) -> Plan | None:
         winds += summary.winds
     if not winds:
         return None
-    directions_and_speeds = np.array(winds, np.float64)
+    winds_of_flights = np.array(winds, np.float64)
     if len(winds) < MIN_ROSE_FLIGHTS:
-        return dots_of_flights(directions_and_speeds)
+        return dots_of_flights(winds_of_flights)
+    directions_and_speeds = winds_of_flights[:, :2]
     return rose_of_flights(directions_and_speeds)

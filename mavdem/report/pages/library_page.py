@@ -7,7 +7,7 @@ one script, ``serve.js``, and within a flight's page those that draw the charts,
 import base64
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
@@ -42,6 +42,7 @@ from mavdem.report.fleet import (
     vehicle_texts,
 )
 from mavdem.report.flight_lines import wind_speed_text
+from mavdem.report.heading import listed_headline
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.motor_anomaly import MotorAnomaly, with_motor_anomaly
 from mavdem.report.pages.page import PageEvent
@@ -138,6 +139,7 @@ def _server_environment() -> Environment:
     jinja.filters["utc"] = _utc_text
     jinja.filters["minutes"] = _minutes_text
     jinja.filters["metres"] = _metres_text
+    jinja.filters["listed_headline"] = listed_headline
     # Constants and functions that the templates use by these names.
     values = {
         "lights": [str(light) for light in Light],
@@ -332,13 +334,19 @@ def with_server_script(page: str, **values: Any) -> str:
     return POLICY_ELEMENT.sub(lambda _: head_elements, page, count=1)
 
 
-def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values: Any) -> str:
+def vehicle_page(
+    flights: Sequence[AxisRows],
+    changes: Iterable[Block],
+    healthy_logs: Collection[str],
+    **values: Any,
+) -> str:
     """Renders the server's page of one vehicle: the judgement of its motors, and how they changed over its flights.
 
     Args:
         flights: for each flight, in the order of time, its rows in the fleet's table, one for each axis. With fewer
             than two flights there are no charts.
         changes: sentences and tables on how the latest flight differs from the baseline of healthy flights.
+        healthy_logs: hashes of the contents of the logs with whose flights the motors of the others are compared.
         **values: further values that the template ``vehicle.html`` uses, by name. Its ``entries`` are the entries of
             the flights in the library, to which the points of the charts link.
 
@@ -358,14 +366,19 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         texts = vehicle_texts(flights, has_reason=False)
     charts: list[Group] = []
     if len(flights) > 1:
-        charts = vehicle_groups(flights, _addresses_of_flights(flights, values.get("entries", ())))
+        addresses = _addresses_of_flights(flights, values.get("entries", ()))
+        charts = vehicle_groups(flights, addresses, healthy_logs)
     headline = _vehicle_headline(flights, texts)
     if texts.reason and texts.reason in headline:
         # The headline states why the motors are judged so.
         texts = vehicle_texts(flights, has_reason=False)
+    short_headline = listed_headline(headline)
+    is_in_changes = texts.reason != "" and texts.reason in plain_text(changes)
+    details = "" if is_in_changes or short_headline == headline else headline
     return render_server_page(
         "vehicle",
-        latest_flight=headline,
+        latest_flight=short_headline,
+        details=details,
         level=level,
         words=texts.all_flights,
         next_step=texts.next_step,

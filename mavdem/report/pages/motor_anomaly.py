@@ -58,10 +58,14 @@ SECTION_CLASSES = {Level.BAD: "doubted", Level.WATCH: "lacking"}
 MOTORS_LIGHT_HTML = re.compile(
     r'(?P<heading><div data-light="motors"[^>]*><dt>.*?</dt>)'
     r'<dd class="(?P<level>\w+)"(?: data-alone="(?P<level_of_log>\w+)")?>\w+</dd>'
+    r'(?:<dd class="brief"(?: hidden)?>(?P<figure>[^<]*)</dd>)?'
     r'<dd class="soft">(?:<b>[^<]*</b> )?(?P<sentence>.*?)</dd>',
     re.DOTALL,
 )
-"""The light of the motors on a flight's page: its heading, its level, and the sentence that explains the level.
+"""The light of the motors on a flight's page: its heading, level and figure, and the sentence that explains the level.
+
+The figure, which not every light has, stands in the place of the sentence on a phone. It is by this log alone, and
+hidden where an anomaly has changed the level.
 
 ``level_of_log`` is the level by this log alone. The page states it, as ``data-alone`` and in a note before the
 sentence, only if an anomaly has changed the level. The template ``motors_light.html`` writes this part of a page.
@@ -372,5 +376,6 @@ def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
         heading=light["heading"],
         level=level,
         level_of_log=level_of_log,
+        figure=light["figure"],
         sentence=light["sentence"],
     )

@@ -19,7 +19,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.chart import LineStyle
 from mavdem.report.charts.vehicle_charts import vehicle_groups
-from mavdem.report.flight_lines import COLUMNS
+from mavdem.report.flight_lines import COLUMNS, file_name
 from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.palette import BAD
@@ -30,14 +30,16 @@ def fleet_page(rows, changes=None):
     """Returns the index page of a fleet with these rows."""
 
     def charts(name):
-        return page_of_fleet.vehicle_charts([row for row in rows if row.vehicle == name])
+        rows_of_vehicle = [row for row in rows if row.vehicle == name]
+        return page_of_fleet.vehicle_charts(rows_of_vehicle, healthy_logs=())
 
     return page_of_fleet.fleet_page(vehicle_summaries(rows), changes, charts)
 
 
 def parts(text):
     """The HTML of each vehicle, by its name."""
-    pieces = re.findall(r'<details class="vehicle".*?</details>', text, re.DOTALL)
+    listing = text.partition('<div class="list">')[2].partition("</section>")[0]
+    _, *pieces = listing.split('<details class="vehicle"')
     return {re.search(r"<b [^>]*>(.*?)</b>", piece)[1]: piece for piece in pieces}
 
 
@@ -62,7 +64,7 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     assert list(sections) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
     opened = [name for name, part in sections.items() if " open>" in part.split("<summary>")[0]]
     assert opened == ["quad-1"]
-    assert "1 of 5 vehicles needs a look: quad-1 (bad).<" in text
+    assert "1 of 5 vehicles needs a look: quad-1 (motor" in text
     assert ">motor 3 works harder.</span>" in sections["quad-1"]
     # That nothing is wrong is said once, at the top: the vehicle's line has nothing to add.
     last_cells = '<span>2026-01-08</span><span class="words"> <a href='
@@ -108,7 +110,7 @@ def test_a_lost_flight_without_figures_needs_a_look():
     rarer = FlightRow(file="3", status="No inputs.", status_code="motors_missing")
     text = fleet_page([flight_row("quad", 0, health="unknown", **lost), rarer, *unused])
     assert text.index("Never airborne</td>") < text.rindex("No inputs.</td>")
-    assert "1 of 1 vehicle needs a look: quad (bad).<" in text
+    assert "1 of 1 vehicle needs a look: quad (" in text
     assert "Lost at 70.9 s." in parts(text)["quad"]
     assert "Not judged: No settled flight." in text and "Their logs allow no figures (1)." in text
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
@@ -159,6 +161,19 @@ def test_battery_and_load_of_the_motors_are_followed_over_the_flights():
     assert_allclose(drawn["Least headroom of a motor (%)"].lines[0].y, 20)
 
 
+def test_the_healthy_flights_that_others_are_compared_with_are_marked_and_named():
+    """A fault has the mark of lists, also in a flight that a user has named as healthy."""
+    rows = [flight_row("quad", number, key=f"{number}-1") for number in range(4)]
+    rows[3] = replace(rows[3], health="fault")
+    *_, last_group = groups = vehicle_groups(group_into_flights(rows), (), {"0", "1"})
+    marks = groups[0].columns[0][0].marks
+    assert [(mark.x, mark.name) for mark in marks] == [(0, "✓"), (1, "✓"), (3, "■")]
+    files = [file_name([row]) for row in rows[:2]]
+    assert f"are compared, {files[0]} and {files[1]}." in last_group.caption
+    # A phone folds all charts of this group but the first.
+    assert last_group.names[0] == last_group.first_name == last_group.columns[0][0].title
+
+
 def test_months_without_a_flight_are_marked_between_the_flights():
     """The third flight is 122 days after the second; a log without a date stands in no pause."""
     dates = [START, START + timedelta(days=40), START + timedelta(days=162), None]
@@ -198,7 +213,7 @@ def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
     ]
     drawn = panels(rows)
     chart = drawn["Rate damping (1/s)"]
-    assert [(mark.x, mark.name, mark.colour) for mark in chart.marks] == [(2.0, "●", BAD)]
+    assert [(mark.x, mark.name, mark.colour) for mark in chart.marks] == [(2.0, "■", BAD)]
     line = chart.lines[0]
     ends = [line.y, line.lower_edge, line.upper_edge]
     assert_allclose(np.transpose(ends), [[0.5, 0.3, 0.7], [np.nan] * 3, [0.6, 0.4, 0.8]])

@@ -78,6 +78,14 @@ def test_a_fault_beside_other_flights_is_the_headline_and_the_next_step_of_the_p
     assert "<strong>Then, by this log alone:</strong> Fly anew." in page
 
 
+def test_the_light_of_the_motors_with_a_figure_is_as_bad_as_the_anomaly_too():
+    """The page of a flight has a figure for phones, which the anomaly hides: it is by the log alone."""
+    page = PAGE.replace('">watch</dd>', '">watch</dd><dd class="brief">headroom 20 %</dd>')
+    with_fault = page_with_anomaly(page, "fault", 2)
+    assert '<dd class="bad" data-alone="watch">bad</dd><dd class="brief" hidden>' in with_fault
+    assert page_with_anomaly(with_fault, "ok") == page
+
+
 @mark.parametrize("health", ["ok", "unknown"])
 @mark.parametrize("page", [PAGE, CRASHED_PAGE])
 @mark.parametrize("earlier_health", ["fault", "drift"])
