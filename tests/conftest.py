@@ -21,6 +21,8 @@ TESTS = Path(__file__).parent
 START_TIME = time()
 """When this process began, in seconds of the clock of files."""
 HYPOTHESIS_FOLDER = Path(os.environ.get("HYPOTHESIS_STORAGE_DIRECTORY", ".hypothesis"))
+FLIGHTS_FOLDER = os.environ.get("SIMULATED_FLIGHTS_DIRECTORY")
+"""Where simulated flights are kept for the next run of the tests; None where they are not."""
 CONSTANTS_ARE_STORED = (HYPOTHESIS_FOLDER / "constants").is_dir()
 """Whether an earlier run has stored the constants that Hypothesis collects."""
 
@@ -327,6 +329,17 @@ def fits_once(once_in_a_run):
             (wind_estimation, "identify_drag"),
         ):
             patch.setattr(module, name, once_in_a_run(getattr(module, name)))
+        yield
+
+
+@fixture(scope="session", autouse=True)
+def flights_once(run_folder):
+    """Many tests fly the same scenarios, and so does every run."""
+    from stored_flights import stored_simulation_of
+
+    folder = Path(FLIGHTS_FOLDER or run_folder / "flights")
+    with MonkeyPatch.context() as patch:
+        patch.setattr("sitl_scenarios.simulation.simulation_of", stored_simulation_of(folder))
         yield
 
 

@@ -996,11 +996,11 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
 @mark.slow
 def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
     """The learner marks all samples from 88 s to 90 s as unusual."""
-    real = mavdem.dem.OnlineLearner.update
+    unknown = np.zeros((1, 2))
 
-    def update(self, time, *sample):
-        estimate = real(self, time, *sample)
-        return estimate and estimate._replace(unusual=88 < time < 90, window_center=time)
+    def update(_, time, outputs, *_sample):
+        estimate = Estimate(time, outputs, outputs, np.array([time]), unknown, unknown, unknown)
+        return estimate._replace(unusual=88 < time < 90, window_center=time)
 
     monkeypatch.setattr("mavdem.dem.OnlineLearner.update", update)
     session, _, reported_facts = session_of(batches(16.0))

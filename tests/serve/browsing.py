@@ -1,8 +1,8 @@
 """Chromium without a screen, driven over its DevTools protocol: what a person does, a page's policy notwithstanding.
 
 Tests take it from the fixture ``browser``: its start takes as long as most of them, so that one serves all tests of a
-process. What a test opens from a server has tabs of profiles of their own. Pages that are only shown have one tab: a
-new one takes longer than a page.
+process. So do its tabs, since a new one takes longer than a page: each has a profile of its own, which is emptied after
+every test. What a test sets for its tab ends with the connection to it.
 """
 
 import asyncio
@@ -15,6 +15,12 @@ from contextlib import contextmanager
 
 from patience import PATIENCE, until
 from pytest import skip
+
+HURRY = """(factor => {
+  const { now } = Date, wait = setTimeout, start = now();
+  Date.now = () => start + factor * (now() - start);
+  window.setTimeout = (action, milliseconds, ...given) => wait(action, milliseconds / factor, ...given);
+})(%g)"""
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FITS = "document.documentElement.scrollWidth <= innerWidth"
@@ -92,9 +98,21 @@ class Page(Connection):
             time.sleep(0.02)
         raise AssertionError(script, self.run("document.body.innerText"))
 
+    def hurry(self, factor=4.0):
+        """Lets the clock of the page that is open run faster from now on, and the waits that it begins end sooner."""
+        self.run(HURRY % factor)
+
     def open(self, address):
         self.command("Page.navigate", url=address)
         self.until(f"location.href === {json.dumps(address)} && document.readyState === 'complete'")
+
+    def forget(self):
+        """Closes the page, after what it has stored was deleted."""
+        self.run(
+            "try { localStorage.clear(); sessionStorage.clear(); } catch { /* An empty page stores nothing. */ }"
+        )
+        self.command("Network.clearBrowserCookies")
+        self.open("about:blank")
 
     def size(self, width, dark=False):
         self.command(
@@ -129,7 +147,7 @@ class Browser:
         )
         self._loop = asyncio.new_event_loop()
         self._session = None
-        self._tab_of_shown_pages = None
+        self._free_tabs = []
         try:
             port_file = folder / "DevToolsActivePort"
             until(lambda: port_file.is_file() and port_file.read_text().count("\n"))
@@ -152,39 +170,34 @@ class Browser:
         """A line to the browser or to a tab, by its path."""
         return self._loop.run_until_complete(_line(self._session, f"{self._address}{path}"))
 
-    def _new_tab(self, **context):
-        """Opens a tab in a profile, or in the browser's own one."""
+    def _new_tab(self):
+        """Opens a tab of a new profile, in a window of its own, and returns the path of its line."""
+        context = self._connection.command("Target.createBrowserContext")
         target = self._connection.command("Target.createTarget", url="about:blank", **context)
-        return Page(self._loop, self._line(f"/devtools/page/{target['targetId']}"))
+        return f"/devtools/page/{target['targetId']}"
 
     @contextmanager
     def tab(self):
-        """A tab of a new profile, in a window of its own."""
-        context = self._connection.command("Target.createBrowserContext")
-        tab = self._new_tab(**context)
+        """A tab of a profile of its own, in which nothing is stored."""
+        path = self._free_tabs.pop() if self._free_tabs else self._new_tab()
+        tab = Page(self._loop, self._line(path))
         try:
             yield tab
+            tab.forget()
+            self._free_tabs.append(path)
         finally:
             tab.close()
-            self._connection.command("Target.disposeBrowserContext", **context)
 
     def shown(self, page, script, folder, width=1600, dark=False):
         """The title of a page and what an expression is on it; the browser may not complain of anything."""
         path = folder / "page.html"
         path.write_text(page)
-        if self._tab_of_shown_pages is None:
-            self._tab_of_shown_pages = self._new_tab()
-        tab = self._tab_of_shown_pages
-        tab.said.clear()
-        tab.size(width, dark)
-        tab.open(path.as_uri())
-        result = tab.run(script)
-        assert tab.said == []
-        title = tab.run("document.title")
-        # What this page has stored is not for the next one, nor is its end.
-        tab.run("localStorage.clear()")
-        tab.open("about:blank")
-        return title, result
+        with self.tab() as tab:
+            tab.size(width, dark)
+            tab.open(path.as_uri())
+            result = tab.run(script)
+            assert tab.said == []
+            return tab.run("document.title"), result
 
 
 async def _session():

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from live_rows import add_flight
-from pytest import approx, fixture, mark
+from pytest import MonkeyPatch, approx, fixture, mark
 from serving import serving
 
 from mavdem.facts import Fact, Level
@@ -29,7 +29,8 @@ LOUD_LINE = "(document.querySelector('#unanswered:not([hidden])')?.innerText ?? 
 class Session:
     """A session whose vehicle flies some seconds when it is told to, in the place of the monitor of a link."""
 
-    def __init__(self):
+    def begin(self):
+        """Begins a session, whose vehicle has flown for four seconds."""
         self.history = LiveHistory()
         self.end = 100.0
         self.saved_flight = None
@@ -82,15 +83,36 @@ class Session:
         self.page = SessionPage(html, clock.monotonic())
 
 
-@fixture
-def session():
+UPDATE_WAIT = 0.5
+"""Seconds for which the server waits for something new, fewer than usual, so that pages may hurry."""
+
+
+@fixture(scope="module")
+def monitor():
+    """What the server shows: one session after the other."""
     return Session()
 
 
+@fixture(scope="module")
+def server(tmp_path_factory, monitor):
+    """A server, which all tests share: its end waits a second for the requests of pages that were open."""
+    folder = tmp_path_factory.mktemp("library")
+    with MonkeyPatch.context() as patch, serving(folder, monitor=monitor) as server:
+        patch.setattr("mavdem.serve.live_pages.MAX_UPDATE_WAIT", UPDATE_WAIT)
+        yield server
+
+
 @fixture
-def tab(tmp_path, browser, session):
+def session(monitor):
+    """A session that has just begun."""
+    monitor.begin()
+    return monitor
+
+
+@fixture
+def tab(server, browser, session):
     """A tab with the page of the session."""
-    with serving(tmp_path, monitor=session) as server, browser.tab() as tab:
+    with browser.tab() as tab:
         tab.size(1280)
         tab.open(f"{server.address}/live")
         tab.until(FLIGHT)
@@ -192,6 +214,7 @@ def test_the_plots_of_a_vehicle_that_was_lost_end_soon_after_its_last_message(se
 
 
 def test_a_page_that_stays_open_shows_the_flight_of_a_restarted_server(session, tab):
+    tab.hurry()
     session.fly(8.0)
     tab.until(f"{FLIGHT}.span[1] > 111")
     offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
@@ -210,6 +233,7 @@ def test_a_page_that_stays_open_shows_the_flight_of_a_restarted_server(session, 
 
 def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers(session, tab):
     """The browser is offline for a while: the page turns grey and counts the seconds."""
+    tab.hurry()
     headline = tab.run(HEADLINE)
     tab.command("Network.enable")
     offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
@@ -241,7 +265,7 @@ COUNT_REQUESTS = """(() => {
   window.requests = 0;
   window.fetch = (...all) => { window.requests++; return ask(...all); };
 })()"""
-WAIT = "new Promise(passed => setTimeout(passed, 1500))"
+WAIT = "new Promise(passed => setTimeout(passed, 600))"
 
 
 def test_a_page_waits_while_it_is_pressed_but_not_after_a_menu_has_opened(session, tab):
@@ -249,7 +273,7 @@ def test_a_page_waits_while_it_is_pressed_but_not_after_a_menu_has_opened(sessio
     tab.run("document.body.dispatchEvent(new PointerEvent('pointerdown'))")
     session.fly(4.0)
     tab.run(WAIT)
-    # The server answers at most once with the state that waits, and then has nothing new for two seconds.
+    # The server answers at most once with the state that waits, and then has nothing new for half a second.
     assert tab.run("window.requests") <= 3
     assert tab.run(LAST_TIME) < 104.0
     tab.run("document.body.dispatchEvent(new MouseEvent('contextmenu'))")
@@ -257,6 +281,7 @@ def test_a_page_waits_while_it_is_pressed_but_not_after_a_menu_has_opened(sessio
 
 
 def test_a_page_behind_a_proxy_that_asks_to_sign_in_says_so(session, tab):
+    tab.hurry()
     tab.run("window.ask = window.fetch")
     tab.run("window.fetch = async () => new Response('<h1>Sign in</h1>')")
     tab.until(f"{LOUD_LINE}.includes('Something else answers in its place')")
@@ -340,6 +365,7 @@ def test_an_alarm_stays_at_the_edge_of_the_window_while_its_headline_is_out_of_s
 
 def test_a_lost_link_has_a_strip_of_its_own_before_it_is_an_alarm(session, tab):
     """A page that gets no answer itself says so in the place of the strip, with what was last in it."""
+    tab.hurry()
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     tab.size(390)
     session.show(SessionStatus("1:1", silence, is_flying=True, message_age=4.0))
@@ -411,19 +437,17 @@ def test_without_javascript_a_page_is_loaded_again(session):
     assert '<noscript><meta http-equiv="refresh" content="5"></noscript>' in session.page.html
 
 
-def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(tmp_path, session):
-    with serving(tmp_path, monitor=session) as server:
-        answer = server.get("/live/update")
-        assert "<style" not in answer.text and "uPlot" not in answer.text
-        assert "<title>" in answer.text and answer.text.count("<main ") == 1
-        start = clock.monotonic()
-        shown = {"If_None_Match": answer.headers["ETag"]}
-        # A proxy that compresses answers marks their tags as weak.
-        shown["If_None_Match"] = f"W/{shown['If_None_Match']}"
-        assert server.get("/live/update", **shown).status == 304
-        assert clock.monotonic() - start > 1.0
-        session.fly(4.0)
-        assert server.get("/live/update", **shown).status == 200
+def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(server, session):
+    answer = server.get("/live/update")
+    assert "<style" not in answer.text and "uPlot" not in answer.text
+    assert "<title>" in answer.text and answer.text.count("<main ") == 1
+    start = clock.monotonic()
+    # A proxy that compresses answers marks their tags as weak.
+    shown = {"If_None_Match": f"W/{answer.headers['ETag']}"}
+    assert server.get("/live/update", **shown).status == 304
+    assert clock.monotonic() - start >= UPDATE_WAIT
+    session.fly(4.0)
+    assert server.get("/live/update", **shown).status == 200
 
 
 def test_an_opened_light_that_is_good_shows_its_figures_and_stays_open_after_the_flight(

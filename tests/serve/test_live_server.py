@@ -242,22 +242,27 @@ def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_an
         assert tab.run(f"{headline}.classList.contains('bad')")
         assert "otor 2" in tab.run("document.title")
         assert tab.run("document.getElementById('silence').hidden")
+        tab.hurry()
         server.close()
         tab.until("!document.getElementById('silence').hidden")
 
 
 @mark.slow
-def test_a_dashboard_whose_session_is_not_shown_says_so_and_asks_once_a_second(viewer, browser):
+def test_a_dashboard_whose_session_is_not_shown_says_so_and_asks_once_a_second(
+    viewer, browser, monkeypatch
+):
     """The page of the session becomes old, recovers, and then fails.
 
-    The browser shows the silence and asks about once a second.
+    The browser shows the silence and asks about once a second, of a clock that runs faster.
     """
+    monkeypatch.setattr("mavdem.serve.live_pages.MAX_UPDATE_WAIT", 0.5)
     silence = "document.getElementById('silence')"
     with live_server(viewer) as server, browser.tab() as tab:
         server.report(flying_session(), STATUS)
         tab.size(1280)
         tab.open(f"{server.address}/dashboard")
         tab.until("document.getElementById('session_headline').textContent")
+        tab.hurry()
         tab.run("window.ask = window.fetch; window.requests = 0")
         tab.run("window.fetch = (...all) => { requests++; return ask(...all); }")
         # Nothing new is made, as if the session hung.
