@@ -40,6 +40,12 @@ FIRST_VERSION_WITH_BATCHES = (3, 6)
 FIRST_VERSION_WITH_NOTCH = (4, 0)
 """First version of ArduCopter with a harmonic notch filter (INS_HNTCH_ENABLE)."""
 
+MOVING_NOTCH = "INS_HNTCH_ENABLE"
+"""Parameter that switches on ArduPilot's harmonic notch filter, which follows the motors."""
+
+FIXED_NOTCH = "INS_NOTCH_ENABLE"
+"""Parameter that switches on its notch filter at a fixed frequency."""
+
 
 class MeasuredNoise(NamedTuple):
     """Spectra of the sensors in flight, and what follows from them."""
@@ -217,10 +223,18 @@ def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
     Returns:
         The fact that the firmware has no such filter, if one is to be set, or if the spectrum ends below the motors'
         frequencies, so that one may be needed. Otherwise ``notch``, whose advice on logging is for this autopilot.
+        Parameters in the log show more surely than the version which filters there are: some builds had them earlier.
     """
     may_be_needed = notch.code in (NotchAdvice.SET_NOTCH, NotchAdvice.SPECTRUM_BELOW_MOTORS)
-    if may_be_needed and not _is_from_version(telemetry, FIRST_VERSION_WITH_NOTCH):
-        return Fact(NotchAdvice.NO_NOTCH_IN_FIRMWARE, firmware=telemetry.firmware)
+    has_moving_notch = MOVING_NOTCH in telemetry.parameters
+    if may_be_needed and not (
+        has_moving_notch or _is_from_version(telemetry, FIRST_VERSION_WITH_NOTCH)
+    ):
+        return Fact(
+            NotchAdvice.NO_NOTCH_IN_FIRMWARE,
+            firmware=telemetry.firmware,
+            has_fixed_notch=FIXED_NOTCH in telemetry.parameters,
+        )
     if notch.code is NotchAdvice.SPECTRUM_BELOW_MOTORS:
         return _with_logging_ability(notch, telemetry)
     return notch

@@ -26,8 +26,8 @@ from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Blocks, Sentence
-from mavdem.report.gain_changes import GainChanges
 from mavdem.report.loops import (
+    axes_with_kept_gains,
     field_sentences,
     goal_sentences,
     measured_margins,
@@ -36,7 +36,7 @@ from mavdem.report.loops import (
     tune_summary,
     tuning_result,
 )
-from mavdem.report.pages.tune_page import changes_to_load, tune_page
+from mavdem.report.pages.tune_page import changes_to_load, gains_of_tuning, tune_page
 from mavdem.report.screen import flight_sentences, judgement_sentences
 
 PAGE_FILE = "tune.html"
@@ -130,8 +130,7 @@ def tune_command(
         flights = tuple(verdict.fact for verdict in assessment.flight_verdicts)
         print_json(tune_document(source, margins, tuning, flights))
     else:
-        changes = changes_to_load(Path(source).name, tuning, evidence)
-        _print_tuning(tuning, assessment, changes, out, verbose=verbose)
+        _print_tuning(tuning, assessment, evidence, Path(source).name, out, verbose=verbose)
     if file_names:
         # What was found comes before the files in which it is kept.
         print_to_stderr(f"Written: {', '.join(file_names)}. Nothing was sent to the vehicle.")
@@ -170,7 +169,8 @@ def _write_tuning(
 def _print_tuning(
     tuning: Tuning,
     assessment: Assessment,
-    changes: GainChanges | None,
+    evidence: Evidence,
+    name: str,
     folder: Path | None,
     *,
     verbose: bool,
@@ -180,7 +180,8 @@ def _print_tuning(
     Args:
         tuning: The gains to set, and the judgement of the flight.
         assessment: Assessment of the log, with the verdicts on its flights if they are judged each by itself.
-        changes: The gains to set, as tables; None if none change.
+        evidence: Evidence of the log, with the parameters that the vehicle has now.
+        name: Name of the log.
         folder: Folder that the page was written to, if it was.
         verbose: Whether to print all margins, and the status lights (a level for each part of the vehicle) that warn.
     """
@@ -191,8 +192,13 @@ def _print_tuning(
     blocks: Blocks = [*tune_summary(tuning, result)]
     blocks += flight_sentences(assessment, has_headline_above=False)
     blocks += tune_overview(tuning, result)
+    changes = changes_to_load(name, tuning, evidence)
     if changes is not None:
         blocks += changes.blocks
+    gains = gains_of_tuning(tuning, evidence, changes)
+    if gains is not None:
+        for axis in axes_with_kept_gains(tuning):
+            blocks += gains.sentences_on_axis(axis)
     blocks += tune_blocks(tuning, is_full=verbose, headline_above=str(result))
     blocks += measured_margins(tuning, assessment.margins)
     blocks += goal_sentences(tuning)

@@ -11,8 +11,9 @@ from mavdem.dataset.signals import Signals
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.autopilot_parameters import GainNames
 from mavdem.loops.controllers import gain_names
-from mavdem.report.blocks import Table
+from mavdem.report.blocks import Sentence, Table
 from mavdem.report.gain_changes import GainChanges, NewValue
+from mavdem.report.templates import render_section
 
 RATE_GAIN_HEADERS = {
     "P": "rate P",
@@ -97,6 +98,38 @@ class GainOverview(NamedTuple):
     def has_gains_to_load(self) -> bool:
         """Whether a gain is to be set before the next flight."""
         return any(cell.is_to_be_loaded for cell in self.cells)
+
+    @property
+    def changed_rows(self) -> Mapping[str, tuple[GainCell, ...]]:
+        """The rows of the axes with a new gain, which is to be loaded or was tried; all rows if no axis has one."""
+        rows = {}
+        for axis, row in self.rows.items():
+            if any(cell.new is not None for cell in row):
+                rows[axis] = row
+        return rows or self.rows
+
+    @property
+    def sentences_on_other_rows(self) -> list[Sentence]:
+        """A sentence for each other axis: what becomes of its gains, and their values in the log."""
+        sentences = []
+        for axis in self.rows:
+            if axis not in self.changed_rows:
+                sentences += self.sentences_on_axis(axis, self.outcomes.get(axis, ""))
+        return sentences
+
+    def sentences_on_axis(self, axis: str, outcome: str = "") -> list[Sentence]:
+        """Returns the values that the gains of an axis have in the log, in a sentence.
+
+        Args:
+            axis: "roll", "pitch" or "yaw".
+            outcome: what becomes of these gains, with which the sentence begins; empty where the reader knows it.
+
+        Returns:
+            A list with the sentence; empty for an axis without a row.
+        """
+        if axis not in self.rows:
+            return []
+        return render_section("gains_of_axis", axis=axis, cells=self.rows[axis], outcome=outcome)
 
     @property
     def cells(self) -> Iterator[GainCell]:

@@ -6,6 +6,7 @@ from math import nan
 from operator import attrgetter
 from typing import NamedTuple
 
+from mavdem.assessment.axis.flight_for_gains import is_removed_by_flight
 from mavdem.assessment.axis.loop_decision import (
     ADVICE_TO_TUNE,
     REDUCTIONS_OF_RATE_GAINS,
@@ -24,7 +25,7 @@ from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Figure, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import GainFact, LoopAction, LoopFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
 from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis, MarginTarget, margin_rating
@@ -34,11 +35,10 @@ from mavdem.loops.gain_design import (
     MAX_GAIN_STEP,
     MIN_GAIN_CHANGE,
     SURE_SHARE,
-    Stage,
 )
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
-from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
+from mavdem.report.blocks import HARD_SPACE, Blocks, Sentence, Table, headline_sentence
 from mavdem.report.numbers import UNKNOWN_FIGURE, listed, rounded
 from mavdem.report.templates import headline, model_share, render_section, sentences_by_axes
 
@@ -95,7 +95,12 @@ REASONS_FOR_GAINS = (GainFact.STEP_BOUND, GainFact.INTEGRAL_FALLS)
 """Notes on gains that say why they are no others; they stand beside the gains. The remaining ones are details."""
 
 
-STEPS_WITH_DOUBLETS = (NextStep.LOAD_GAINS, NextStep.KEEP_OR_CONFIRM_GAINS)
+STEPS_WITH_DOUBLETS = (
+    NextStep.LOAD_GAINS,
+    NextStep.KEEP_OR_CONFIRM_GAINS,
+    NextStep.FLY_BEFORE_GAINS,
+    NextStep.FLY_FOR_GAINS,
+)
 """Next steps of a tuning that name a flight with doublets themselves."""
 
 
@@ -130,7 +135,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
        that needs a repair.
     3. The next step, and a higher cut-off of the gyro's filter to try instead, if one is advised.
-    4. What axes that get no gains need besides; or, after a repair, doublets.
+    4. What axes that get no gains need: what to correct, and the flight with doublets from which gains follow.
 
     Args:
         tuning: the advice for each axis, with the judgement of the flight.
@@ -149,20 +154,38 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
     if tuning.gyro_cutoff is not None:
         summary.append(Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Instead of lower gains:"))
-    steps_towards_gains = _steps_towards_gains(tuning)
-    if steps_towards_gains:
-        is_after_repair = not _has_next_step_on_loops(tuning.judgement)
-        return [*summary, *_sentences_towards_gains(steps_towards_gains, is_after_repair)]
-    if _needs_doublets_after_next_step(tuning):
-        summary += render_section("tune_doublets")
-    return summary
+    is_after_repair = not _has_next_step_on_loops(tuning.judgement)
+    summary += _sentences_towards_gains(_steps_towards_gains(tuning), is_after_repair)
+    return [*summary, *_sentences_on_flight_for_gains(tuning, is_after_repair)]
+
+
+def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> list[Sentence]:
+    """Returns the flight from which gains of more axes follow, in a sentence, unless the next step states it.
+
+    Args:
+        tuning: the flight for gains, a coded finding, and the judgement with the next step.
+        is_after_repair: whether the next step, such as a repair, comes before this flight.
+
+    Returns:
+        A list with the sentence. It says only what to log if the next step is a flight with doublets. It is empty if
+        nothing is left to say, or if no such flight is needed.
+    """
+    flight = tuning.flight_for_gains
+    next_step = tuning.judgement.next_step
+    if flight is None or next_step.code is NextStep.FLY_FOR_GAINS:
+        return []
+    lead = (
+        "To tune then:" if is_after_repair else f"For margins of {listed(flight.figures['axes'])}:"
+    )
+    if next_step.code in STEPS_WITH_DOUBLETS:
+        flight = flight.replace(is_flight_stated=True)
+    return [Sentence(flight.sentence, lead)] if flight.sentence else []
 
 
 def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
-    """Returns what to do so that the next log gives gains for the axes that get none now.
+    """Returns what to do besides a flight so that the next log gives gains for the axes that get none now.
 
-    The next step already says so of the most urgent axis, and is not repeated. Another axis may need more, such as a
-    setpoint that is logged faster.
+    What the next step says already is not repeated.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
@@ -182,17 +205,13 @@ def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
 
 
 def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
-    """Returns what to do so that the next log gives gains for one axis, in sentences that the next step lacks.
+    """Returns what to do besides a flight so that the next log gives gains for one axis, unless the next step says it.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
         axis: "roll", "pitch" or "yaw".
     """
-    advice = tuning.axes[axis]
-    advice_on_gains = advice if isinstance(advice, Fact) else _advice_on_gains(tuning, advice)
-    remedies = _remedies_besides_tuning(tuning, axis)
-    if not _next_step_has_priority(tuning, advice_on_gains):
-        remedies.insert(0, advice_on_gains.remedy)
+    remedies = _remedies_besides_flight(tuning, axis)
     texts_in_next_step = _texts_in_next_step(tuning)
     next_step = str(tuning.judgement.next_step).lower()
     remedies_of_flight = [fault.remedy for fault in faults_besides_loops(tuning.judgement)]
@@ -202,6 +221,31 @@ def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
         if remedy not in texts_in_next_step and not is_contained:
             steps.append(_without_texts(remedy, remedies_of_flight))
     return [step for step in steps if step]
+
+
+def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
+    """Returns what to do about one axis besides the flight from which its gains follow (``Tuning.flight_for_gains``).
+
+    There may be two remedies: one towards gains, and one against another fault of the loops.
+
+    Args:
+        tuning: for each axis the advice on its gains, or the finding that says why there is none.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        Up to two texts, of which some may be empty.
+    """
+    advice = tuning.axes[axis]
+    advice_on_gains = advice if isinstance(advice, Fact) else _advice_on_gains(tuning, advice)
+    remedies = _remedies_besides_tuning(tuning, axis)
+    if _next_step_has_priority(tuning, advice_on_gains):
+        return remedies
+    if axis not in tuning.axes_to_fly_for_gains:
+        return [advice_on_gains.remedy, *remedies]
+    # An axis that keeps its gains has no reasons against other ones.
+    reasons = advice_on_gains.figures.get("reasons", ())
+    other_reasons = [reason for reason in reasons if not is_removed_by_flight(reason)]
+    return [*[reason.remedy for reason in other_reasons], *remedies]
 
 
 def _without_texts(text: str, texts_beside: Iterable[str]) -> str:
@@ -236,25 +280,6 @@ def _sentences_towards_gains(
     )
     beginning = "Then, for gains of" if is_after_repair else "For gains of"
     return [Sentence(text, f"{beginning} {listed(axes)}:") for text, axes in axes_by_text.items()]
-
-
-def _needs_doublets_after_next_step(tuning: Tuning) -> bool:
-    """Returns whether a tuning still needs a flight with doublets after the next step, such as a repair, is done.
-
-    Doublets are quick stick movements to one side and then to the other, from which the margins of a loop are
-    identified. They are needed if an axis has no reliable margins, but a controller whose margins could be computed. If
-    the next step is about the control loops, it names the flight to make already, so that nothing comes after it.
-
-    Args:
-        tuning: advice on the gains of each axis, and the judgement of the flight with its next step.
-    """
-    if _has_next_step_on_loops(tuning.judgement):
-        return False
-    for axis in tuning.axes:
-        lacks_gains = _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_GAINS
-        if lacks_gains and axis not in tuning.axes_without_controller:
-            return True
-    return False
 
 
 def _has_next_step_on_loops(judgement: Judgement) -> bool:
@@ -314,6 +339,16 @@ def _sluggish_axes(tuning: Tuning) -> list[str]:
     return axes
 
 
+def axes_with_kept_gains(tuning: Tuning) -> list[str]:
+    """Returns the axes whose gains stay, surely or not; not those for which none could be computed.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
+    """
+    keeps_gains = (GainOutcome.KEEP, GainOutcome.KEEP_UNSURE)
+    return [axis for axis in tuning.axes if _gain_outcome(tuning, axis) in keeps_gains]
+
+
 def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
     """Returns what becomes of the gains of each axis in words, such as "new gains" or "no gains (margins not known)".
 
@@ -336,25 +371,32 @@ def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
     return words
 
 
-def expected_margin_sentences(tuning: Tuning) -> list[Sentence]:
-    """Returns the margins of the rate loops now and with the gains to load, such as "roll 29° → 44°, Ms 2.8 → 1.9".
+def expected_margins(tuning: Tuning) -> list[Table]:
+    """Returns a table of the margins now and with the gains to load, such as "29 (23 to 35) → 44", for a page.
+
+    Each loop of an axis whose gains are to be loaded has a row. A phone shows the same without intervals.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
 
     Returns:
-        A list with the sentence; empty if no gains of a rate controller are to be loaded.
+        A list with the table; empty if no gains are to be loaded.
     """
-    rows = {}
+    rows = []
+    rows_on_phone = []
     for axis, advice in tuning.axes.items():
-        if isinstance(advice, Fact) or advice.stage is not Stage.RATE:
-            continue
-        if _gain_outcome(tuning, axis) is GainOutcome.NEW:
-            rows[axis] = {
-                name: (_value_text(advice.before.rate, name), _value_text(advice.after.rate, name))
-                for name in TUNED_FIGURES
-            }
-    return render_section("tune_expected", rows=rows) if rows else []
+        is_new = _gain_outcome(tuning, axis) is GainOutcome.NEW
+        if isinstance(advice, Advice) and is_new and not tuning.waits(advice):
+            rows += _overview_rows(advice)
+            for row in _overview_rows(advice, has_intervals=False):
+                # Narrow columns must not break the line between a value and its arrow.
+                rows_on_phone.append(
+                    [cell.replace(" → ", f"{HARD_SPACE}→{HARD_SPACE}") for cell in row]
+                )
+    if not rows:
+        return []
+    headers = ["now → new", *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
+    return [Table(headers, rows, phone_tables=[Table(headers, rows_on_phone)])]
 
 
 def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -> list[Sentence]:
@@ -445,11 +487,12 @@ def _overview_header(tuning: Tuning, axis: str) -> str:
     return "now"
 
 
-def _overview_rows(advice: Advice) -> list[list[str]]:
+def _overview_rows(advice: Advice, *, has_intervals: bool = True) -> list[list[str]]:
     """Returns the rows of the overview's table for the rate loop and the attitude loop of one axis.
 
     Args:
         advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
+        has_intervals: whether ``FIGURES_WITH_INTERVAL`` have their intervals.
 
     Returns:
         For each loop its name and a cell for each of ``TUNED_FIGURES`` (:func:`_overview_cell`). Only the rate loop,
@@ -458,22 +501,25 @@ def _overview_rows(advice: Advice) -> list[list[str]]:
     rows = []
     for loop_name in LOOP_NAMES:
         first_cell = f"{advice.before.axis} rate" if loop_name == "rate" else f"  {loop_name}"
-        cells = [_overview_cell(advice, loop_name, figure_name) for figure_name in TUNED_FIGURES]
-        rows.append([first_cell, *cells])
+        row = [first_cell]
+        for figure_name in TUNED_FIGURES:
+            has_interval = has_intervals and figure_name in FIGURES_WITH_INTERVAL
+            row.append(_overview_cell(advice, loop_name, figure_name, has_interval=has_interval))
+        rows.append(row)
     return rows
 
 
-def _overview_cell(advice: Advice, loop_name: str, figure_name: str) -> str:
+def _overview_cell(advice: Advice, loop_name: str, figure_name: str, *, has_interval: bool) -> str:
     """Returns a figure of a loop now and, if it changes, with the new gains, such as "29 (23 to 35) → 44".
 
     Args:
         advice: advice on an axis: its identified loops with the gains that flew and with new ones, if there are any.
         loop_name: "rate" or "attitude".
         figure_name: one of ``TUNED_FIGURES``, such as "phase_margin".
+        has_interval: whether the figure now has its 90 % interval.
     """
     loop_now = advice.before.open_loop(loop_name)
     value_now = _value_text(loop_now, figure_name)
-    has_interval = figure_name in FIGURES_WITH_INTERVAL
     cell_now = _figure_text(loop_now, figure_name) if has_interval else value_now
     if not advice.parameters:
         return cell_now
@@ -694,8 +740,8 @@ def _unshown_remedies(
 ) -> list[str]:
     """Returns what to do about one axis, such as "Fly doublets.", unless the reader finds it elsewhere.
 
-    There may be two remedies: one towards gains, and one against another fault of the loops. Each is left out if the
-    text on the axis, or another part of the page, has it already, or if the other one contains it.
+    A remedy is left out if the text on the axis, or another part of the page, has it already, or if another one
+    contains it.
 
     Args:
         tuning: for each axis the advice on its gains, or the finding that says why there is none.
@@ -704,18 +750,31 @@ def _unshown_remedies(
         shown_remedies: the remedies in the next step and in the text on other axes.
 
     Returns:
-        Up to two sentences.
+        The remedies, which may be several sentences each.
     """
-    advice = tuning.axes[axis]
-    advice_on_gains = advice if isinstance(advice, Fact) else _advice_on_gains(tuning, advice)
-    candidates = _remedies_besides_tuning(tuning, axis)
-    if not _next_step_has_priority(tuning, advice_on_gains):
-        candidates.insert(0, advice_on_gains.remedy)
+    candidates = _remedies_besides_flight(tuning, axis)
+    if axis in tuning.axes_to_fly_for_gains:
+        candidates += _remedies_until_flight(tuning.axes[axis])
     new_remedies = []
     for remedy in dict.fromkeys(candidates):
         if remedy not in shown_remedies and remedy not in report:
             new_remedies.append(remedy)
     return _without_contained_texts(new_remedies)
+
+
+def _remedies_until_flight(advice: Advice | Fact) -> list[str]:
+    """Returns by what to judge the loop of an axis until the next flight, if its predicted response is doubtful.
+
+    Args:
+        advice: the advice on the axis, or the fact (coded finding) that says why its loop is not known.
+    """
+    if isinstance(advice, Fact):
+        return []
+    remedies = []
+    for reason in advice.refusals:
+        if reason.code is StepResponseFact.PREDICTION_DOUBTED:
+            remedies.append(reason.replace(is_flight_stated=True).remedy)
+    return remedies
 
 
 def _without_contained_texts(texts: list[str]) -> list[str]:
@@ -1022,9 +1081,8 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool)
         Facts in the order of their sentences:
 
         - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
-        - otherwise the rating of the margins, what to do with the gains, why the new gains are not other ones, and that
-          they make a loop slower if they do. A good rating is left out where the margins may be wrong: the
-          table beside it calls them doubtful.
+        - otherwise the rating of the margins, and what to do with the gains. A good rating is left out where the
+          margins may be wrong: the table beside it calls them doubtful.
     """
     advice = tuning.axes[axis]
     # The loop of this axis is identified.
@@ -1038,8 +1096,7 @@ def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool)
     if not is_page:
         # Only a rating that the axis does not follow its setpoint has the figure "follows".
         ratings = [rating for rating in ratings if "follows" in rating.figures]
-    slower_steps = [*_facts_on_slower_rate(advice), *_facts_on_slower_attitude(advice)]
-    return [*ratings, *facts_on_gains, *slower_steps]
+    return [*ratings, *facts_on_gains]
 
 
 def _facts_on_slower_rate(advice: Advice) -> list[Fact]:
@@ -1107,9 +1164,10 @@ def _longer_rise_times(advice: Advice, loop_name: str) -> tuple[float, float] | 
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns what to do with the gains of an axis, why the new ones are no others, and that their basis is weak.
+    """Returns what to do with the gains of an axis, why the new ones are no others, and what limits or costs them.
 
-    The reasons are left out if a measured response contradicts the loop that they follow from.
+    Only what to do is returned if a measured response contradicts the loop that the new gains follow from. Otherwise
+    the further facts (coded findings) may be that the basis of the gains is weak, and that they make a loop slower.
 
     Args:
         tuning: advice on the gains of each axis; its loop is identified.
@@ -1131,7 +1189,8 @@ def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
     weak_confirmation = advice.weak_confirmation
     if weak_confirmation is not None and advice.parameters and advice.is_sound:
         reasons.append(weak_confirmation)
-    return [advice_on_gains, *reasons]
+    slower_loops = [*_facts_on_slower_rate(advice), *_facts_on_slower_attitude(advice)]
+    return [advice_on_gains, *reasons, *slower_loops]
 
 
 def _axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
@@ -1223,6 +1282,8 @@ def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
         # One flight is enough: the reason why no gains are advised names it already.
         return []
     if _next_step_has_priority(tuning, decision.action):
+        return []
+    if axis in tuning.axes_to_fly_for_gains and is_removed_by_flight(decision.action):
         return []
     return [decision.action.sentence_and_remedy]
 
@@ -1350,7 +1411,8 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
             decision.action is not None and decision.action.code is LoopAction.FLY_DOUBLETS
         )
         is_flown_next = main_reason is not None and _advises_flight(main_reason)
-        if flies_doublets and (is_flown_next or next_step.code in STEPS_WITH_DOUBLETS):
+        is_step_with_doublets = is_flown_next or next_step.code in STEPS_WITH_DOUBLETS
+        if flies_doublets and (is_step_with_doublets or axis in tuning.axes_to_fly_for_gains):
             texts.add(decision.fact.remedy)
     return texts
 
@@ -1393,6 +1455,7 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
     is_step_on_gains = fact.code in (
         NextStep.LOAD_GAINS,
         NextStep.FLY_BEFORE_GAINS,
+        NextStep.FLY_FOR_GAINS,
         NextStep.KEEP_OR_CONFIRM_GAINS,
         NextStep.TUNE_OTHER_AXES,
     )

@@ -69,6 +69,24 @@ def test_a_feed_forward_that_is_0_and_stays_0_has_no_column():
     assert "rate FF" in gain_overview(signals, changes).headers
 
 
+def test_an_axis_that_keeps_its_gains_beside_new_ones_has_them_in_one_sentence():
+    parameters = {**ARDUPILOT, "ATC_RAT_YAW_P": 0.2, "ATC_ANG_YAW_P": 4.5}
+    signals = {axis: Signals(Hover().telemetry(parameters=parameters)) for axis in ("roll", "yaw")}
+    changes = GainChanges((), (), new_values=NEW_VALUES)
+    gains = gain_overview(signals, changes, {"yaw": "keep the gains"})
+    assert [*gains.changed_rows] == ["roll"]
+    [sentence] = gains.sentences_on_other_rows
+    assert sentence.lead == "Yaw, keep the gains:"
+    [of_terminal] = gains.sentences_on_axis("yaw")
+    assert of_terminal == sentence._replace(lead="Gains of yaw:")
+    assert (
+        sentence.text.replace("\N{NO-BREAK SPACE}", " ") == "ATC_RAT_YAW_P 0.2, ATC_ANG_YAW_P 4.5."
+    )
+    # Where no axis has new gains, all have a row.
+    kept = gain_overview(signals, None)
+    assert kept.changed_rows == kept.rows and not kept.sentences_on_other_rows
+
+
 def test_parameters_that_are_no_gains_have_a_table_of_their_own():
     gain = ["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]
     notch = ["INS_HNTCH_FREQ", "60", "80", ""]

@@ -8,11 +8,14 @@ from hover import Hover
 from partial_records import partial_record
 from pytest import mark
 
+from mavdem.assessment.axis.flight_for_gains import flight_for_gains
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.axis.tuning_step import judgement_with_tuning_step
 from mavdem.assessment.judgement import Judgement
 from mavdem.confidence import IntervalEstimate
+from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
@@ -41,7 +44,7 @@ from mavdem.report.pages.tune_page import (
 )
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
-FLY_DOUBLETS = Fact(LoopAction.FLY_DOUBLETS, axis="roll", is_biased=False)
+STEP_TO_CONFIRM = {"names": ("roll",), "can_go_on": False, "needed": 0.9, "least_rate": None}
 LIMITED = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, names=("motor 1",), share=0.1)
 
 
@@ -121,42 +124,109 @@ def test_what_the_flight_shows_and_needs_is_said_once():
     assert not any(LIMITED.remedy in line.text for line in needs)
 
 
+def flight_of(reasons, *, axes_without_controller=(), is_after_repair=False, parameters=None):
+    """The flight for gains of the axes that have these reasons for no gains, after a DataFlash log."""
+    advice = {axis: Fact(LoopFact.NO_LOOP, reasons=(reason,)) for axis, reason in reasons.items()}
+    telemetry = replace(
+        Hover().telemetry(parameters=parameters or {}),
+        translated_from="DataFlash",
+        messages={DEMAND_MESSAGE: {}},
+    )
+    evidence = Mock(loops=advice)
+    evidence.signals.telemetry = telemetry
+    evidence.log.components = ()
+    return flight_for_gains(
+        evidence, advice, {}, axes_without_controller, is_after_repair=is_after_repair
+    )
+
+
+SLOW = Fact(LoopFact.NOT_STEERED, share=0.16, names=("ATT", "RCOU"), rates=(9.8, 9.8))
+NO_SETPOINT = Fact(LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0, recorder="DataFlash")
+NOT_FOUND = Fact(LoopFact.LOOP_NOT_FOUND)
+
+
 @mark.parametrize(
-    "reason_of_next_step, axes_without_controller, last_lead",
+    "reasons, parameters, text",
     [
-        (LIMITED, (), "Then, for gains of roll and pitch:"),
-        (LIMITED, ("roll",), "Then, for gains of pitch:"),
-        # No flight shows the gains of a controller that the log does not describe.
-        (LIMITED, ("roll", "pitch"), "Next:"),
-        # The next step leads to gains already, or lacks how fast to log.
-        (NOT_STEERED, (), "Next:"),
-        (FLY_DOUBLETS, (), "For gains of roll and pitch:"),
+        (
+            {"roll": NO_SETPOINT, "yaw": NOT_STEERED},
+            {},
+            "Log the rate setpoint: RATE and ATT (ArduCopter from 3.3 on). Set bit 0 of LOG_BITMASK (fast attitude; "
+            "the log does not show whether it is set), which logs attitude and the demand at 50 Hz or more. "
+            "Then fly ten quick doublets about each of roll and yaw in calm air, "
+            "and run `mavdem tune --axis all` on that log.",
+        ),
+        (
+            {"roll": NOT_STEERED, "pitch": NOT_STEERED, "yaw": SLOW},
+            {"LOG_BITMASK": 176126.0},
+            "LOG_BITMASK is 176126 in this log: set it to 176127, with bit 0 (fast attitude), which logs attitude "
+            "and the demand at 50 Hz or more. Then fly ten quick doublets about each of roll, pitch and yaw in calm "
+            "air, and run `mavdem tune --axis all` on that log.",
+        ),
+        # The log shows no setting that makes messages faster.
+        (
+            {"roll": SLOW},
+            {"LOG_BITMASK": 176127.0},
+            "Fly ten quick doublets about roll in calm air, with rates and motors logged at 100 Hz (here ATT at "
+            "9.8 Hz and RCOU at 9.8 Hz), and run `mavdem tune` on that log.",
+        ),
     ],
 )
-def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
-    reason_of_next_step, axes_without_controller, last_lead
+def test_one_next_step_for_all_axes_says_what_to_set_and_which_doublets_to_fly(
+    reasons, parameters, text
 ):
-    tuning = tuning_of(
-        LIMITED,
-        reason_of_next_step,
-        {},
-        axes_without_controller=frozenset(axes_without_controller),
+    flight = flight_of(reasons, parameters=parameters)
+    assert flight.sentence == text
+    tuning = tuning_of(NOT_STEERED, NOT_STEERED, {}, flight_for_gains=flight)
+    axes = {axis: Fact(LoopFact.NO_LOOP, reasons=(reason,)) for axis, reason in reasons.items()}
+    judgement = judgement_with_tuning_step(
+        tuning.judgement,
+        axes,
+        (),
+        flight,
+        has_new_gains=False,
+        is_written=False,
+        must_be_repaired=False,
     )
+    tuning = tuning._replace(axes=axes, judgement=judgement)
+    [*_, last_sentence] = tune_summary(tuning, NOT_STEERED)
+    assert last_sentence == Sentence(text, "Next:")
+    report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED.sentence)
+    assert not any("doublets" in sentence.text for sentence in report)
+
+
+def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains():
+    reasons = {"roll": LIMITED, "pitch": LIMITED}
+    assert flight_of(reasons) is None
+    # No flight shows the gains of a controller that the log does not describe.
+    assert flight_of(reasons, axes_without_controller=[*reasons], is_after_repair=True) is None
+    flight = flight_of(reasons, axes_without_controller=("roll",), is_after_repair=True)
+    tuning = tuning_of(LIMITED, LIMITED, {}, flight_for_gains=flight)
     *_, last_sentence = tune_summary(tuning, LIMITED)
-    assert last_sentence.lead == last_lead
+    assert last_sentence.lead == "To tune then:"
+    assert last_sentence.text.startswith("Fly ten quick doublets about pitch")
 
 
-def test_the_summary_says_what_each_axis_without_gains_needs():
-    """The next step is that of roll; pitch also needs a setpoint, which is logged too slowly."""
-    figures = {"is_logged": False, "least_rate": 8.0, "recorder": "DataFlash"}
-    no_setpoint = Fact(LoopFact.NO_RATE_SETPOINT, **figures)
-    tuning = tuning_of(NOT_STEERED, NOT_STEERED, {})
-    pitch = Fact(LoopFact.NO_LOOP, reasons=(no_setpoint,))
-    tuning = tuning._replace(axes={**tuning.axes, "pitch": pitch})
+def test_a_next_step_with_doublets_leaves_what_to_log_in_the_same_flight():
+    flight = flight_of({"yaw": SLOW}, parameters={"LOG_BITMASK": 126.0})
+    tuning = tuning_of(NOT_STEERED, NOT_STEERED, {}, flight_for_gains=flight)
+    next_step = Fact(NextStep.KEEP_OR_CONFIRM_GAINS, Level.WATCH, **STEP_TO_CONFIRM)
+    tuning = tuning._replace(judgement=replace(tuning.judgement, next_step=next_step))
+    *_, last_sentence = tune_summary(tuning, NOT_STEERED)
+    assert last_sentence.lead == "For margins of yaw:"
+    assert last_sentence.text.startswith("LOG_BITMASK is 126") and "Fly" not in last_sentence.text
+
+
+def test_what_no_flight_removes_is_said_of_its_axis_alone():
+    flight = flight_of({"roll": NOT_STEERED, "pitch": NOT_FOUND})
+    assert flight.figures["axes"] == ("roll",)
+    tuning = tuning_of(NOT_STEERED, NOT_STEERED, {}, flight_for_gains=flight)
+    pitch = Fact(LoopFact.NO_LOOP, reasons=(NOT_FOUND,))
+    judgement = replace(tuning.judgement, next_step=flight)
+    tuning = tuning._replace(axes={**tuning.axes, "pitch": pitch}, judgement=judgement)
     *_, next_step, for_pitch = tune_summary(tuning, NOT_STEERED)
-    assert next_step.lead == "Next:" and "ten quick doublets" in next_step.text
-    assert for_pitch.lead == "For gains of pitch:"
-    assert for_pitch.text.startswith("Log the rate setpoint: RATE")
+    assert next_step.lead == "Next:" and "about roll" in next_step.text
+    assert for_pitch == Sentence(NOT_FOUND.remedy, "For gains of pitch:")
 
 
 def test_lowered_gains_are_one_set_for_headline_report_and_files():
@@ -226,8 +296,8 @@ def test_a_measured_step_that_is_too_fast_for_its_messages_has_a_warning(message
 @mark.parametrize(
     "lacking, margins, price",
     [
-        ("ms", (2.3, 1.7), ": the price of Ms 1.7 instead of 2.3."),
-        ("gain_margin", (4.0, 6.5), ": the price of 6.5 dB of gain margin instead of 4.0 dB."),
+        ("ms", (2.3, 1.7), ": the price of a lower Ms."),
+        ("gain_margin", (4.0, 6.5), ": the price of more gain margin."),
         (None, None, "."),
     ],
 )
@@ -282,6 +352,10 @@ def test_a_chapter_that_only_points_to_the_headline_is_left_out():
 def test_steps_to_the_goal_say_at_which_thrust_it_is_to_hold():
     """By the estimate the margins after the first step may almost reach the goal, at the thrust of the flight."""
     step = Fact(GainFact.STEP_TOWARDS_MARGINS, stage=1, flights=4, is_goal_stated=True)
-    assert step.sentence.endswith(
-        "the first of at most 4 steps to the goal, which is to hold with 20 % more and less thrust, too."
-    )
+    assert step.sentence == "Stage 1, rate P, I and D: at most 4 steps to the goal."
+    figures = {"is_written": True, "is_biased": False, "missing": (), "names": (), "share": 0.1}
+    next_step = Fact(NextStep.LOAD_GAINS, Level.BAD, flights=4, needed=0.9, **figures)
+    assert (
+        "the first of at most 4 steps, each of a third down or half up at most and with a flight after it, "
+        "until the margin goal is met with 20 % more and less thrust, too."
+    ) in next_step.sentence

@@ -264,3 +264,17 @@ def test_advice_on_a_notch_names_only_what_the_firmware_has(autopilot, firmware,
     advice_text = notch_for_firmware(slow, telemetry).sentence_and_remedy
     assert words in advice_text
     assert ("INS_LOG" in advice_text) + ("SDLOG" in advice_text) <= 1
+
+
+@mark.parametrize(
+    ("parameter", "words"),
+    [
+        ("INS_NOTCH_ENABLE", "has only a fixed notch filter (INS_NOTCH_ENABLE)"),
+        ("INS_HNTCH_ENABLE", "whether a notch filter is needed is not known"),
+    ],
+)
+def test_notch_filters_in_the_log_count_more_than_the_version(parameter, words):
+    telemetry = HOVER.telemetry(parameters={parameter: 0.0})
+    telemetry = replace(telemetry, firmware="ArduCopter V3.6.7 (bd817897)")
+    slow = Fact(NotchAdvice.SPECTRUM_BELOW_MOTORS, highest=12.5, rotor_frequency=None)
+    assert words in notch_for_firmware(slow, telemetry).sentence

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
+from mavdem.assessment.axis.flight_for_gains import flight_for_gains
 from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.lowered_gains import LOWERING, NO_GAINS, lowered_gains
@@ -26,7 +27,7 @@ from mavdem.assessment.axis.tuning_step import judgement_with_tuning_step
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
 from mavdem.assessment.record import Assessment
-from mavdem.containers import group_by
+from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import Override
 from mavdem.facts.lights import Light
@@ -67,6 +68,8 @@ class Tuning(NamedTuple):
     """Gains to lower, of axes for which none can be computed; they are among ``parameters``."""
     gyro_cutoff: Fact | None = None
     """A higher cut-off of the gyro's low-pass to try instead of lower gains; None if that is not advised."""
+    flight_for_gains: Fact | None = None
+    """The flight from which gains of more axes could be computed (:func:`flight_for_gains`); None if none is needed."""
 
     @property
     def has_computed_gains(self) -> bool:
@@ -77,6 +80,14 @@ class Tuning(NamedTuple):
     def sets(self) -> list[ParameterSet]:
         """The parameters to load, as one set for each flight (:func:`parameter_sets`)."""
         return parameter_sets(self.advice, self.notch_parameters, self.gains_to_lower)
+
+    @property
+    def axes_to_fly_for_gains(self) -> Names:
+        """The axes about which doublets are flown so that their gains can be computed; empty if no axis needs that."""
+        if self.flight_for_gains is None:
+            return ()
+        axes: Names = self.flight_for_gains.figures["axes"]
+        return axes
 
     def lowers_gains_of(self, axis: str) -> bool:
         """Returns whether gains of an axis are lowered because it oscillates, or was measured to lack stability margin.
@@ -190,10 +201,19 @@ def tune_loops(
     arguments = _arguments_of_command(
         evidence, margins, raises_sound_gains=raises_sound_gains, filters=filters
     )
+    axes_without_controller = _axes_without_controller(evidence, axes)
+    flight = flight_for_gains(
+        evidence,
+        advice_by_axis,
+        decisions,
+        axes_without_controller,
+        is_after_repair=bool(reasons_of_vehicle),
+    )
     tuning_judgement = judgement_with_tuning_step(
         judgement,
         advice_by_axis,
         arguments,
+        flight,
         has_new_gains=bool(parameters),
         is_written=is_written,
         must_be_repaired=bool(reasons_of_vehicle),
@@ -206,10 +226,11 @@ def tune_loops(
         notch=notch,
         judgement=tuning_judgement,
         doubtful_axes=axes_with_doubtful_loop(assessment.margins, evidence.loops),
-        axes_without_controller=_axes_without_controller(evidence, axes),
+        axes_without_controller=axes_without_controller,
         no_loop=no_loop,
         gains_to_lower=gains_to_lower,
         gyro_cutoff=gyro_cutoff,
+        flight_for_gains=flight,
     )
     return freeze(tuning)
 

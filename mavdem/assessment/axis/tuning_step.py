@@ -8,11 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, advises_to_tune
-from mavdem.assessment.axis.lowered_gains import (
-    fact_and_contained_facts,
-    lowered_gains,
-    reductions_by_a_third,
-)
+from mavdem.assessment.axis.lowered_gains import lowered_gains, reductions_by_a_third
 from mavdem.assessment.axis.parameter_sets import stage_to_load, waits_for_stage
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights import OTHER_LIGHTS
@@ -20,7 +16,7 @@ from mavdem.containers import Names
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import ADVISED_STREAM_RATE, LoopAction, LoopFact
+from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.gain_design import SURE_SHARE
@@ -33,6 +29,7 @@ def judgement_with_tuning_step(
     judgement: Judgement,
     advice_by_axis: AdviceByAxis,
     arguments: Sequence[str],
+    flight_for_gains: Fact | None,
     *,
     has_new_gains: bool,
     is_written: bool,
@@ -46,16 +43,16 @@ def judgement_with_tuning_step(
     - There are new gains, and no other fault comes before them: the next step is to load the gains, with any that are
       to be lowered on another axis.
     - There are none, and the loops probably have their margins: the next step is to keep the gains, or to make sure.
-    - There are none, although the next step was to tune the vehicle: it becomes to tune other axes or, if their gains
-      need no change, what the advice on the loops says instead, such as to fly doublets.
-    - No gains can be advised at all, and no fault is the reason: the next step is what leads to advice, such as to log
-      the setpoint of the rate.
+    - There are none, although the next step was to tune the vehicle, or to fly doublets: it becomes to tune other axes
+      or, if their gains need no change, the flight for gains, or else what the advice on the loops says.
+    - No gains can be advised at all, and no fault is the reason: the next step is what leads to advice.
     - Otherwise the next step stays, for example to replace a propeller.
 
     Args:
         judgement: judgement of the vehicle before tuning.
         advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
         has_new_gains: whether the advice changes any gain.
         is_written: whether the gains will be written to a file.
         must_be_repaired: whether something about the vehicle must be mended before it is tuned.
@@ -87,17 +84,35 @@ def judgement_with_tuning_step(
         or _makes_margins_sure(judgement.headline, advice_by_axis)
     ):
         next_step = _next_step_with_new_gains(
-            judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
+            judgement,
+            advice_on_loops,
+            other_axes_to_tune,
+            arguments,
+            flight_for_gains,
+            is_written=is_written,
         )
     elif not has_new_gains and _is_uncertain_margin(judgement.headline):
         next_step = _step_to_keep_or_confirm_gains(judgement, advice_on_loops, arguments)
     elif not has_new_gains and advises_to_tune(judgement.next_step):
-        next_step = _next_step_without_new_gains(advice_by_axis, other_axes_to_tune, arguments)
+        next_step = _next_step_without_new_gains(
+            advice_by_axis, other_axes_to_tune, arguments, flight_for_gains
+        )
+    elif flight_for_gains is not None and _is_flight_with_doublets(judgement.next_step):
+        next_step = flight_for_gains
     elif is_refused and not must_be_repaired and _leads_to_tuning(judgement.headline):
-        next_step = _next_step_towards_gains(judgement, advice_by_axis)
+        next_step = flight_for_gains or _next_step_towards_gains(judgement, advice_by_axis)
     else:
         return judgement
     return replace(judgement, next_step=next_step)
+
+
+def _is_flight_with_doublets(next_step: Fact) -> bool:
+    """Returns whether the next step after a flight is to fly doublets, from which the loops can be identified."""
+    reason = next_step.figures.get("reason")
+    if next_step.code is not NextStep.DO_AS_ADVISED or not isinstance(reason, Fact):
+        return False
+    action = reason.figures.get("action") or reason
+    return isinstance(action, Fact) and action.code is LoopAction.FLY_DOUBLETS
 
 
 def _raises_gains_while_others_lack_margin(
@@ -221,6 +236,7 @@ def _next_step_with_new_gains(
     advice_on_loops: Sequence[Advice],
     other_axes: Sequence[str],
     arguments: Sequence[str],
+    flight_for_gains: Fact | None,
     *,
     is_written: bool,
 ) -> Fact:
@@ -231,6 +247,7 @@ def _next_step_with_new_gains(
         advice_on_loops: advice on the loops of the requested axes.
         other_axes: axes that were not requested, but whose gains should change too.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
         is_written: whether the gains are written to a file.
 
     Returns:
@@ -245,7 +262,10 @@ def _next_step_with_new_gains(
         )
     if lowered_gains(judgement.next_step):
         return judgement.next_step
-    return _step_to_fly_before_gains(judgement, changed_loops)
+    further_axes: Names = ()
+    if flight_for_gains is not None:
+        further_axes = flight_for_gains.figures["axes"]
+    return _step_to_fly_before_gains(judgement, changed_loops, further_axes)
 
 
 def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
@@ -261,12 +281,15 @@ def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
     return changed_loops or [advice for advice in advice_on_loops if advice.gains]
 
 
-def _step_to_fly_before_gains(judgement: Judgement, changed_loops: Sequence[Advice]) -> Fact:
+def _step_to_fly_before_gains(
+    judgement: Judgement, changed_loops: Sequence[Advice], further_axes: Names
+) -> Fact:
     """Returns the advice to fly once more, since this flight is too uncertain a basis for new gains on any axis.
 
     Args:
         judgement: the flight's most serious finding (headline), and what was found about its motors, power and so on.
         changed_loops: for each axis whose gains should change, the advice with the new gains.
+        further_axes: axes of which this flight gives no gains at all, and about which doublets are flown too.
 
     Returns:
         The fact (coded finding) ``FLY_BEFORE_GAINS``. Its ``reason`` says which flight is needed, and names all these
@@ -274,7 +297,7 @@ def _step_to_fly_before_gains(judgement: Judgement, changed_loops: Sequence[Advi
     """
     # One flight serves all axes. The advice with the strongest case for new gains describes it.
     advice_with_strongest_case = max(changed_loops, key=_certainty_of_change)
-    axes = tuple(advice.before.axis for advice in changed_loops)
+    axes = (*[advice.before.axis for advice in changed_loops], *further_axes)
     needed_flight = advice_with_strongest_case.flight_before_gains.replace(names=axes)
     return Fact(
         NextStep.FLY_BEFORE_GAINS,
@@ -440,19 +463,24 @@ def faults_besides_loops(judgement: Judgement) -> list[Fact]:
 
 
 def _next_step_without_new_gains(
-    advice_by_axis: AdviceByAxis, other_axes: Sequence[str], arguments: Sequence[str]
+    advice_by_axis: AdviceByAxis,
+    other_axes: Sequence[str],
+    arguments: Sequence[str],
+    flight_for_gains: Fact | None,
 ) -> Fact:
     """Returns the next step for the pilot if the advice changes no gains of the requested axes.
 
     1. If gains of other axes should change, the next step is to tune these.
-    2. Otherwise it is the remedy of the first axis that has one, such as a flight with doublets.
-    3. Without a remedy it is the conclusion on the first axis, such as to keep its gains.
+    2. Otherwise it is the flight from which gains follow, if one is needed.
+    3. Otherwise it is the remedy of the first axis that has one.
+    4. Without a remedy it is the conclusion on the first axis, such as to keep its gains.
 
     Args:
         advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known. None
             has new gains.
         other_axes: axes that were not requested, but whose gains should change.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
     """
     if other_axes:
         return Fact(
@@ -461,6 +489,8 @@ def _next_step_without_new_gains(
             others=tuple(other_axes),
             arguments=tuple(arguments),
         )
+    if flight_for_gains is not None:
+        return flight_for_gains
     conclusions = [_conclusion(advice) for advice in advice_by_axis.values()]
     for conclusion in conclusions:
         if conclusion.remedy:
@@ -469,43 +499,18 @@ def _next_step_without_new_gains(
 
 
 def _next_step_towards_gains(judgement: Judgement, advice_by_axis: AdviceByAxis) -> Fact:
-    """Returns the next step if no gains can be advised: what leads to gains of the first axis for which that is known.
-
-    The decision on the loops of an axis names the flight to make. An axis without one has the remedy of the reason why
-    its loop is not known, such as what to log. One flight serves all axes, and so the reason of an axis that also needs
-    faster messages comes before a flight with doublets alone.
+    """Returns the next step if no gains can be advised, and no flight leads to them: the remedy of the first axis.
 
     Args:
-        judgement: headline, next step and status lights of the flight, and decisions on its loops.
+        judgement: judgement of the flight, whose next step stays if no axis has a remedy.
         advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known. None
             advises gains.
     """
-    reasons = list[Fact]()
-    for axis, advice in advice_by_axis.items():
-        decision = judgement.loop_decisions.get(axis)
-        action = None if decision is None else decision.action
+    for advice in advice_by_axis.values():
         conclusion = _conclusion(advice)
-        # Doublets are quick stick movements to one side and then to the other, from which a loop can be identified.
-        if action is not None and action.code is LoopAction.FLY_DOUBLETS:
-            reasons.append(action)
-        elif conclusion.remedy:
-            reasons.append(conclusion)
-    if not reasons:
-        return judgement.next_step
-    reason = reasons[0]
-    if reason.code is LoopAction.FLY_DOUBLETS:
-        reasons_to_log_faster = [each for each in reasons if _has_slow_messages(each)]
-        reason = reasons_to_log_faster[0] if reasons_to_log_faster else reason
-    return Fact(NextStep.DO_AS_ADVISED, reason=reason)
-
-
-def _has_slow_messages(reason: Fact) -> bool:
-    """Returns whether a fact, or one that it contains, has ``rates`` of messages below the advised one."""
-    for fact in fact_and_contained_facts(reason):
-        rates = fact.figures.get("rates")
-        if rates and min(rates) < ADVISED_STREAM_RATE:
-            return True
-    return False
+        if conclusion.remedy:
+            return Fact(NextStep.DO_AS_ADVISED, reason=conclusion)
+    return judgement.next_step
 
 
 def _conclusion(advice: Advice | Fact) -> Fact:

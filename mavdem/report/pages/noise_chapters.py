@@ -9,6 +9,7 @@ from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.facts.fact import Level
 from mavdem.facts.lights import Light
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.axis_loops import Loop
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Chart, Group
@@ -21,7 +22,9 @@ from mavdem.report.charts.flight_charts import (
 from mavdem.report.charts.hardware_charts import raw_sensor_charts, vibration_charts
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import filter_sentences
+from mavdem.report.numbers import listed
 from mavdem.report.pages.page import Chapter, Section
+from mavdem.vibration.folding import faster_frequencies, folded_frequency, slow_peak
 from mavdem.vibration.spectra import Spectrum
 
 ACCELEROMETER = "accelerometer"
@@ -49,6 +52,19 @@ SLOW_SPECTRUM_CAPTION = """\
 Of the filtered signal, what is above {nyquist:.0f} Hz appears below it (aliasing): the lines do not show how much\
  the filters remove."""
 """What stands below spectra of a sensor that was sampled more slowly after its filters than before."""
+
+FOLDED_OSCILLATION_CAPTION = """\
+{axis} oscillates at {frequency:.2g} Hz, which this gyro, logged at {rate:.3g} Hz, shows at {folded:.2g} Hz\
+ (aliasing)."""
+"""What stands below the spectra of a gyro that was logged too slowly for a known oscillation."""
+
+FOLDED_PEAK_CAPTION = """\
+{axis} stands out at {frequency:.2g} Hz. A gyro logged at {rate:.3g} Hz does not show whether that is its frequency:\
+ {others} Hz would appear there, too (aliasing)."""
+"""What stands below the spectra of a slowly logged gyro with a peak whose cause is not known."""
+
+NO_OSCILLATIONS: Mapping[str, float] = MappingProxyType({})
+"""The frequencies of oscillation of a vehicle that does not oscillate."""
 
 
 def vibration_chapter(
@@ -118,7 +134,27 @@ def gyro_chapter(
         spectrograms = _spectrograms(noise, GYRO, timeline)
         if spectrograms:
             sections.append(Section("Gyro over time and throttle", groups=spectrograms))
-    return Chapter("Spectra", blocks, _spectra(noise, GYRO, loops), sections=sections)
+    groups = _spectra(noise, GYRO, loops, _frequencies_of_oscillation(assessment))
+    return Chapter("Spectra", blocks, groups, sections=sections)
+
+
+def _frequencies_of_oscillation(assessment: Assessment) -> dict[str, float]:
+    """Returns at which frequency each axis oscillates or resonates, Hz, without axes that do neither.
+
+    Args:
+        assessment: all results on a vehicle of the log, with the limit cycle and the measured margins of each axis.
+    """
+    frequencies = {}
+    for margins in assessment.margins:
+        for fact in margins.facts:
+            if fact.code is MarginsLight.RESONATES:
+                frequencies[margins.axis] = fact.figures["frequency"]
+    if assessment.evidence is not None and assessment.evidence.condition.oscillation is not None:
+        limit_cycle = assessment.evidence.condition.oscillation
+        for cycle in (limit_cycle, *limit_cycle.other_axes):
+            if cycle.frequency is not None:
+                frequencies[cycle.axis] = cycle.frequency
+    return frequencies
 
 
 def controller_spectra_chapter(
@@ -141,7 +177,10 @@ def controller_spectra_chapter(
 
 
 def _spectra(
-    noise: MeasuredNoise, sensor: str, loops: Mapping[str, Loop] = NO_LOOPS
+    noise: MeasuredNoise,
+    sensor: str,
+    loops: Mapping[str, Loop] = NO_LOOPS,
+    oscillations: Mapping[str, float] = NO_OSCILLATIONS,
 ) -> list[Group]:
     """Returns the spectra of the three axes of a sensor before and after its filters, side by side.
 
@@ -152,6 +191,7 @@ def _spectra(
         noise: spectra of all sensors.
         sensor: name of the sensor in ``noise``.
         loops: identified loop of each axis, whose crossover and filters are drawn.
+        oscillations: frequency at which an axis oscillates, Hz, by the axis.
 
     Returns:
         One group of charts; none for a sensor that was not logged.
@@ -170,8 +210,41 @@ def _spectra(
     if slow_spectrum is not None:
         nyquist = slow_spectrum.nyquist_frequency
         captions.append(SLOW_SPECTRUM_CAPTION.format(nyquist=nyquist))
+    if sensor == GYRO:
+        captions += _folding_captions(noise, oscillations)
     charts_of_axes = {axis: [chart] for axis, chart in charts.items()}
     return [Group.of_axes(charts_of_axes, caption=" ".join(captions))]
+
+
+def _folding_captions(noise: MeasuredNoise, oscillations: Mapping[str, float]) -> list[str]:
+    """Returns sentences on what the spectra of a slow gyro show at another frequency than its own (aliasing).
+
+    Args:
+        noise: spectra of all sensors, the gyro's among them.
+        oscillations: frequency at which an axis oscillates, Hz, by the axis.
+    """
+    spectrum = _first_spectrum(noise, GYRO)
+    assert spectrum is not None
+    nyquist = spectrum.nyquist_frequency
+    captions = []
+    for index, axis in enumerate(AXES):
+        template = FOLDED_PEAK_CAPTION
+        frequency = slow_peak(spectrum, index)
+        oscillation = oscillations.get(axis)
+        if oscillation is not None and oscillation > nyquist:
+            template = FOLDED_OSCILLATION_CAPTION
+            frequency = oscillation
+        if frequency is not None:
+            others = listed([f"{other:.2g}" for other in faster_frequencies(frequency, nyquist)])
+            caption = template.format(
+                axis=axis.capitalize(),
+                frequency=frequency,
+                rate=2 * nyquist,
+                folded=folded_frequency(frequency, nyquist),
+                others=others,
+            )
+            captions.append(caption)
+    return captions
 
 
 def _spectrograms(noise: MeasuredNoise, sensor: str, timeline: Timeline | None) -> list[Group]:

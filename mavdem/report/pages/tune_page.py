@@ -28,10 +28,10 @@ from mavdem.report.charts.chart import Chart, Group, Note, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
 from mavdem.report.gain_changes import GainChanges, gain_changes
-from mavdem.report.gain_overview import gain_overview
+from mavdem.report.gain_overview import GainOverview, gain_overview
 from mavdem.report.loops import (
     compared_loops,
-    expected_margin_sentences,
+    expected_margins,
     field_sentences,
     goal_sentences,
     is_headline_of_tuning,
@@ -117,12 +117,10 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     # A chapter that only points to the headline says nothing.
     chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
     changes = changes_to_load(name, tuning, evidence)
-    summary = tune_summary(tuning, result)
-    summary += expected_margin_sentences(tuning)
+    summary: Blocks = [*tune_summary(tuning, result), *expected_margins(tuning)]
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
-    signals_by_axis = {axis: evidence.signals.for_axis(axis) for axis in tuning.axes}
-    gains = gain_overview(signals_by_axis, changes, outcome_by_axis(tuning))
+    gains = gains_of_tuning(tuning, evidence, changes)
     if gains is None and is_headline_of_tuning(tuning, result):
         # Without the gains of the log, no table says what becomes of the gains of each axis.
         summary += [Sentence(sentence.lead, "By axis:") for sentence in outcome_sentences(tuning)]
@@ -152,6 +150,20 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
         tuning.gains_to_lower,
         tuning.notch_parameters,
     )
+
+
+def gains_of_tuning(
+    tuning: Tuning, evidence: Evidence, changes: GainChanges | None
+) -> GainOverview | None:
+    """Returns the gains of all axes in the log, with new values and what becomes of them; None if the log has none.
+
+    Args:
+        tuning: the advice for each axis.
+        evidence: evidence of the log, with the parameters that the vehicle has now.
+        changes: the parameters to load (:func:`changes_to_load`).
+    """
+    signals_by_axis = {axis: evidence.signals.for_axis(axis) for axis in tuning.axes}
+    return gain_overview(signals_by_axis, changes, outcome_by_axis(tuning))
 
 
 def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Blocks:

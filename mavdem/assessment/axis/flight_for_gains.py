@@ -1,0 +1,218 @@
+"""The flight that shows the loops of axes without sure margins: what to log, and about which axes to fly doublets.
+
+Doublets are quick stick movements to one side and then to the other. A control loop can be identified from them if its
+messages are logged fast enough. One such flight serves all axes.
+"""
+
+from collections.abc import Container, Iterable
+from itertools import chain
+from math import inf
+
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision
+from mavdem.assessment.axis.lowered_gains import LOWERING, fact_and_contained_facts
+from mavdem.assessment.evidence import Evidence
+from mavdem.dataset.rate_advice import rate_advice
+from mavdem.facts import Fact, Facts
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.learnability import NotLearnableReason, Remedy
+from mavdem.facts.loops import (
+    ADVISED_STREAM_RATE,
+    GainFact,
+    LoopAction,
+    LoopFact,
+    ResponseFact,
+    StepResponseFact,
+)
+from mavdem.loops.advice import Advice, AdviceByAxis
+
+REMOVED_BY_DOUBLETS = (
+    LoopAction.FLY_DOUBLETS,
+    LoopFact.EFFECT_BIASED,
+    LoopFact.LOOP_TOO_SHORT,
+    LoopFact.NO_RATE_SETPOINT,
+    LoopFact.NOT_STEERED,
+    ResponseFact.RESPONSE_DISAGREES,
+    ResponseFact.RESPONSE_UNEXPLAINED,
+    StepResponseFact.PREDICTION_DOUBTED,
+    GainFact.LOOP_UNSTABLE,
+    GainFact.STABILITY_UNKNOWN,
+    NotLearnableReason.OUTPUT_ROUNDED,
+    NotLearnableReason.COMMAND_ROUNDED,
+    NotLearnableReason.RATE_CONTRADICTS_ANGLE,
+)
+"""Reasons for no gains that doublets remove: too little motion by the commands, or a loop that other motion biases."""
+
+REMOVED_BY_LOGGING = (
+    NotLearnableReason.STREAMS_TOO_SLOW,
+    NotLearnableReason.SLOWER_THAN_LONGEST,
+    NotLearnableReason.VALUES_REPEATED,
+)
+"""Reasons for no gains that faster messages remove, with what to set for that as their remedy."""
+
+SETTINGS_ON_BOARD = (Remedy.LOG_FAST_ATTITUDE, Remedy.LOG_HIGH_RATE)
+"""Advice on what autopilots log on board: ArduPilot's RATE and PX4's high rate have the setpoint of the rate, too."""
+
+
+def flight_for_gains(
+    evidence: Evidence,
+    advice_by_axis: AdviceByAxis,
+    decisions: DecisionsByAxis,
+    axes_without_controller: Container[str],
+    *,
+    is_after_repair: bool,
+) -> Fact | None:
+    """Returns the flight from which gains follow for the axes that get none now, or keep them by a biased estimate.
+
+    Axes are left out whose gains are to be lowered first.
+
+    Args:
+        evidence: the log with its signals, and the loops that were identified, or why they are not known.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
+        decisions: the decision on the loops of each axis.
+        axes_without_controller: axes whose controller the log does not describe, so that no flight leads to gains.
+        is_after_repair: whether the vehicle must be repaired before, so that all its loops are to be flown anew.
+
+    Returns:
+        The fact ``FLY_FOR_GAINS`` with these figures; None if no axis needs such a flight:
+
+        - ``axes``: the axes about which doublets are to be flown;
+        - ``also``: facts with what to set before the flight, so that it is logged fast enough;
+        - ``names`` and ``rates``, Hz, of messages that came too slowly, if the log shows no setting to change.
+    """
+    reasons_by_axis: dict[str, Facts] = {}
+    for axis, advice in advice_by_axis.items():
+        reasons = _reasons_for_no_gains(evidence, axis, advice)
+        if not reasons or axis in axes_without_controller or _lowers_gains(decisions.get(axis)):
+            continue
+        if is_after_repair or any(is_removed_by_flight(reason) for reason in reasons):
+            reasons_by_axis[axis] = reasons
+    if not reasons_by_axis:
+        return None
+    all_reasons = _with_contained_facts(reasons_by_axis.values())
+    logging_steps = _logging_steps(evidence, all_reasons)
+    slowest = None if logging_steps else _slowest_messages(all_reasons)
+    return Fact(
+        NextStep.FLY_FOR_GAINS,
+        axes=tuple(reasons_by_axis),
+        also=logging_steps,
+        names=() if slowest is None else slowest.figures["names"],
+        rates=() if slowest is None else slowest.figures["rates"],
+    )
+
+
+def is_removed_by_flight(reason: Fact) -> bool:
+    """Returns whether a flight with doublets, logged fast enough, removes a reason why an axis gets no gains.
+
+    Args:
+        reason: the reason, or an action on it; a coded finding that may contain others as its figures.
+    """
+    for fact in fact_and_contained_facts(reason):
+        if fact.code in REMOVED_BY_DOUBLETS or _advises_to_log(fact) or _has_slow_messages(fact):
+            return True
+        if fact.code is LoopFact.MARGIN_UNCERTAIN and not fact.figures["is_steered"]:
+            return True
+    return False
+
+
+def _with_contained_facts(groups: Iterable[Facts]) -> list[Fact]:
+    """Returns the facts of some groups, each once, with the facts among their figures."""
+    facts: list[Fact] = []
+    for reason in chain.from_iterable(groups):
+        for fact in fact_and_contained_facts(reason):
+            if fact not in facts:
+                facts.append(fact)
+    return facts
+
+
+def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) -> Facts:
+    """Returns why an axis gets no gains, or keeps them by an estimate that wind biases, as facts (coded findings).
+
+    Args:
+        evidence: the identified loops, or why they are not known.
+        axis: "roll", "pitch" or "yaw".
+        advice: the advice on the axis, or the fact that its loop is not known.
+
+    Returns:
+        The reasons; empty if the axis gets gains, or keeps them by an estimate without bias.
+    """
+    if isinstance(advice, Advice):
+        if advice.refusals or advice.parameters:
+            return advice.refusals
+        cautions = advice.before.cautions
+        return tuple(caution for caution in cautions if caution.code is LoopFact.EFFECT_BIASED)
+    loop_or_reason = evidence.loops[axis]
+    # A vehicle that must be repaired has that as the only reason in place of the advice.
+    return (advice, loop_or_reason) if isinstance(loop_or_reason, Fact) else (advice,)
+
+
+def _lowers_gains(decision: LoopDecision | None) -> bool:
+    """Returns whether the decision on the loops of an axis is to lower its gains."""
+    return decision is not None and decision.action is not None and decision.action.code in LOWERING
+
+
+def _advises_to_log(fact: Fact) -> bool:
+    """Returns whether the remedy of a fact (coded finding) is to log more or faster messages, such as the setpoint."""
+    if fact.code is LoopFact.NO_RATE_SETPOINT:
+        return not fact.figures["is_logged"]
+    if fact.code is LoopFact.CROSSOVER_UNSEEN:
+        # Without a rate of messages the loop itself is too slow, and no log shows it.
+        return fact.figures["rate"] is not None
+    return fact.code in REMOVED_BY_LOGGING
+
+
+def _has_slow_messages(fact: Fact) -> bool:
+    """Returns whether a fact (coded finding) advises another flight of which this one was logged too slowly."""
+    rates: tuple[float, ...] = fact.figures.get("rates", ())
+    return isinstance(fact.code, LoopFact) and min(rates, default=inf) < ADVISED_STREAM_RATE
+
+
+def _logging_steps(evidence: Evidence, reasons: Iterable[Fact]) -> Facts:
+    """Returns what to set so that the next flight is logged fast enough, as facts (coded findings).
+
+    Args:
+        evidence: the log with its signals, and the autopilot's parameters, which show what is set now.
+        reasons: why axes get no gains.
+
+    Returns:
+        Facts whose remedy, or else sentence, is what to set. Their texts do not name the flight after that.
+    """
+    advice = rate_advice(evidence.signals.telemetry, components=evidence.log.components)
+    steps = []
+    for fact in reasons:
+        if _advises_to_log(fact):
+            steps.append(fact)
+        lacks_setpoint = fact.code is LoopFact.NO_RATE_SETPOINT and _advises_to_log(fact)
+        is_set_on_board = advice.code in SETTINGS_ON_BOARD and lacks_setpoint
+        if _names_setting(advice) and (_has_slow_messages(fact) or is_set_on_board):
+            steps.append(advice)
+    return tuple(_with_flight_stated(step) for step in steps)
+
+
+def _names_setting(advice: Fact) -> bool:
+    """Returns whether advice on faster messages names what to change, and not only that the log does not show it.
+
+    Args:
+        advice: the advice (:func:`rate_advice`).
+    """
+    figures = advice.figures
+    if advice.code is Remedy.LOG_FAST_ATTITUDE:
+        is_bit_set = figures["bitmask"] is not None and figures["bitmask"] % 2 == 1
+        return not is_bit_set or bool(figures["names"]) or bool(figures["dropouts"])
+    if advice.code is Remedy.LOG_HIGH_RATE:
+        is_bit_set = figures["profile"] is not None and figures["profile"] // 16 % 2 == 1
+        return not is_bit_set or bool(figures["dropouts"])
+    return True
+
+
+def _with_flight_stated(fact: Fact) -> Fact:
+    """Returns advice on a log as a fact whose text, also that of the remedy in it, does not say to fly anew."""
+    remedy = fact.figures.get("remedy")
+    if isinstance(remedy, Fact):
+        fact = fact.replace(remedy=_with_flight_stated(remedy))
+    return fact.replace(is_flight_stated=True)
+
+
+def _slowest_messages(reasons: Iterable[Fact]) -> Fact | None:
+    """Returns the fact (coded finding) with the slowest of the messages that were logged too slowly; None without."""
+    slow_facts = [fact for fact in reasons if _has_slow_messages(fact)]
+    return min(slow_facts, key=lambda fact: min(fact.figures["rates"]), default=None)
