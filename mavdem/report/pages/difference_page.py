@@ -216,7 +216,7 @@ def _chapters(
 ) -> list[Chapter]:
     """Returns the chapters of the page: what changed, then the charts of motors and loops, if these changed.
 
-    Where gains changed the table of parameters stands before these.
+    Where gains changed the table of gains and filters stands before these.
 
     Args:
         reviewed: comparison of both flights.
@@ -231,14 +231,15 @@ def _chapters(
     # The chapter of the motors has a table if a flight has a warning of a single motor.
     has_motor_warning = bool(motor_chapter.blocks)
     is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
-    parameter_chapter = _parameter_chapter(reviewed)
+    parameter_chapters = _parameter_chapters(reviewed)
     step_chapter = _step_chapter(reviewed, legend)
     do_loops_differ = _do_loops_differ(reviewed)
     first_chapters = [_change_chapter(reviewed)]
     later_chapters = []
     is_parameter_table_first = bool(reviewed.difference.axes_with_changed_loops)
     if is_parameter_table_first:
-        first_chapters.append(parameter_chapter._replace(folded=False))
+        gain_chapter, *parameter_chapters = parameter_chapters
+        first_chapters.append(gain_chapter._replace(folded=False))
     if is_motor_first:
         first_chapters.append(motor_chapter)
     if do_loops_differ:
@@ -249,8 +250,7 @@ def _chapters(
         later_chapters.append(motor_chapter)
     margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
     later_chapters.append(margins._replace(folded=not do_loops_differ))
-    if not is_parameter_table_first:
-        later_chapters.append(parameter_chapter)
+    later_chapters += parameter_chapters
     return [
         *first_chapters,
         _overview_chapter(reviewed, legend, series_charts),
@@ -628,30 +628,45 @@ def _further_charts(series_charts: Sequence[Chart]) -> list[Chart]:
     return [chart for chart in series_charts if chart.title not in titles_elsewhere]
 
 
-def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
-    """Returns the chapter on the autopilot's parameters that changed; empty if none did.
-
-    Gains and filters of the loops come first, those of an axis together.
+def _parameter_chapters(reviewed: ReviewedDifference) -> list[Chapter]:
+    """Returns the chapters on the autopilot's parameters that changed: gains and filters, then all others.
 
     Args:
         reviewed: comparison of both flights, with the changed parameters.
+
+    Returns:
+        A chapter with the gains and filters of the loops, those of an axis together, and a second one with the others,
+        folded where they are many. Few parameters, and those without a gain, share one chapter, which may be empty.
     """
-    listed_parameters = sorted(reviewed.parameters, key=_axis_number)[:MAX_LISTED_PARAMETERS]
-    rows = parameter_rows(listed_parameters)
     changed_count = len(reviewed.parameters)
+    listed_parameters = sorted(reviewed.parameters, key=_axis_number)[:MAX_LISTED_PARAMETERS]
+    title = "Parameters"
     header = f"{changed_count} of {counted(reviewed.common_parameter_count, 'parameter')} changed"
     if changed_count > len(listed_parameters):
         header += f", the first {len(listed_parameters)}"
-    return _table_chapter("Parameters", header, rows)._replace(
-        folded=len(rows) > MAX_OPEN_PARAMETERS
-    )
+    rows = parameter_rows(listed_parameters)
+    gains = [parameter for parameter in listed_parameters if _is_of_control(parameter)]
+    if not gains or len(rows) <= MAX_OPEN_PARAMETERS:
+        chapter = _table_chapter(title, header, rows)
+        return [chapter._replace(folded=len(rows) > MAX_OPEN_PARAMETERS)]
+    others = [parameter for parameter in listed_parameters if not _is_of_control(parameter)]
+    other_rows = parameter_rows(others)
+    other_chapter = _table_chapter("Other parameters", "beside those of control", other_rows)
+    return [
+        _table_chapter(title, f"{header}, of control {len(gains)}", parameter_rows(gains)),
+        other_chapter._replace(folded=len(other_rows) > MAX_OPEN_PARAMETERS),
+    ]
+
+
+def _is_of_control(parameter: ParameterChange) -> bool:
+    """Returns whether a parameter belongs to the control of a multirotor, such as a gain, a filter or an output."""
+    return CONTROL_PARAMETERS.match(parameter.name) is not None
 
 
 def _axis_number(parameter: ParameterChange) -> int:
     """Returns the number of the axis of a gain or filter, by which parameters are sorted; others have a larger one."""
     axes = axes_of_parameter(parameter.name)
-    is_of_loop = CONTROL_PARAMETERS.match(parameter.name) is not None
-    return AXES.index(axes[0]) if is_of_loop and axes else len(AXES)
+    return AXES.index(axes[0]) if _is_of_control(parameter) and axes else len(AXES)
 
 
 def _autopilot_parameter_chapter(reviewed: ReviewedDifference) -> Chapter:

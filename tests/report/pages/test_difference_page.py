@@ -46,6 +46,7 @@ from mavdem.report.difference.reviewed import ComparedState, compared_states, re
 from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
     _overview_titles,
+    _parameter_chapters,
     _trim_chart,
     _with_single_side,
     comparison_page,
@@ -559,6 +560,20 @@ def test_parameters_of_several_outputs_that_changed_alike_have_one_row():
         ["SERVO4_MIN", "1000", "1200"],
         ["THR_MIN", "0.1", "0.2"],
     ]
+
+
+def test_gains_have_a_table_before_many_other_parameters(difference):
+    others = [ParameterChange(f"RC_{letter}", 0.0, 1.0) for letter in "ABCDEFGHIJKLMNOPQRSTUVW"]
+    gain = ParameterChange("MC_ROLLRATE_P", 0.1, 0.2)
+    reviewed = reviewed_difference(difference, parameters=[*others, gain])
+    gain_chapter, other_chapter = _parameter_chapters(reviewed._replace(common_parameter_count=99))
+    (table,) = gain_chapter.blocks
+    assert table.header[0] == "24 of 99 parameters changed, of control 1"
+    assert table.rows == [["MC_ROLLRATE_P", "0.1", "0.2"]] and not gain_chapter.folded
+    (table,) = other_chapter.blocks
+    assert len(table.rows) == 23 and other_chapter.folded
+    (chapter,) = _parameter_chapters(reviewed._replace(parameters=[gain, *others[:3]]))
+    assert len(chapter.blocks[0].rows) == 4
 
 
 def test_gains_that_both_sides_name_differently_are_not_compared_and_not_called_equal():
