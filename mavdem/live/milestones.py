@@ -56,8 +56,8 @@ class Milestones:
         self._mean_wind: WindEstimate | None = None
         # Whether the vehicle flew at the latest update.
         self._was_flying = False
-        # Number of the latest flight whose verdict was reported when it ended, since it was lost; 0 for none.
-        self._reported_loss = 0
+        # Number of the latest flight whose verdict was reported when it ended, since it was lost; None for none.
+        self._reported_loss: int | None = None
         # When the flight ended that is not reported yet, s of the boot clock; None without one.
         self._landing_to_report: float | None = None
         # How many rows had been learned from at the last report of a flight.
@@ -201,6 +201,9 @@ class Milestones:
         elif former_verdict is not None and not former_verdict.is_lost_in_air:
             # After the landing the duration stays, and the judgement may become that of the recording.
             self._latest_verdict = former_verdict._replace(judgement=status.verdict.judgement)
+        elif former_verdict is None and status.loss is not None:
+            # The session began after a crash, in whose flight it saw nothing.
+            self._latest_verdict = status.verdict
 
     def _end_former_flight(self, verdict: FlightVerdict) -> None:
         """Reports and keeps the verdict on a flight when the next one has begun, whose milestones are reported anew.

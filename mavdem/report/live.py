@@ -525,9 +525,7 @@ def closing_lines(status: SessionStatus) -> list[str]:
 def _next_step_of_verdict(
     verdict: FlightVerdict, status: SessionStatus, *, must_not_fly: bool
 ) -> str:
-    """Returns what to do after one of several flights, the latest one or one with a fault.
-
-    Advice to fly a vehicle that must not fly is left out.
+    """Returns what to do after one of several flights: one with a fault or, if the vehicle may fly, the latest one.
 
     Args:
         verdict: the verdict on the flight.
@@ -537,18 +535,18 @@ def _next_step_of_verdict(
     Returns:
         The advice; empty without any. A vehicle that is still in the air is to land in any case.
     """
-    is_latest = verdict.number == status.flight_number
-    if not is_latest and not verdict.judgement.headline.is_watch_or_bad:
-        return ""
     unrepaired_fault = status.unrepaired_fault
     if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
         return unrepaired_fault.remedy
     next_step = verdict.judgement.next_step
+    if must_not_fly and next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
+        return next_step.replace(reason=None).sentence
+    has_fault = verdict.judgement.headline.is_watch_or_bad
+    is_latest = verdict.number == status.flight_number
+    if not has_fault and (must_not_fly or not is_latest):
+        return ""
     advises_flight = next_step.without_flight_advice.sentence != next_step.sentence
-    if not (must_not_fly and advises_flight):
-        return next_step.sentence
-    is_landing = next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT)
-    return next_step.replace(reason=None).sentence if is_landing else ""
+    return "" if must_not_fly and advises_flight else next_step.sentence
 
 
 def moment_text(event: Event) -> str:

@@ -267,6 +267,17 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     motors = unlike.overall_judgement.lights[Light.MOTORS]
     assert motors.is_good and str(motors).startswith(f"{even.sentence} That was judged in flight")
     assert as_clause(unknown) in str(motors)
+    # A verdict without a fault counts the lights that are shown, those in flight too; another one stays as it is.
+    unsure = judged.replace(
+        Level.UNKNOWN,
+        headline="Too little was checked: power and others were checked; motors unknown.",
+        levels=levels | {Light.POWER: "good", Light.MARGINS: "unknown"},
+    )
+    shown = replace(unlike, recording_verdict=unsure).overall_judgement
+    assert str(shown.headline).startswith("Nothing wrong found: motors, ")
+    assert str(shown.headline).endswith("were checked; margins unknown.") and shown.headline.is_good
+    as_recorded = replace(landed, recording_verdict=unsure).overall_judgement
+    assert as_recorded.headline == unsure
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
 
 

@@ -1,14 +1,17 @@
 """Milestones of a live flight: once each, with what is known."""
 
 from dataclasses import replace
+from io import StringIO
 from unittest.mock import Mock
 
 import numpy as np
 from partial_records import partial_record
 from pytest import mark
+from rich.console import Console
 
 from mavdem.assessment.flight_verdict import FlightVerdict, worst_first
 from mavdem.assessment.judgement import unjudged
+from mavdem.cli.live_status import StatusLines
 from mavdem.dem import Learned
 from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
@@ -233,6 +236,12 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     limited = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
     warned = replace(flying, worst_lights={Light.MOTORS: limited})
     assert warned.session_judgement.headline == limited and not verdict_on_present_flight(warned)
+    # Where lines are printed, the fault is printed at the take-off, and only once.
+    lines = StringIO()
+    status_lines = StatusLines(console=Console(file=lines))
+    for status in (flying, flying, replace(flying, boot_clock=9.0)):
+        status_lines.show_if_new(status)
+    assert lines.getvalue().count("If that was not repaired, land.") == 1
     # What the present flight advises holds only if the fault of the first one was repaired.
     next_step = str(flying.session_judgement.next_step)
     assert next_step == "Land unless the fault of flight 1 was repaired."
@@ -260,6 +269,24 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     both = replace(flying, is_flying=False, worst_lights=weak)
     assert both.session_judgement == both.overall_judgement
     assert unrepaired_fault_text(both).endswith(f"If that was not repaired: {advice}")
+
+
+def test_a_crash_before_the_session_is_not_forgotten_in_its_first_flight():
+    """The session begins when the vehicle lies on the ground, and its autopilot reports the crash."""
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    crash = Fact(Ending.CONTROL_LOST, time=22.1, height=None, cause=None, word=None)
+    crashed = SessionStatus(loss=crash, message_age=0.1)
+    flying = SessionStatus(is_flying=True, flight_number=1, flight_seconds=22.0, vehicle="1:1")
+    for now, status in enumerate((crashed, crashed, flying)):
+        milestones.update(learning_with(), status, float(now))
+    [verdict] = facts
+    assert str(verdict) == f"The flight before this session: {as_clause(crash)}."
+    flying = replace(flying, verdicts=milestones.verdicts)
+    next_step = str(flying.session_judgement.next_step)
+    assert next_step == "Land unless the fault of the flight before was repaired."
+    first_line, next_step, *_ = closing_lines(replace(flying, is_flying=False, is_over=True))
+    assert first_line == str(verdict) and next_step.startswith("Next: ")
 
 
 def test_a_vehicle_that_is_missing_in_the_air_is_searched_first_and_the_crash_before_is_kept():
@@ -346,7 +373,9 @@ def test_a_flight_that_ends_in_the_air_is_no_landing():
     lost = SessionStatus(has_landed=False, loss=Fact(Ending.CRASHED))
     milestones.update(learning, lost, 42.0)
     unfitted_milestones.update(learning_with(), lost, 42.0)
-    assert not unfitted_facts
+    # The verdict on a lost flight is reported at its end in any case.
+    assert [fact.code for fact in unfitted_facts] == [SessionFact.FLIGHT_VERDICT]
+    facts = [fact for fact in facts if fact.code is not SessionFact.FLIGHT_VERDICT]
     [lost_flight_fact] = facts
     assert lost_flight_fact.figures["is_lost"] and lost_flight_fact.figures["clock"] == 40.0
 
