@@ -609,7 +609,7 @@ class LinkMonitor:
             # The flight went on after a part of it was stored. Somebody may have deleted that part meanwhile.
             with suppress(Refusal):
                 self._library.replace_part(self._stored_part.entry_id, entry)
-        self._latest_flight = _link_to_latest_flight(entry)
+        self._latest_flight = _link_to_previous_flight(entry)
         self._log_added()
         self._report_saved_flight(_page_address(entry))
         vehicle = session.stream.followed_vehicle
@@ -1269,9 +1269,9 @@ def _page_address(entry: LibraryEntry) -> str:
     return f"/f/{entry.id}"
 
 
-def _link_to_latest_flight(entry: LibraryEntry) -> PageLink:
-    """Returns the link "Latest flight", which the live page has to the page of a recording."""
-    return PageLink("Latest flight", _page_address(entry))
+def _link_to_previous_flight(entry: LibraryEntry) -> PageLink:
+    """Returns the link to a flight before the one that the live page shows, which is not in the library yet."""
+    return PageLink("Previous flight", _page_address(entry))
 
 
 def _link_to_latest_recording(library: Library) -> PageLink | None:
@@ -1283,7 +1283,7 @@ def _link_to_latest_recording(library: Library) -> PageLink | None:
         library: the library.
     """
     found = library.find("name glob ?", [RECORDING_NAME_PATTERN], limit=1)
-    return _link_to_latest_flight(found.entries[0]) if found.entries else None
+    return _link_to_previous_flight(found.entries[0]) if found.entries else None
 
 
 def _recording_name(first_time: datetime) -> str:

@@ -36,6 +36,7 @@ from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import CauseProbabilities, MotorChange, SuspectedMotor
 from mavdem.report.live import (
+    brief_light_figures,
     headline_and_next_step,
     headline_reason,
     light_rows,
@@ -182,6 +183,10 @@ def test_a_hover_comes_before_movements_of_the_sticks(slow):
     assert str(learning.overall_judgement.next_step) == (
         "Hover: whether a motor loses thrust is not watched yet."
     )
+    # As long as it is awaited, it is not 0 s.
+    soon = watch(WatchedQuantity.MOTORS, short.replace(remaining_duration=0.2))
+    soon_watched = replace(learning, watch_facts=(*slow.watch_facts, soon))
+    assert brief_light_figures(soon_watched)[Light.MOTORS] == "hover 1 s more"
 
 
 def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):

@@ -10,6 +10,7 @@ from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.judgement import unjudged
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline
+from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact
@@ -17,6 +18,7 @@ from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import MissingMessages, RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
+from mavdem.facts.witnesses import HeightSource
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import LiveHistory
 from mavdem.live.link_loss import link_loss_fact
@@ -283,6 +285,22 @@ def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are(
     note = "plots flight 1 from the recording"
     assert status.session_judgement.headline == first.fact
     assert note in live_page("udp", "roll", history, status, account, None)
+    # In the next flight its fault is the headline: no card below the lights repeats that.
+    crash = Fact(
+        Ending.CRASHED,
+        time=22.0,
+        cause=None,
+        word=None,
+        height=None,
+        speed=5.0,
+        speed_source=HeightSource.ESTIMATE,
+    )
+    lost = FlightVerdict(1, unjudged(crash))
+    flying_again = replace(status, is_over=False, is_flying=True, verdicts=(lost,))
+    page_in_flight = live_page("udp", "roll", history, flying_again, account, None)
+    assert flying_again.session_judgement.headline.code is SessionFact.UNREPAIRED_FAULT
+    assert "<strong>Flight 1: " in page_in_flight
+    assert '<section id="earlier">' not in page_in_flight
     for other in (replace(status, verdicts=()), replace(status, is_over=False)):
         assert note not in live_page("udp", "roll", history, other, account, None)
     saved = PageLink("a.tlog", "/f/a")

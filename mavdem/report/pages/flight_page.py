@@ -105,7 +105,6 @@ from mavdem.report.screen import (
 )
 from mavdem.report.templates import (
     Medium,
-    as_clause,
     capitalize_first,
     first_and_further_sentences,
     headline,
@@ -1364,7 +1363,7 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import statement_of_headline
+    from mavdem.report.live import statement_of_headline, verdict_on_present_flight
 
     judgement = status.session_judgement
     sentences = judgement_sentences(judgement)
@@ -1376,9 +1375,9 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
         next_step = _next_step_with_link(sentences.next_step, judgement, saved_flight)
         summary += _sentences_on_next_step(next_step)
     summary += _sentences_on_earlier_fault(status)
-    if judgement.headline.code is SessionFact.UNREPAIRED_FAULT and status.flight_number > 0:
-        own_headline = as_clause(status.overall_judgement.headline)
-        summary.append(Sentence(f"This flight: {own_headline}."))
+    verdict_on_flight = verdict_on_present_flight(status)
+    if verdict_on_flight:
+        summary.append(Sentence(verdict_on_flight))
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
@@ -1450,13 +1449,18 @@ def _page_of_earlier_fault(status: SessionStatus) -> str:
 
 
 def _earlier_fault(status: SessionStatus) -> str:
-    """Returns the earlier flight and its fault that may not have been repaired, with all details; empty without one.
+    """Returns the earlier flight and its fault that may not have been repaired, with all details.
 
     Args:
         status: state of the session now, or at its end.
+
+    Returns:
+        The sentence; empty without such a fault, and if the headline of the page is the same sentence.
     """
     fault = status.unrepaired_fault
-    return "" if fault is None else fault.sentence
+    if fault is None or fault.sentence == headline(status.session_judgement.headline):
+        return ""
+    return fault.sentence
 
 
 def _statement_of_repair(status: SessionStatus) -> str:
