@@ -289,6 +289,6 @@ COLUMNS = {
     "motor": Column("text", _suspect_motors, "3.6rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),
     "time (s)": Column("number", _flight_seconds, "3.8rem"),
-    "wind (m/s)": Column("number", _wind_text, "6rem"),
+    "wind (m/s)": Column("number", _wind_text, "6.8rem"),
 }
 """Columns of the table of flights, by their headers."""

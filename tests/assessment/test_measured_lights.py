@@ -39,7 +39,9 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.identifiability import Status
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.log import LogLight, Simulator
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.online import DragSource
 from mavdem.facts.power import PowerLight
 from mavdem.facts.sources import Flaw, Repair
@@ -686,6 +688,24 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
         if telemetry is holed:
             assert str(fact) == "The log has a gap: 1.1 s without attitude in flight."
             assert fact.remedy.startswith("If that comes again, bring the antennas closer")
+
+
+@mark.parametrize(
+    "margins, level",
+    [
+        (
+            Fact(MarginsLight.MARGINS_UNKNOWN, reason=Fact(NotLearnableReason.STREAMS_TOO_SLOW)),
+            "watch",
+        ),
+        (Fact(MarginsLight.MARGINS_UNKNOWN, reason=Fact(NotLearnableReason.TOO_SHORT)), "good"),
+        (Fact(MarginsLight.NO_RESONANCE, Level.GOOD), "good"),
+    ],
+)
+def test_slow_streams_are_to_be_watched_only_where_margins_are_lost_by_them(margins, level):
+    fact = log_light(evidence(HOVER.telemetry(10.0, 50.0)), margins)
+    assert (fact.code, fact.level) == (LogLight.RECORDED_SLOWLY, level)
+    assert bool(fact.remedy) is (level == "watch")
+    assert ("no judgement is lost" in str(fact)) is (level == "good")
 
 
 @mark.parametrize("last_share, code", [(0.3, "commands_incomplete"), (0.7, "recorded_fast")])

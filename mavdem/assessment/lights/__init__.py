@@ -41,7 +41,14 @@ REGISTRY = (
     RegisteredLight(
         Light.WIND, wind_light, urgency=8, is_of_vehicle=False, needs=(Light.ESTIMATOR,)
     ),
-    RegisteredLight(Light.LOG, log_light, urgency=7, is_of_vehicle=False),
+    RegisteredLight(
+        Light.LOG,
+        log_light,
+        urgency=7,
+        is_of_vehicle=False,
+        is_of_loops=True,
+        needs=(Light.MARGINS,),
+    ),
 )
 """All lights in the order in which they are shown.
 

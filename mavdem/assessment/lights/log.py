@@ -11,9 +11,12 @@ from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.log import LogLight
+from mavdem.facts.loops import LoopFact
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.telemetry import Log, Telemetry, rate_without_gaps
 
@@ -36,17 +39,22 @@ MAVLink 2's longest frame has 280 bytes and a .tlog's stamp 8; DataFlash's longe
 """
 
 
-def log_light(evidence: Evidence) -> Fact:
+REASONS_BY_RATES = (NotLearnableReason.STREAMS_TOO_SLOW, LoopFact.NO_RATE_SETPOINT)
+"""Reasons why margins are unknown that faster streams would remove."""
+
+
+def log_light(evidence: Evidence, margins: Fact | None = None) -> Fact:
     """Judges how well the log recorded the motion, by the streams that a model is learned from.
 
     A model predicts the attitude from the outputs of the motors. So these two streams are judged, in this order:
 
     1. If one of them is missing, the motion was not recorded.
     2. If the commands cover less than ``MIN_COMMANDED_FRACTION`` of the flight, they are incomplete.
-    3. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. The rate is that in flight
-       between outages, Hz, so that neither a logger that is slower on the ground nor pauses of the link reduce it. If
-       the attitude was logged more slowly than the body rates, it is computed from them in between. Then the rate of
-       the body rates is used; the light states both.
+    3. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. That is to be watched only
+       if a judgement is lost by it, which is that of the margins. The rate is that in flight between outages, Hz, so
+       that neither a logger that is slower on the ground nor pauses of the link reduce it. If the attitude was logged
+       more slowly than the body rates, it is computed from them in between. Then the rate of the body rates is used;
+       the light states both.
     4. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
     5. If damage has cost more than ``MAX_DAMAGED_FRACTION`` of the log, or more than ``MAX_GAP``, it is damaged.
@@ -56,6 +64,7 @@ def log_light(evidence: Evidence) -> Fact:
 
     Args:
         evidence: the signals of the vehicle, its flights, and whether a model can be learned.
+        margins: the fact of the light "margins"; None if that is not judged, which counts as lost by slow streams.
 
     Returns:
         A fact with the rates, Hz, the longest gap, s, and the settings that would give faster streams. Its level is the
@@ -101,11 +110,29 @@ def log_light(evidence: Evidence) -> Fact:
         is_received=not telemetry.translated_from,
         remedy=rate_advice(telemetry, components=evidence.log.components),
     )
-    if code is LogLight.COMMANDS_INCOMPLETE:
+    if code is LogLight.RECORDED_SLOWLY and not _are_margins_lost_by_rates(margins):
+        recording = recording.replace(Level.GOOD)
+    elif code is LogLight.COMMANDS_INCOMPLETE:
         recording = recording.replace(duration=command_seconds, airborne=flight_seconds)
     elif code is LogLight.RECORDED_WITH_GAPS and not telemetry.dropouts:
         recording = recording.replace(gaps=np.count_nonzero(attitude_steps > MAX_GAP))
     return worst_fact([recording, *_missing_ends_of_flights(evidence)])
+
+
+def _are_margins_lost_by_rates(margins: Fact | None) -> bool:
+    """Returns whether the margins are unknown because streams are too slow; True if their light is not judged.
+
+    They are not if they are known, or unknown for another reason, such as a flight that is too short or a firmware
+    without the needed parameters.
+
+    Args:
+        margins: the fact of the light "margins"; None if that is not judged.
+    """
+    if margins is None:
+        return True
+    reason = margins.figures.get("reason")
+    is_unknown = margins.code is MarginsLight.MARGINS_UNKNOWN
+    return is_unknown and isinstance(reason, Fact) and reason.code in REASONS_BY_RATES
 
 
 def _missing_ends_of_flights(evidence: Evidence) -> list[Fact]:
