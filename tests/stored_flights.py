@@ -7,6 +7,7 @@ none is stored, as in a new environment, all are simulated.
 import os
 import pickle
 import sys
+from functools import wraps
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
@@ -87,6 +88,7 @@ def stored_simulation_of(parent):
                 rmtree(other, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
 
+    @wraps(simulation_of)
     def simulation(scenario):
         # Fixtures may have set these limits.
         steps = dynamics.MAX_STEP_SECONDS, gyro.MAX_SAMPLING_PERIOD

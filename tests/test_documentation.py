@@ -11,8 +11,9 @@ import os
 import pkgutil
 import re
 import shlex
-import textwrap
+import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from types import FunctionType
 
@@ -231,6 +232,13 @@ def arguments(value):
     return [name for name in names if not name.startswith("_")]
 
 
+@cache
+def class_bodies(path):
+    """The statements of each class of a file, by the name of the class."""
+    nodes = ast.walk(ast.parse(Path(path).read_text()))
+    return {node.name: node.body for node in nodes if isinstance(node, ast.ClassDef)}
+
+
 def fields_with_docstrings(owner):
     """The fields of a class, its bases included, that a docstring of their own follows."""
     if not inspect.isclass(owner):
@@ -239,7 +247,7 @@ def fields_with_docstrings(owner):
     for base in owner.__mro__:
         if not base.__module__.startswith(("mavdem", "sitl_scenarios")):
             continue
-        body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body
+        body = class_bodies(sys.modules[base.__module__].__file__)[base.__name__]
         for field, docstring in itertools.pairwise(body):
             is_docstring = isinstance(docstring, ast.Expr) and isinstance(
                 docstring.value, ast.Constant

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from xml.etree import ElementTree
 
-import control
 import numpy as np
 from mcap.reader import make_reader
 from numpy.testing import assert_allclose, assert_array_equal
@@ -94,6 +93,9 @@ def test_a_model_without_a_plant_says_why(physical, names, code):
 @mark.slow
 def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
     """The exported plant and the learned model respond to the same motor commands in the same way."""
+    # At the top of the file the import, of Matplotlib too, would take every worker of the tests half a second.
+    import control
+
     warning_text = "^Poorly known of this plant: effect biased, damping biased, lag biased"
     with warns(UserWarning, match=warning_text) as caught:
         plant = learned.to_control()

@@ -937,10 +937,8 @@ FAULTS = {
 
 
 @mark.slow
-@mark.usefixtures("coarse_physics")
-def test_a_session_with_all_faults_ends_with_a_good_model(
-    monkeypatch,
-):
+@mark.usefixtures("coarse_physics", "without_alarms")
+def test_a_session_with_all_faults_ends_with_a_good_model(monkeypatch):
     """A simulated flight has gaps, a reboot, clock jumps and lost messages.
 
     Its model must forecast nearly as well as one of an undisturbed log.

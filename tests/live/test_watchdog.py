@@ -227,7 +227,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
 @mark.slow
 @mark.parametrize(
     "version, end, is_known",
-    [(0x010C03FF, 18.0, False), (0x010D00FF, 18.0, True), (0x010D00FF, 75.0, True)],
+    [(0x010C03FF, 18.0, False), (0x010D00FF, 67.0, True)],
 )
 def test_a_version_that_came_once_says_what_the_vibration_of_px4_is(version, end, is_known):
     """PX4 before 1.13 sends other quantities in VIBRATION, so that it can be judged only with the version.

@@ -136,7 +136,7 @@ def run(log, folder):
     for name in ("a b.tlog", "ü.tlog"):
         shutil.copy(log, logs / name)
     assert main(["review", str(logs / "ü.tlog"), "--out", str(folder / "review ü")]) == 0
-    assert main(["track", str(logs), "--out", str(folder / "fleet"), "--jobs", "2"]) == 0
+    assert main(["track", str(logs), "--out", str(folder / "fleet"), "--jobs", "1"]) == 0
     # No model comes, which the exit code 1 says.
     assert fly_live(log, folder) == 1
     assert (folder / "live.tlog").stat().st_size > log.stat().st_size // 2

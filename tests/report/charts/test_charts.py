@@ -4,7 +4,6 @@ from base64 import b64decode
 from dataclasses import replace
 from xml.etree import ElementTree
 
-import control
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
@@ -254,6 +253,9 @@ def test_a_forecast_is_drawn_in_degrees(flight, learned):
 
 @mark.slow
 def test_frequency_responses_equal_python_controls(learned):
+    # At the top of the file the import, of Matplotlib too, would take every worker of the tests half a second.
+    import control
+
     motors = AxisCommand.of(learned).motors
     A, B, C = learned.model.A, learned.model.B, learned.model.C
     reference_system = control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
