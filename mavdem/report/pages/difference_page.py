@@ -308,7 +308,7 @@ def _motor_chapter(
         series_charts: charts of the time series of both flights.
     """
     trims_caption = TRIMS_CAPTION
-    if max(reviewed.difference.flights) > 1:
+    if any(_has_flight_dots(count) for count in reviewed.difference.flights):
         trims_caption += FLIGHT_DOTS_CAPTION
     groups = [
         *_motor_groups(series_charts),
@@ -885,7 +885,7 @@ def _flight_dots(
         offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, len(values))
         positions.append(change.quantity.motor - 1.0 + distance + offsets)
         trims.append(100 * np.array(values))
-    if not trims or not 1 < len(trims[0]) <= MAX_FLIGHT_DOTS:
+    if not trims or not _has_flight_dots(len(trims[0])):
         return []
     levels = np.array(_motor_levels(reviews_by_side.get(side, {}), len(trims[0])))
     lines = []
@@ -896,6 +896,11 @@ def _flight_dots(
         if len(x):
             lines.append(Line(f"{name}, motors {level}", colour, x, y, style=LineStyle.DOTS))
     return lines
+
+
+def _has_flight_dots(flight_count: int) -> bool:
+    """Returns whether each flight of a side has a dot: a single one is its mean, and many would hide each other."""
+    return 1 < flight_count <= MAX_FLIGHT_DOTS
 
 
 def _motor_levels(review: Review, flight_count: int) -> list[Level]:
