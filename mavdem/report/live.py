@@ -464,14 +464,19 @@ def verdict_on_present_flight(status: SessionStatus) -> str:
         status: state of the session.
 
     Returns:
-        The sentence, such as "This flight: no alarm now."; empty before the first flight, and without such a fault.
+        The sentence, such as "This flight: no alarm now." or, after several flights, "Flight 2: nothing wrong found.";
+        empty before the first flight, and without such a fault.
     """
-    headline_fact = status.session_judgement.headline
-    if headline_fact.code is not SessionFact.UNREPAIRED_FAULT or status.flight_number == 0:
+    code_of_headline = status.session_judgement.headline.code
+    if code_of_headline is SessionFact.FLIGHT_VERDICT:
+        flight = f"Flight {status.flight_number}"
+    elif code_of_headline is SessionFact.UNREPAIRED_FAULT and status.flight_number > 0:
+        flight = "This flight"
+    else:
         return ""
     own_headline = status.overall_judgement.headline
     statement = statement_of_headline(own_headline.sentence, own_headline)
-    return f"This flight: {as_clause(statement)}."
+    return f"{flight}: {as_clause(statement)}."
 
 
 def states_unrepaired_fault(next_step: Fact) -> bool:

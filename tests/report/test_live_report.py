@@ -284,7 +284,10 @@ def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are(
         history.advance(time, 0)
     note = "plots flight 1 from the recording"
     assert status.session_judgement.headline == first.fact
-    assert note in live_page("udp", "roll", history, status, account, None)
+    page_at_end = live_page("udp", "roll", history, status, account, None)
+    assert note in page_at_end
+    # The lights are those of the latest flight, whose verdict stands below the headline.
+    assert "<p>Flight 2: " in page_at_end
     # In the next flight its fault is the headline: no card below the lights repeats that.
     crash = Fact(
         Ending.CRASHED,
