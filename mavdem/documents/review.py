@@ -86,6 +86,8 @@ class Resonance(Document):
     """where that is"""
     coherence: Number
     """there, of the rate with its setpoint or with the motors"""
+    ms_frequency: Hertz | None
+    """where the maximum sensitivity Ms is; null without setpoint"""
 
 
 class Spectrogram(Document):

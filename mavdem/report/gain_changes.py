@@ -9,19 +9,17 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.lowered_gains import NO_GAINS
+from mavdem.assessment.axis.lowered_gains import NO_GAINS, gains_by_axis
 from mavdem.assessment.axis.parameter_sets import (
     ParameterSet,
     parameter_sets,
     present_parameter_files,
 )
-from mavdem.dataset.axes import AXES
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
-from mavdem.loops.controllers import gain_names
 from mavdem.loops.gain_design import SURE_SHARE, Stage
 from mavdem.report.blocks import Block, Blocks, Sentence, Table
 from mavdem.report.loops import TRIED_HEADER, gain_row, is_about_gains_to_set
@@ -140,7 +138,7 @@ def gain_changes(
         stage = _stage_of_set(parameter_set, parameter_sets_to_fly)
         tables.append(_table_of_set(parameter_set, stage, gains, vehicle))
     log_stem = PurePath(log_name).stem
-    lowered_axes = _axes_of_gains(gains_to_lower, vehicle)
+    lowered_axes = gains_by_axis(gains_to_lower, vehicle.parameters)
     return GainChanges(
         tables=tuple(tables),
         downloads=tuple(_downloads_of_sets(parameter_sets_to_fly, log_stem, vehicle)),
@@ -161,23 +159,6 @@ def _changed_gains(advice_on_loops: Iterable[Advice]) -> dict[str, Gain]:
         for name in advice.parameters:
             gains[name] = advice.gains[name]
     return gains
-
-
-def _axes_of_gains(gains: Iterable[str], vehicle: Telemetry) -> list[str]:
-    """Returns the axes whose rate or attitude controller has any of some gains.
-
-    Args:
-        gains: names of the parameters.
-        vehicle: the vehicle, whose parameters show how its autopilot names the gains of each axis.
-    """
-    axes = []
-    for axis in AXES:
-        names = gain_names(vehicle.parameters, axis)
-        if names is None:
-            continue
-        if any(name.startswith(names.rate_prefix) or name == names.angle_gain for name in gains):
-            axes.append(axis)
-    return axes
 
 
 def _stage_of_set(parameter_set: ParameterSet, sets: Sequence[ParameterSet]) -> int | None:

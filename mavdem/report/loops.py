@@ -154,6 +154,8 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
     if tuning.gyro_cutoff is not None:
         summary.append(Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Instead of lower gains:"))
+    if tuning.axes_also_to_lower:
+        summary += render_section("tune_also_to_lower", axes=tuning.axes_also_to_lower)
     is_after_repair = not _has_next_step_on_loops(tuning.judgement)
     summary += _sentences_towards_gains(_steps_towards_gains(tuning), is_after_repair)
     return [*summary, *_sentences_on_flight_for_gains(tuning, is_after_repair)]

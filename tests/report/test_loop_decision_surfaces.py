@@ -429,6 +429,12 @@ def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
     assert "Enough margin, but the axis does not follow its setpoint" in texts["tune"]
 
 
+def test_the_review_document_says_where_the_maximum_sensitivity_is(assessments):
+    document = complete_document("review", review_document(assessments["sound but resonates"]))
+    resonance_of_roll = document["axes"]["roll"]["resonance"]
+    assert resonance_of_roll["frequency"] == 21.0 and resonance_of_roll["ms_frequency"] == 23.0
+
+
 def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
     """The present gains make the attitude loop unstable, the advised ones do not."""
     unstable, sound = loop("roll", 12.0), loop("roll", 1.0)

@@ -10,6 +10,7 @@ from pytest import mark
 
 from mavdem.assessment.axis.flight_for_gains import flight_for_gains
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
+from mavdem.assessment.axis.lowered_gains import limited_to_axes, lowered_gains
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.tuning_step import judgement_with_tuning_step
@@ -247,6 +248,29 @@ def test_lowered_gains_are_one_set_for_headline_report_and_files():
     files = tuning.files(Hover().telemetry())
     assert sorted(files) == [".lower.param", ".lower.params"]
     assert "ATC_RAT_PIT_P,0.1333" in files[".lower.param"]
+
+
+@mark.parametrize("axes, other_axes", [(("roll",), ("pitch",)), (("roll", "pitch", "yaw"), ())])
+def test_gains_are_lowered_of_requested_axes_alone_and_others_are_named(axes, other_axes):
+    """Roll and pitch oscillate, and one fact lowers the gains of both."""
+    parameters = {"ATC_RAT_RLL_P": 0.135, "ATC_RAT_PIT_P": 0.2}
+    changes = tuple((name, value, value / 1.5) for name, value in parameters.items())
+    lower = Fact(GainFact.LOWER_GAINS, Level.BAD, changes=changes, axes=("roll", "pitch"))
+    reason = Fact(MarginsLight.RESONATES, Level.BAD, axis="roll", reason=lower)
+    decision = LoopDecision("roll", LoopDiagnosis.OSCILLATES, reason, lower, (lower,))
+    judgement = tuning_of(LIMITED, lower, {"roll": decision}).judgement
+    limited = limited_to_axes(judgement, axes, parameters)
+    assert limited.other_axes == other_axes
+    gains = lowered_gains(limited.judgement.next_step)
+    assert ("ATC_RAT_PIT_P" in gains) == ("pitch" in axes) and "ATC_RAT_RLL_P" in gains
+    limited_decision = limited.judgement.loop_decisions["roll"]
+    # The decision and its reasons agree with the next step.
+    [against_gains] = limited_decision.reasons_against_gains
+    for fact in (against_gains, limited_decision.action, limited_decision.reason.figures["reason"]):
+        assert fact == limited.judgement.next_step.figures["reason"]
+    tuning = tuning_of(LIMITED, lower, {}, axes_also_to_lower=limited.other_axes)
+    leads = [sentence.lead for sentence in tune_summary(tuning, LIMITED)]
+    assert ("Pitch:" in leads) == bool(other_axes)
 
 
 def test_an_attitude_that_rings_more_than_predicted_has_its_fit_beside_the_chart():

@@ -14,8 +14,13 @@ from typing import NamedTuple
 
 from mavdem.assessment.axis.flight_for_gains import flight_for_gains
 from mavdem.assessment.axis.gains import loop_at_end_of_log
-from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
-from mavdem.assessment.axis.lowered_gains import LOWERING, NO_GAINS, lowered_gains
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
+from mavdem.assessment.axis.lowered_gains import (
+    LOWERING,
+    NO_GAINS,
+    limited_to_axes,
+    lowered_gains,
+)
 from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.axis.parameter_sets import (
     ParameterSet,
@@ -68,6 +73,8 @@ class Tuning(NamedTuple):
     """Gains to lower, of axes for which none can be computed; they are among ``parameters``."""
     gyro_cutoff: Fact | None = None
     """A higher cut-off of the gyro's low-pass to try instead of lower gains; None if that is not advised."""
+    axes_also_to_lower: Names = ()
+    """Axes that were not requested, but whose gains the flight advises to lower, too."""
     flight_for_gains: Fact | None = None
     """The flight from which gains of more axes could be computed (:func:`flight_for_gains`); None if none is needed."""
 
@@ -168,13 +175,16 @@ def tune_loops(
     """
     evidence = assessment.evidence
     assert evidence is not None
-    judgement = assessment.judgement
+    judgement, also_to_lower = limited_to_axes(
+        assessment.judgement, axes, evidence.signals.telemetry.parameters
+    )
     reasons_of_vehicle = _reasons_against_higher_gains(evidence, judgement)
     notch = assessment.noise.notch if filters and not reasons_of_vehicle else None
     # The fact about the notch filter contains the parameters to set; a fact that states why there is none has none.
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
     advice_by_axis = _advice_on_axes(
         assessment,
+        judgement.loop_decisions,
         axes,
         margins,
         reasons_of_vehicle,
@@ -230,6 +240,7 @@ def tune_loops(
         no_loop=no_loop,
         gains_to_lower=gains_to_lower,
         gyro_cutoff=gyro_cutoff,
+        axes_also_to_lower=also_to_lower,
         flight_for_gains=flight,
     )
     return freeze(tuning)
@@ -263,6 +274,7 @@ def _reasons_against_higher_gains(evidence: Evidence, judgement: Judgement) -> F
 
 def _advice_on_axes(
     assessment: Assessment,
+    decisions: DecisionsByAxis,
     axes: Sequence[str],
     margins: str,
     reasons_of_vehicle: Facts,
@@ -274,6 +286,7 @@ def _advice_on_axes(
 
     Args:
         assessment: all results on the vehicle: events, status lights, model, loops and wind.
+        decisions: what was decided on the loops of each axis.
         axes: the requested ones of "roll", "pitch" and "yaw".
         margins: name of the required margins, such as "default" or "sharp".
         reasons_of_vehicle: reasons why no gains of any axis may be raised.
@@ -286,7 +299,6 @@ def _advice_on_axes(
     # A vehicle that is tuned was judged, and so has evidence.
     assert assessment.evidence is not None
     loops = assessment.evidence.loops
-    loop_decisions = assessment.judgement.loop_decisions
     reasons_without_loop = _reasons_without_loop(assessment, axes)
     attitude_doubts = {
         axis_margins.axis: axis_margins.attitude_contradiction
@@ -301,7 +313,7 @@ def _advice_on_axes(
                 margins,
                 reasons_of_vehicle,
                 notch_parameters,
-                loop_decisions.get(axis),
+                decisions.get(axis),
                 attitude_doubts.get(axis),
                 raises_sound_gains=raises_sound_gains,
             )
