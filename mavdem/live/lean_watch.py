@@ -40,9 +40,9 @@ class LeanWatch:
         self._runs: list[list[CommandBlock]] = []
         self._latest_time = -inf
         self._judging_time = -inf
-        # The changes that were judged last, and those of them that lean does not explain.
+        # The lasting changes at the latest judgement, and the shifts among them that lean does not explain.
         self._judged_changes: list[MotorChange] = []
-        self._remaining_changes: list[MotorChange] = []
+        self._unexplained_shifts: list[MotorChange] = []
 
     def add_sample(self, time: float, commands: Sequence[float], lean: Numbers) -> None:
         """Adds a sample of settled flight.
@@ -76,18 +76,20 @@ class LeanWatch:
         Returns:
             The shifts, which name no motor, in the same order. They are judged at most once in ``JUDGING_PERIOD``.
         """
-        lasting = lasting_changes(changes)
-        has_shift = any(change.motor is None for change in lasting)
-        is_due = self._latest_time - self._judging_time >= JUDGING_PERIOD
-        if not has_shift:
+        present_changes = lasting_changes(changes)
+        if all(change.motor is not None for change in present_changes):
             return []
-        if is_due or lasting != self._judged_changes:
-            self._judging_time = self._latest_time
-            self._judged_changes = lasting
-            self._remaining_changes = without_shifts_by_lean(
-                lasting, self._signatures, self._run_around
-            )
-        return [change for change in self._remaining_changes if change.motor is None]
+        is_due = self._latest_time - self._judging_time >= JUDGING_PERIOD
+        if is_due or present_changes != self._judged_changes:
+            self._judge(present_changes)
+        return self._unexplained_shifts
+
+    def _judge(self, lasting: list[MotorChange]) -> None:
+        """Judges the shifts among the lasting changes of this flight, and stores those that lean does not explain."""
+        self._judging_time = self._latest_time
+        self._judged_changes = lasting
+        remaining = without_shifts_by_lean(lasting, self._signatures, self._run_around)
+        self._unexplained_shifts = [change for change in remaining if change.motor is None]
 
     def _run_around(self, change: MotorChange, interval: TimeInterval) -> SteadyRun | None:
         """Returns the settled flight around a change, limited to an interval, s since boot; None without any.
