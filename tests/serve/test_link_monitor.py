@@ -584,6 +584,9 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     # Where only its system id is known, the flight may be of another vehicle.
     doubtful_step = next_step("PX4", "quad", is_named=False)
     assert "of a vehicle with this system id" in str(doubtful_step.figures["reason"])
+    assert str(doubtful_step).startswith(
+        "Land unless the earlier fault was repaired, or another vehicle flew then."
+    )
     for autopilot, name in (("ARDUPILOTMEGA", "copter"), ("PX4", "other"), ("PX4", "")):
         assert "repaired" not in str(next_step(autopilot, name))
     # A fault with which the vehicle may fly counts in the next flight.
