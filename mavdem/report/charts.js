@@ -226,12 +226,14 @@
     ctx.save();
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
     // Dots of several lines stand beside each other where things are counted.
-    const dots = data.lines.filter(isDots), room = bbox.width / data.x.names.length;
+    // Dots without a whisker beside such dots, as of single flights beside their mean, have places of their own.
+    const allDots = data.lines.filter(isDots), dotsWithWhiskers = allDots.filter(line => line.low);
+    const dots = dotsWithWhiskers.length ? dotsWithWhiskers : allDots, room = bbox.width / data.x.names.length;
     const dotDistance = data.x.names.length ? Math.min(9 * ratio, 0.8 * room / dots.length) : 0;
     for (const line of data.lines) {
       const stems = line.kind === "stems";
       if (!stems && !isDots(line)) continue;
-      const offset = stems ? 0 : dotDistance * (dots.indexOf(line) - (dots.length - 1) / 2);
+      const offset = !dots.includes(line) ? 0 : dotDistance * (dots.indexOf(line) - (dots.length - 1) / 2);
       ctx.strokeStyle = line.colour; ctx.lineWidth = (stems ? 1.6 : 1.1) * ratio;
       if (line.kind === "joined") {
         ctx.beginPath();

@@ -39,6 +39,9 @@ MOTOR_AT_START = re.compile(r"^[Mm]otor \d+ (\([^()]*\) )?")
 WITHOUT_LEAN = "without lean"
 """Title of the column of relative trims without the part that the vehicle's lean makes, as in wind."""
 
+AFTER_LOST_PERCENT = re.compile(" of its thrust.*", re.DOTALL)
+"""What follows the size of a loss in a sentence; a cell has the size alone, such as "lost about 25 %"."""
+
 MAX_MOTOR_CHARACTERS = 32
 """Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
 
@@ -276,6 +279,7 @@ def _motor_cell(review: Review, warning: JsonValues | None) -> str:
         return sentence.text
     # The row has the name of the motor already.
     sentence_without_motor = MOTOR_AT_START.sub("", warning["sentence"])
+    sentence_without_motor = AFTER_LOST_PERCENT.sub("", sentence_without_motor)
     [sentence] = render_section(
         "difference_motor",
         is_known=True,

@@ -104,7 +104,7 @@ FLIGHT_DOTS_CAPTION = """\
 coloured by how the motors of each were judged."""
 """What is added to it where a side has several flights."""
 
-FLIGHT_DOTS_DISTANCE = 0.16
+FLIGHT_DOTS_DISTANCE = 0.24
 """Distance of the dots of single flights from the motor's mean, in distances of two motors: a choice."""
 
 LEVEL_COLOURS = {
@@ -115,7 +115,7 @@ LEVEL_COLOURS = {
 }
 """Colour of the dot of a single flight, by the level of its motors."""
 
-FLIGHT_DOTS_WIDTH = 0.14
+FLIGHT_DOTS_WIDTH = 0.18
 """Room of the dots of single flights beside each other, in distances of two motors: a choice."""
 
 MAX_FLIGHT_DOTS = 40
