@@ -8,7 +8,7 @@ from hover import Hover
 from partial_records import partial_record
 from pytest import mark
 
-from mavdem.assessment.axis.flight_for_gains import flight_for_gains
+from mavdem.assessment.axis.flight_for_gains import flight_for_gains, is_removed_by_flight
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.lowered_gains import limited_to_axes, lowered_gains
 from mavdem.assessment.axis.responses import LoopResponse
@@ -23,8 +23,9 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.model import ParameterDoubt
 from mavdem.facts.motors import MotorsLight
-from mavdem.loops.advice import Gain
+from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import (
@@ -43,6 +44,7 @@ from mavdem.report.pages.tune_page import (
     fast_step_sentences,
     rate_disagreement_sentences,
 )
+from mavdem.report.templates import render_section
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 STEP_TO_CONFIRM = {"names": ("roll",), "can_go_on": False, "needed": 0.9, "least_rate": None}
@@ -208,6 +210,25 @@ def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
     assert last_sentence.text.startswith("Fly ten quick doublets about pitch")
 
 
+@mark.parametrize(
+    "doubt, is_removed",
+    [
+        (Fact(ParameterDoubt.WIND_SHARE_HIGH, share=0.24, share_limit=0.2, bias=None), True),
+        # Doublets show no motor time constant that is shorter than a sample.
+        (Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1), False),
+    ],
+)
+def test_doublets_are_flown_for_margins_that_wind_biases_and_not_the_log(doubt, is_removed):
+    bias = Fact(LoopFact.EFFECT_BIASED, reason=doubt)
+    assert is_removed_by_flight(bias) is is_removed
+    kept = Mock(spec=Advice, refusals=(), parameters={}, before=Mock(cautions=(bias,)))
+    evidence = Mock()
+    evidence.log.components = ()
+    evidence.signals.telemetry = Hover().telemetry()
+    flight = flight_for_gains(evidence, {"yaw": kept}, {}, (), is_after_repair=False)
+    assert (flight is not None) is is_removed
+
+
 def test_a_next_step_with_doublets_leaves_what_to_log_in_the_same_flight():
     flight = flight_of({"yaw": SLOW}, parameters={"LOG_BITMASK": 126.0})
     tuning = tuning_of(NOT_STEERED, NOT_STEERED, {}, flight_for_gains=flight)
@@ -271,6 +292,21 @@ def test_gains_are_lowered_of_requested_axes_alone_and_others_are_named(axes, ot
     tuning = tuning_of(LIMITED, lower, {}, axes_also_to_lower=limited.other_axes)
     leads = [sentence.lead for sentence in tune_summary(tuning, LIMITED)]
     assert ("Pitch:" in leads) == bool(other_axes)
+
+
+@mark.parametrize(
+    "sluggish_axes, words", [(["roll", "pitch"], "sluggish"), (["roll"], "roll sluggish")]
+)
+def test_axes_that_are_all_sluggish_are_not_named_twice(sluggish_axes, words):
+    [outcome] = render_section(
+        "tune_axes",
+        axes=["roll", "pitch"],
+        axes_by_outcome={"keep": ["roll", "pitch"]},
+        outcomes=["keep"],
+        has_gains=True,
+        sluggish_axes=sluggish_axes,
+    )
+    assert outcome.lead == f"Roll and pitch: keep the gains ({words})."
 
 
 def test_an_attitude_that_rings_more_than_predicted_has_its_fit_beside_the_chart():

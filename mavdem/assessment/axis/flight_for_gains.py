@@ -23,11 +23,11 @@ from mavdem.facts.loops import (
     ResponseFact,
     StepResponseFact,
 )
+from mavdem.facts.model import ParameterDoubt
 from mavdem.loops.advice import Advice, AdviceByAxis
 
 REMOVED_BY_DOUBLETS = (
     LoopAction.FLY_DOUBLETS,
-    LoopFact.EFFECT_BIASED,
     LoopFact.LOOP_TOO_SHORT,
     LoopFact.NO_RATE_SETPOINT,
     LoopFact.NOT_STEERED,
@@ -39,6 +39,9 @@ REMOVED_BY_DOUBLETS = (
     NotLearnableReason.OUTPUT_ROUNDED,
     NotLearnableReason.COMMAND_ROUNDED,
     NotLearnableReason.RATE_CONTRADICTS_ANGLE,
+    ParameterDoubt.WIND_SHARE_HIGH,
+    ParameterDoubt.INPUTS_TOO_SLOW,
+    ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM,
 )
 """Reasons for no gains that doublets remove: too little motion by the commands, or a loop that other motion biases."""
 
