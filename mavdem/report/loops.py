@@ -38,7 +38,7 @@ from mavdem.loops.gain_design import (
 )
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
-from mavdem.report.blocks import HARD_SPACE, Blocks, Sentence, Table, headline_sentence
+from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.numbers import UNKNOWN_FIGURE, listed, rounded
 from mavdem.report.templates import headline, model_share, render_section, sentences_by_axes
 
@@ -391,10 +391,8 @@ def expected_margins(tuning: Tuning) -> list[Table]:
         if isinstance(advice, Advice) and is_new and not tuning.waits(advice):
             rows += _overview_rows(advice)
             for row in _overview_rows(advice, has_intervals=False):
-                # Narrow columns must not break the line between a value and its arrow.
-                rows_on_phone.append(
-                    [cell.replace(" → ", f"{HARD_SPACE}→{HARD_SPACE}") for cell in row]
-                )
+                # Without spaces all columns have room, and no line breaks between a value and its arrow.
+                rows_on_phone.append([cell.replace(" → ", "→") for cell in row])
     if not rows:
         return []
     headers = ["now → new", *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
