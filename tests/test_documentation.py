@@ -323,8 +323,9 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch, capsys):
     """What a cell prints, and the value of its last statement; of few samples of its flight."""
     monkeypatch.chdir(path.parent)
-    # Whether there are pictures shows at any resolution.
+    # Whether there are pictures shows at any resolution, and however their parts are laid out.
     monkeypatch.setattr("mavdem.report.figures.style.NOTEBOOK_RESOLUTION_FACTOR", 0.2)
+    monkeypatch.setattr("mavdem.report.figures.style.ConstrainedLayoutEngine", lambda **_: None)
     # The flight that it starts is flown here, and shorter: to import everything anew takes seconds.
     monkeypatch.setattr("subprocess.run", lambda words, **_: run(*words[3:], "--duration", 33))
     values = []

@@ -123,7 +123,7 @@ def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
 def test_the_likelihood_rises_and_covariances_stay_positive(train):
     record = Record.from_flights(train)
     segments = NormalizedUnits.of(record).normalized_segments(record)
-    fitted = iterate_em(segments, 3, 40)
+    fitted = iterate_em(segments, 3, 15)
     likelihoods = np.array(fitted.log_likelihoods)
     assert np.diff(likelihoods).min() > -1e-8 * abs(likelihoods).max()
     for covariance in (fitted.model.Q, fitted.model.R):
