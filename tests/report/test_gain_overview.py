@@ -77,6 +77,9 @@ def test_an_axis_that_keeps_its_gains_beside_new_ones_has_them_in_one_sentence()
     assert [*gains.changed_rows] == ["roll"]
     [sentence] = gains.sentences_on_other_rows
     assert sentence.lead == "Yaw, keep the gains:"
+    unknown = gains._replace(outcomes={"yaw": "no gains (margins not known)"})
+    [sentence_if_unknown] = unknown.sentences_on_other_rows
+    assert sentence_if_unknown.lead == "Yaw, no new gains (margins not known):"
     [of_terminal] = gains.sentences_on_axis("yaw")
     assert of_terminal == sentence._replace(lead="Gains of yaw:")
     assert (

@@ -53,15 +53,15 @@ Of the filtered signal, what is above {nyquist:.0f} Hz appears below it (aliasin
  the filters remove."""
 """What stands below spectra of a sensor that was sampled more slowly after its filters than before."""
 
-FOLDED_OSCILLATION_CAPTION = """\
-{axis} oscillates at {frequency:.2g} Hz, which this gyro, logged at {rate:.3g} Hz, shows at {folded:.2g} Hz\
+FOLDED_OSCILLATION = """\
+the oscillation at {frequency:.2g} Hz appears at {folded:.2g} Hz, since this gyro was logged at {rate:.3g} Hz\
  (aliasing)."""
-"""What stands below the spectra of a gyro that was logged too slowly for a known oscillation."""
+"""What is said of an axis below the spectra of a gyro that was logged too slowly for its oscillation."""
 
-FOLDED_PEAK_CAPTION = """\
-{axis} stands out at {frequency:.2g} Hz. A gyro logged at {rate:.3g} Hz does not show whether that is its frequency:\
+FOLDED_PEAK = """\
+a peak at {frequency:.2g} Hz. A gyro logged at {rate:.3g} Hz does not show whether that is its frequency:\
  {others} Hz would appear there, too (aliasing)."""
-"""What stands below the spectra of a slowly logged gyro with a peak whose cause is not known."""
+"""What is said of an axis with a peak of unknown cause below the spectra of a slowly logged gyro."""
 
 NO_OSCILLATIONS: Mapping[str, float] = MappingProxyType({})
 """The frequencies of oscillation of a vehicle that does not oscillate."""
@@ -226,25 +226,24 @@ def _folding_captions(noise: MeasuredNoise, oscillations: Mapping[str, float]) -
     spectrum = _first_spectrum(noise, GYRO)
     assert spectrum is not None
     nyquist = spectrum.nyquist_frequency
-    captions = []
+    axes_by_text: dict[str, list[str]] = {}
     for index, axis in enumerate(AXES):
-        template = FOLDED_PEAK_CAPTION
+        template = FOLDED_PEAK
         frequency = slow_peak(spectrum, index)
         oscillation = oscillations.get(axis)
         if oscillation is not None and oscillation > nyquist:
-            template = FOLDED_OSCILLATION_CAPTION
+            template = FOLDED_OSCILLATION
             frequency = oscillation
         if frequency is not None:
             others = listed([f"{other:.2g}" for other in faster_frequencies(frequency, nyquist)])
-            caption = template.format(
-                axis=axis.capitalize(),
+            text = template.format(
                 frequency=frequency,
                 rate=2 * nyquist,
                 folded=folded_frequency(frequency, nyquist),
                 others=others,
             )
-            captions.append(caption)
-    return captions
+            axes_by_text.setdefault(text, []).append(axis)
+    return [f"{listed(axes).capitalize()}: {text}" for text, axes in axes_by_text.items()]
 
 
 def _spectrograms(noise: MeasuredNoise, sensor: str, timeline: Timeline | None) -> list[Group]:

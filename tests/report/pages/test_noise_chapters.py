@@ -22,10 +22,10 @@ def test_what_a_slow_gyro_shows_at_another_frequency_is_said_below_its_spectra()
     noise = MeasuredNoise({"gyro": spectrum}, {})
     [caption] = _folding_captions(noise, {})
     assert caption == (
-        "Pitch stands out at 9.4 Hz. A gyro logged at 25 Hz does not show whether that is its frequency: "
+        "Pitch: a peak at 9.4 Hz. A gyro logged at 25 Hz does not show whether that is its frequency: "
         "16, 34 and 41 Hz would appear there, too (aliasing)."
     )
-    [caption] = _folding_captions(noise, {"pitch": 15.6})
+    [caption] = _folding_captions(noise, {"roll": 15.6, "pitch": 15.6})
     assert caption == (
-        "Pitch oscillates at 16 Hz, which this gyro, logged at 25 Hz, shows at 9.4 Hz (aliasing)."
+        "Roll and pitch: the oscillation at 16 Hz appears at 9.4 Hz, since this gyro was logged at 25 Hz (aliasing)."
     )
