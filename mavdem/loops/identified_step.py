@@ -6,6 +6,7 @@ of them. Identification models the sampling and the controller's cycle, and show
 
 from functools import lru_cache
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.random import default_rng
@@ -99,11 +100,18 @@ class PredictedStep(NamedTuple):
     """Time from 10 to 90 % of the step, s."""
 
 
+_predicted_steps: WeakKeyDictionary[OpenLoop, dict[float, PredictedStep | None]] = (
+    WeakKeyDictionary()
+)
+"""Results of :func:`predicted_step` by loop and duration, s, as long as the loop exists."""
+
+
 def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
-    """Computes overshoot and rise time of the step response that an identified loop predicts, with 90 % intervals.
+    """Returns overshoot and rise time of the step response that an identified loop predicts, with 90 % intervals.
 
     Both are computed with the estimated plant and with each draw from its posterior. The intervals follow from the
-    draws; those with an unstable loop, whose step response grows without limit, are left out.
+    draws; those with an unstable loop, whose step response grows without limit, are left out. Tables and sentences of a
+    report need them of the same loop, so they are computed once.
 
     Args:
         loop: the rate or attitude loop, with the estimated plant first, then with draws.
@@ -112,6 +120,14 @@ def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
     Returns:
         Overshoot and rise time, each with its interval; None if the loop with the estimated plant is unstable.
     """
+    steps_by_duration = _predicted_steps.setdefault(loop, {})
+    if duration not in steps_by_duration:
+        steps_by_duration[duration] = _computed_step(loop, duration)
+    return steps_by_duration[duration]
+
+
+def _computed_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
+    """Computes what :func:`predicted_step` returns."""
     if not loop.is_stable:
         return None
     time = np.linspace(0.0, duration, PREDICTED_POINTS)
