@@ -69,32 +69,45 @@ class RecordedSimulation:
     def advance(self, cycles):
         self._pieces.append(self._simulation.advance(cycles))
         if self.finished:
-            # Another process finds no file, or a whole one.
+            # Another process finds no file, or a whole one; and it may have deleted the folder as an old one.
+            self._path.parent.mkdir(parents=True, exist_ok=True)
             unfinished = self._path.with_name(f"{self._path.name}.{os.getpid()}")
             unfinished.write_bytes(pickle.dumps(joined(self._pieces)))
             unfinished.replace(self._path)
         return self._pieces[-1]
 
 
-def stored_simulation_of(parent):
-    """Returns what stands in for ``simulation_of``, and stores flights in a folder below ``parent``.
+def time_of_use(folder):
+    """Returns when a folder of flights was used last, and 0 where another process has deleted it."""
+    try:
+        return folder.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
-    The flights of another simulator that are stored there are deleted.
-    """
+
+def delete_old_flights(parent):
+    """Deletes the stored flights of all simulators but the two that flew last, such as those of two branches."""
+    folders = sorted(parent.iterdir(), key=time_of_use)
+    for folder in folders[:-2]:
+        rmtree(folder, ignore_errors=True)
+
+
+def stored_simulation_of(parent):
+    """Returns what stands in for ``simulation_of``: it takes flights from a folder below ``parent``, or stores them."""
     folder = parent / simulator_digest()
-    if parent.is_dir():
-        for other in parent.iterdir():
-            if other != folder:
-                rmtree(other, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
+    folder.touch()
+    delete_old_flights(parent)
 
     @wraps(simulation_of)
     def simulation(scenario):
         # Fixtures may have set these limits.
         steps = dynamics.MAX_STEP_SECONDS, gyro.MAX_SAMPLING_PERIOD
         path = folder / sha256(f"{steps} {scenario!r}".encode()).hexdigest()
-        if path.is_file():
-            return StoredSimulation(scenario, pickle.loads(path.read_bytes()))
-        return RecordedSimulation(scenario, path)
+        try:
+            motion = pickle.loads(path.read_bytes())
+        except FileNotFoundError:
+            return RecordedSimulation(scenario, path)
+        return StoredSimulation(scenario, motion)
 
     return simulation
