@@ -205,6 +205,10 @@ class Tumbling(Rolling):
     hovering: float = 1.0
     tumbles: bool = True
 
+    @property
+    def landed(self):
+        return self.sinking + 4.0
+
     def roll(self, t):
         since_stop = np.asarray(t) - self.landed
         tumbled = self.tumbles * np.clip(since_stop, 0.0, 1.4)
@@ -231,7 +235,7 @@ class StoppedFlight(Flight):
 
 @mark.slow
 def test_a_vehicle_disarmed_in_the_air_has_not_landed():
-    replayed = replay(StoppedFlight(Tumbling(), RATE, RATE).frames(end=37.0))
+    replayed = replay(StoppedFlight(Tumbling(), RATE, RATE).frames(end=21.0))
     idle, falling, alarm = alarms(replayed)
     assert idle.figures["reason"].code is WatchFact.FALLS_AT_IDLE
     assert falling.figures["reason"].code is WatchFact.STOPPED_IN_AIR
@@ -250,10 +254,10 @@ def test_a_throttle_that_the_pilot_closed_is_the_cause_of_a_fall():
     hover = Tumbling()
     sticks = [
         (time, message("RC_CHANNELS", time_boot_ms=round(1e3 * time), chan3_raw=pulse))
-        for time in ticks(3.0, 37.0, 5.0)
+        for time in ticks(3.0, 21.0, 5.0)
         for pulse in [1500 if time < hover.landed - 0.3 else 1000]
     ]
-    replayed = replay(by_time(StoppedFlight(hover, RATE, RATE).frames(end=37.0), sticks))
+    replayed = replay(by_time(StoppedFlight(hover, RATE, RATE).frames(end=21.0), sticks))
     loss = replayed.stream.status().loss
     assert loss.code is Ending.CRASHED
     assert loss.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
@@ -262,7 +266,7 @@ def test_a_throttle_that_the_pilot_closed_is_the_cause_of_a_fall():
 @mark.slow
 def test_a_landing_above_the_take_off_is_one():
     replayed = replay(
-        StoppedFlight(Tumbling(tumbles=False), RATE, RATE, ground=9.9).frames(end=37.0)
+        StoppedFlight(Tumbling(tumbles=False), RATE, RATE, ground=9.9).frames(end=21.0)
     )
     assert not alarms(replayed)
     assert ReportedEvent.ON_GROUND in replayed.codes
