@@ -10,6 +10,7 @@ References:
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import ceil, log2, nan
 from typing import NamedTuple
 
@@ -120,11 +121,23 @@ def _signed_rank_p_value(log_ratios: Array) -> float:
         The p-value; 1 where no ratio differs from 1.
     """
     # SciPy's statistics take half a second to import.
-    from scipy.stats import rankdata, wilcoxon
+    from scipy.stats import rankdata
 
     differences = log_ratios[log_ratios != 0]
     if not len(differences):
         return 1.0
     # The test uses only signs, and ranks of magnitudes. SciPy does not take infinite values, so it gets the ranks.
     signed_ranks = np.sign(differences) * rankdata(abs(differences))
+    return _p_value_of_ranks(tuple(signed_ranks.tolist()))
+
+
+@lru_cache(maxsize=1000)
+def _p_value_of_ranks(signed_ranks: tuple[float, ...]) -> float:
+    """Returns the two-sided p-value of Wilcoxon's test of signed ranks.
+
+    With ties SciPy tries all signs, which takes tens of milliseconds, and a comparison has the same ranks at many
+    horizons.
+    """
+    from scipy.stats import wilcoxon
+
     return float(wilcoxon(signed_ranks).pvalue)
