@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 import numpy as np
-import pandas as pd
 from numpy.random import Generator
 
 from mavdem.files import load_adjacent_toml
@@ -142,6 +141,9 @@ def evaluate_flights(
     Returns:
         A data frame of the rows of all flights, in the order of the flights.
     """
+    # pandas takes half a second to import, and tests of other functions need none.
+    import pandas as pd
+
     rows = []
     with ProcessPoolExecutor(jobs) as pool:
         for number, flight_rows in enumerate(pool.map(evaluate, flights), start=1):
@@ -165,6 +167,8 @@ def print_table(title: str, rows: Any, *notes: str) -> None:
         rows: rows of the table: a data frame, or a list of dictionaries with a value by the header of each column.
         notes: sentences below the table.
     """
+    import pandas as pd
+
     table = pd.DataFrame(rows)
     cells = [[_cell_text(cell) for cell in row] for row in table.itertuples(index=False)]
     # Some columns have words, so all are aligned on the left.
