@@ -1,7 +1,7 @@
 """Search in the library: a line such as ``quad-7 motors:bad wind>5 ATC_RAT_RLL_P>0.1`` is translated to SQL."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -9,6 +9,7 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Sharing, Stage
 from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.numbers import listed
 from mavdem.serve.compared_motors import (
     SHOWN_HEADLINE_OF_LOG_SQL,
@@ -29,8 +30,11 @@ WORD_PATTERN = re.compile(r'(?:"[^"]*"?|[^\s"])+')
 HALF_TYPED_TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])")
 """Such a word while its value is still to be typed, as ``motors:``."""
 
-TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
+TEXT_COLUMNS = {"level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
+
+DATE_PATTERN = re.compile(r"\d{4}(-\d\d(-\d\d([ T]\d\d(:\d\d)?)?)?)?", re.IGNORECASE)
+"""A date of a search: a year, month, day, hour or minute in UTC, as in ISO 8601."""
 
 WIND_LOW_SQL = "round(coalesce(wind_low, wind_speed), 1)"
 """SQL expression of the lower end of the wind speed's 90 % interval, m/s, rounded as the list shows it.
@@ -77,7 +81,9 @@ LIST_COLUMNS = {"mode": "modes", "tag": "tags"}
 """Columns with lists separated by commas, by the name that a search has for one item."""
 
 KNOWN_TERMS = tuple(
-    dict.fromkeys(["vehicle", *LIST_COLUMNS, *NUMBER_COLUMNS, *Light, *sorted(TEXT_COLUMNS)])
+    dict.fromkeys(
+        ["vehicle", *LIST_COLUMNS, *NUMBER_COLUMNS, *Light, *sorted({"date", *TEXT_COLUMNS})]
+    )
 )
 """Names of the properties that a search compares, besides those of parameters."""
 
@@ -204,11 +210,19 @@ def search_problems(text: str) -> list[str]:
             # A property with a few possible values, such as the stage.
             problems.append(f"{value} is no {column}: these are {listed(CHOICES[column])}")
         elif column in LEVEL_COLUMNS and is_equality and not _is_number(value):
-            # A light, such as motors:bad.
-            if value.lower() not in LEVELS:
-                problems.append(f"{value} is no level: these are {listed(LEVELS)}")
+            # A light, such as motors:bad or motors:bad,watch.
+            for level in value.split(","):
+                if level.lower() not in LEVELS:
+                    problems.append(f"{level} is no level: these are {listed(LEVELS)}")
+        elif column == "date":
+            if not DATE_PATTERN.fullmatch(value):
+                problems.append(f"{value} is no date: write 2026-05-31, 2026-05 or 2026")
         elif _is_compared_as_number(name) and not _is_number(value):
             problems.append(f"{value} is not a number")
+        elif _is_parameter(name) and not CONTROL_PARAMETERS.match(name.upper()):
+            problems.append(
+                f"{name} is not searched: of the parameters, only gains and filters of rate and attitude control are"
+            )
     return problems
 
 
@@ -269,8 +283,7 @@ def unknown_terms(text: str) -> list[str]:
     """
     names = []
     for term in _terms(text):
-        # A name in capitals is a parameter of the autopilot, such as a gain.
-        if term.name.lower() not in KNOWN_TERMS and not term.name.isupper():
+        if term.name.lower() not in KNOWN_TERMS and not _is_parameter(term.name):
             names.append(term.name)
     if not names:
         return []
@@ -316,7 +329,7 @@ class _Term(NamedTuple):
     """A word of a search that compares a property of the flights, such as ``wind>5``."""
 
     name: str
-    """Name of the property: a column, or a parameter of the autopilot in capitals."""
+    """Name of the property: a column, or a parameter of the autopilot."""
     operator: str
     """``<``, ``>``, ``<=``, ``>=``, ``=`` or ``:``, which means ``=``."""
     value: str
@@ -338,13 +351,18 @@ def _terms(text: str) -> Iterator[_Term]:
 
 
 def _is_compared_as_number(name: str) -> bool:
-    """Returns whether a search compares this property as a number: also those in capitals, which are parameters."""
+    """Returns whether a search compares this property as a number, as it does parameters of the autopilot."""
     return name.lower() in {*NUMBER_COLUMNS, *LEVEL_COLUMNS} or _is_parameter(name)
 
 
 def _is_parameter(name: str) -> bool:
-    """Returns whether a property is a parameter of the autopilot, such as a gain: its name is in capitals."""
-    return name.isupper() and name.lower() not in KNOWN_TERMS
+    """Returns whether a property is a parameter of the autopilot, such as a gain.
+
+    Names of parameters are in capitals. In small letters, those are known that ``CONTROL_PARAMETERS`` has.
+    """
+    if name.lower() in KNOWN_TERMS:
+        return False
+    return name.isupper() or CONTROL_PARAMETERS.match(name.upper()) is not None
 
 
 def _is_number(text: str) -> bool:
@@ -386,6 +404,10 @@ def _comparison_condition(term: _Term) -> SqlCondition | None:
         is_named = _text_comparison(column, operator)
         has_given_name = _text_comparison(VEHICLE_NAME_SQL, operator)
         return SqlCondition(f"(({is_named})or({has_given_name}))", (value, value))
+    if column == "date":
+        return _date_comparison(operator, value)
+    if column in LEVEL_COLUMNS and operator == "=" and "," in value:
+        return _level_condition(column, value.split(","))
     if column in TEXT_COLUMNS:
         expression = COMPARED_LEVELS_SQL.get(column, column)
         return SqlCondition(_text_comparison(expression, operator), (value,))
@@ -396,7 +418,7 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
     """Translates the comparison of a property with a number to SQL; None if the property is no number.
 
     Args:
-        name: the property: a column's name in a search, or an autopilot's parameter in capitals.
+        name: the property: a column's name in a search, or an autopilot's parameter.
         operator: ``<``, ``>``, ``<=``, ``>=`` or ``=``.
         number: number to compare the property with.
     """
@@ -414,11 +436,13 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
         return _wind_comparison(operator, number)
     if column in NUMBER_COLUMNS:
         return SqlCondition(f"{NUMBER_COLUMNS[column]} {operator} ?", (number,))
-    if name.isupper():
+    if _is_parameter(name):
         # Parameters are stored as a JSON object in the column ``gains``; a damaged one counts as empty. The name has
         # matched \w+, so it cannot contain the quote that would end the JSON path.
         gains = "iif(json_valid(gains),gains,'{}')"
-        return SqlCondition(f"json_extract({gains}, ?) {operator} ?", (f'$."{name}"', number))
+        return SqlCondition(
+            f"json_extract({gains}, ?) {operator} ?", (f'$."{name.upper()}"', number)
+        )
     return None
 
 
@@ -437,6 +461,31 @@ def _wind_comparison(operator: str, speed: float) -> SqlCondition:
     if operator in (">", ">="):
         return SqlCondition(f"{WIND_LOW_SQL} {operator} ?", (speed,))
     return SqlCondition(f"{WIND_HIGH_SQL} {operator} ?", (speed,))
+
+
+def _date_comparison(operator: str, value: str) -> SqlCondition | None:
+    """Translates the comparison of a date with a year, month, day, hour or minute to SQL; None if the value is none.
+
+    Each of these is an interval: ``<=`` includes it, ``>`` begins after it, and ``=`` is within it. So the date of the
+    flight is shortened to the length of the value, and both are compared as texts. The page of a fleet follows this
+    rule, too (``fleet.html``).
+
+    Args:
+        operator: ``<``, ``>``, ``<=``, ``>=`` or ``=``.
+        value: the value, in ISO 8601.
+    """
+    if not DATE_PATTERN.fullmatch(value):
+        return None
+    shortened_date = f"substr(date, 1, {len(value)})"
+    # Dates are stored with a T before the time of day.
+    return SqlCondition(_text_comparison(shortened_date, operator), (value.replace(" ", "T"),))
+
+
+def _level_condition(column: str, levels: Sequence[str]) -> SqlCondition:
+    """Returns the SQL condition that the level in a column is one of these, regardless of case."""
+    expression = COMPARED_LEVELS_SQL.get(column, column)
+    is_level = _text_comparison(expression, "=")
+    return SqlCondition("or".join(f"({is_level})" for _ in levels), tuple(levels))
 
 
 def _text_comparison(expression: str, operator: str) -> str:

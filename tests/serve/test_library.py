@@ -13,6 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 from unittest.mock import Mock
 
+from date_searches import FLIGHT_DATES, FOUND_BY_DATE
 from filelock import FileLock, Timeout
 from fleet_rows import flight_row
 from patience import until
@@ -72,6 +73,12 @@ def test_a_search_says_which_value_is_no_number_and_which_no_level():
     assert number == "abc is not a number"
     assert level == "foo is no level: these are good, watch, bad and unknown"
     assert search_problems("MC_ROLL_P<x stage:done") == ["x is not a number"]
+    assert search_problems("motors:bad,foo") == [
+        "foo is no level: these are good, watch, bad and unknown"
+    ]
+    assert search_problems("mc_roll_p<6 BATT_CAPACITY>0") == [
+        "BATT_CAPACITY is not searched: of the parameters, only gains and filters of rate and attitude control are"
+    ]
     (sharing,) = search_problems("sharing:mine")
     assert sharing == "mine is no sharing: these are private, link and public"
 
@@ -185,6 +192,31 @@ def test_the_words_that_the_list_shows_of_a_simulated_or_unnamed_flight_are_foun
 
     assert found("simulated") == found("unnamed px4") == ["sim"]
     assert found("quadrotor") == ["named", "sim"]
+
+    assert found("motors:bad,watch") == []
+    db.execute("update entries set motors = 'watch' where id = 'named'")
+    db.execute("update entries set motors = 'bad' where id = 'sim'")
+    assert found("motors:bad,watch") == ["named", "sim"]
+    assert found("motors:good,Bad") == ["sim"]
+    db.execute("""update entries set gains = '{"MC_ROLLRATE_P": 0.15}' where id = 'named'""")
+    assert found("MC_ROLLRATE_P>0.1") == found("mc_rollrate_p:0.15") == ["named"]
+    assert found("mc_rollrate_p<0.1") == []
+
+
+def test_a_day_month_or_year_of_a_search_is_an_interval():
+    db = sqlite3.connect(":memory:")
+    db.row_factory = sqlite3.Row
+    create_or_update_table(db)
+    for number, date in enumerate(FLIGHT_DATES):
+        insert_entry(db, LibraryEntry(str(number), "a", "", str(number), date=date))
+    for search, numbers in FOUND_BY_DATE.items():
+        condition = search_condition(search)
+        query = f"select id from entries where {condition.expression} order by id"
+        assert [int(row["id"]) for row in db.execute(query, condition.values)] == numbers, search
+    assert search_problems("date<2022-03-09 date:2022") == []
+    assert search_problems("date:9.3.22") == [
+        "9.3.22 is no date: write 2026-05-31, 2026-05 or 2026"
+    ]
 
 
 def test_a_search_by_an_unknown_property_names_the_known_ones():

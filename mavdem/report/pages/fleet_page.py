@@ -179,11 +179,17 @@ def _table_of_scripts(
         "rows": rows,
         "urgencies": [line.urgency for line in lines],
         "lights": [line.light_levels for line in lines],
+        "counted": [line.is_counted and not _is_unused(line) for line in lines],
         "levels": BADGE_LEVELS,
         # In JSON the keys of an object come in the order of the alphabet, and not in that of urgency.
         "healths": [*BADGE_LEVELS],
         "labels": serial_labels,
     }
+
+
+def _is_unused(line: FlightLine) -> bool:
+    """Returns whether a line of the table is of a log without a flight that could be used."""
+    return line.cells[[*COLUMNS].index("health")] == NOT_USED
 
 
 def _cells_with_rated_health(cells: Sequence[str]) -> list[str]:
@@ -489,9 +495,8 @@ def _latest_line(summary: VehicleSummary) -> FlightLine | None:
     Returns:
         The line; None without a flight.
     """
-    health_column = [*COLUMNS].index("health")
     for line in reversed(summary.lines):
-        if line.cells[health_column] != NOT_USED:
+        if not _is_unused(line):
             return line
     return None
 
@@ -667,10 +672,9 @@ def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Leve
     health_column = list(COLUMNS).index("health")
     counts = defaultdict[date, Counter[Level]](Counter)
     for line in lines:
-        health = line.cells[health_column]
-        if line.seconds is not None and health != NOT_USED and line.is_counted:
+        if line.seconds is not None and line.is_counted and not _is_unused(line):
             day = datetime.fromtimestamp(line.seconds, UTC).date()
-            level = BADGE_LEVELS[health]
+            level = BADGE_LEVELS[line.cells[health_column]]
             counts[day][level] += 1
     return counts
 

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from browsing import FITS, HOSTILE
+from date_searches import FLIGHT_DATES, FOUND_BY_DATE
 from fleet_rows import START, fleet_rows, flight_row
 from numpy.testing import assert_allclose
 from pytest import approx, mark
@@ -15,7 +16,7 @@ from pytest import approx, mark
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.fleet.flights import group_into_flights
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import SYSTEM_ID_BASIS, FlightRow
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.chart import LineStyle
 from mavdem.report.charts.vehicle_charts import vehicle_groups
@@ -357,7 +358,7 @@ found.health = cells(3);
 found.count = document.getElementById('count').textContent;
 type('time>280');
 found.longest = cells(times);
-type('colour>45');
+type('colour>45 ATC_RAT_RLL_P>0.1');
 found.unknown = document.getElementById('count').textContent;
 type('motors:unknown');
 found.unknownMotors = document.getElementById('count').textContent;
@@ -386,7 +387,9 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     rows = fleet_rows(1000)
     text = fleet_page(rows)
     table = table_of(text)
-    columns_of_rows = {name: table[name] * 10 for name in ("rows", "urgencies", "lights")}
+    columns_of_rows = {
+        name: table[name] * 10 for name in ("rows", "urgencies", "lights", "counted")
+    }
     large_table = json.dumps(table | columns_of_rows)
     _, shown_by_browser = browser.shown(
         text.replace(json.dumps(table), large_table), SORTED, tmp_path
@@ -397,7 +400,8 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     flight_count = 10 * sum(log[0].has_flight for log in logs)
     unused_count = 10 * len(logs) - flight_count
     assert min(map(float, shown_by_browser["longest"])) > 280
-    assert "Not understood: colour>45." in shown_by_browser["unknown"]
+    assert "Not understood: colour>45, atc_rat_rll_p>0.1." in shown_by_browser["unknown"]
+    assert shown_by_browser["unknown"].endswith("mavdem serve also searches gains")
     assert shown_by_browser["motor"] and shown_by_browser["otherMotor"] == 0
     assert all("motor 3 works harder" in line for line in shown_by_browser["motor"])
     seconds = [log[0].flight_time for log in logs if log[0].is_read]
@@ -436,6 +440,57 @@ def test_each_line_leads_to_the_page_of_its_flight():
     )
     # The table and each chart have it; a flight without a page has no address.
     assert text.count('"pages/') == text.count('"pages/a%20b%231.html"') > 1
+
+
+FINDS = """(() => {
+const found = () => [...document.querySelectorAll('#flights tbody tr[data-at]')].map(row => row.cells[0].title);
+const filter = document.getElementById('filter');
+const search = words => {
+  filter.value = words;
+  filter.dispatchEvent(new Event('input'));
+  return found();
+};
+const click = part => { part.click(); return found().length; };
+const counts = [...document.querySelectorAll('.counts [data-find]')];
+return {
+  dates: Object.fromEntries(SEARCHES.map(words => [words, search(words)])),
+  clicks: Object.fromEntries(counts.map(part => [part.dataset.find, click(part)])),
+};
+})()"""
+"""Files that the page finds by date, and how many flights it finds by each part of the bars of lights."""
+
+
+@mark.slow
+def test_a_date_is_an_interval_and_a_bar_finds_the_flights_that_it_counts(tmp_path, browser):
+    levels = (Level.BAD, Level.BAD, Level.WATCH, Level.GOOD, Level.BAD)
+    flights = []
+    for number, (date, level) in enumerate(zip(FLIGHT_DATES, levels, strict=True)):
+        columns = {"date": datetime.fromisoformat(f"{date}+00:00") if date else None}
+        columns |= {"light_motors": level, "headline": "The motors are fine."}
+        flights.append(flight_row("quad", number, **columns))
+    flights.append(
+        flight_row(
+            "sim",
+            0,
+            light_motors="bad",
+            simulated=1.0,
+            vehicle_basis=SYSTEM_ID_BASIS,
+            health="unknown",
+        )
+    )
+    script = FINDS.replace("SEARCHES", json.dumps([*FOUND_BY_DATE]))
+    text = fleet_page(flights)
+    _, shown_by_browser = browser.shown(text, script, tmp_path)
+    for search, numbers in FOUND_BY_DATE.items():
+        files = {flights[number].file for number in numbers}
+        assert set(shown_by_browser["dates"][search]) - {flights[-1].file} == files, search
+    clicks = shown_by_browser["clicks"]
+    assert clicks["motors:bad counted:yes"] == 3 and clicks["motors:watch counted:yes"] == 1
+    assert clicks["motors:bad,watch counted:yes"] == 4
+    assert clicks["wind:unknown counted:yes"] == 5
+    # A light without a finding has none to show.
+    assert "wind:bad,watch counted:yes" not in clicks
+    assert "<span>wind</span>" in text
 
 
 WHOLE = """(() => {
