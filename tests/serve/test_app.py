@@ -52,8 +52,9 @@ def served(tmp_path):
 
 
 @fixture
-def guarded(tmp_path):
-    """A server with a token."""
+def guarded(tmp_path, monkeypatch):
+    """A server with a token; how late it answers a wrong one has a test of its own."""
+    monkeypatch.setattr("mavdem.serve.rights.WRONG_TOKEN_DELAY", 0.01)
     with serving(tmp_path, TOKEN) as server:
         yield server
 
@@ -617,8 +618,7 @@ def test_pages_of_an_earlier_version_may_run_their_scripts_after_an_upgrade(tmp_
 
 
 @mark.slow
-def test_a_wrong_token_is_said_to_be_wrong_and_the_right_one_may_follow(guarded, monkeypatch):
-    monkeypatch.setattr(Rights, "delay_wrong_token", lambda _: asyncio.sleep(0))
+def test_a_wrong_token_is_said_to_be_wrong_and_the_right_one_may_follow(guarded):
     wrong = guarded.ask("POST", "/enter", "token=another")
     assert wrong.status == 401 and "This is not the token of the server." in wrong.text
     assert 'type="password"' in wrong.text

@@ -25,7 +25,7 @@ from mavdem.motors.motor_changes import MotorChange
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.live_pages import PAGE_SECONDS, SessionPage
 from mavdem.serve.live_server import LiveServer
-from mavdem.serve.rights import WRONG_TOKEN_DELAY, Rights
+from mavdem.serve.rights import Rights
 
 LINK = "udpin:127.0.0.1:14550"
 VIEWER_SCRIPT = b"""
@@ -140,7 +140,9 @@ def test_only_this_machine_is_answered_and_the_port_is_free_at_the_end():
 
 
 @mark.slow
-def test_with_a_token_the_link_that_is_printed_signs_a_browser_in_to_read():
+def test_with_a_token_the_link_that_is_printed_signs_a_browser_in_to_read(monkeypatch):
+    delay = 0.2
+    monkeypatch.setattr("mavdem.serve.rights.WRONG_TOKEN_DELAY", delay)
     rights = Rights("0123456789abcdef", is_local=False)
     with live_server(rights=rights) as server:
         server.report(flying_session(), STATUS)
@@ -155,7 +157,7 @@ def test_with_a_token_the_link_that_is_printed_signs_a_browser_in_to_read():
         started = clock.monotonic()
         status, headers, _ = answer(server, path[:-1] + ("0" if path[-1] != "0" else "1"))
         assert status in (401, 403) and "Set-Cookie" not in headers
-        assert clock.monotonic() - started >= WRONG_TOKEN_DELAY
+        assert clock.monotonic() - started >= delay
 
 
 @mark.slow
