@@ -2,11 +2,13 @@
 
 from collections import deque
 from math import isfinite, nan
+from statistics import fmean
 
 from mavdem.containers import Numbers
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
 from mavdem.facts.watch import WatchFact
+from mavdem.live.carried_weight import CarriedWeight
 from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.lean_watch import LeanWatch
 from mavdem.live.recent_messages import MAX_EVENTS
@@ -21,7 +23,7 @@ class MotorAlarms:
 
     A sequential test finds sudden changes. Flight in which it names no motor is also searched for one that loses thrust
     slowly; that loss is updated as it grows. Shifts of the trims that the lean against the wind may explain are left
-    out, as in a log.
+    out, as in a log. Motors that do not carry the vehicle's weight, as after a touch-down, are not tested.
 
     Attributes:
         latest: the latest changes, also those that are no alarms.
@@ -36,6 +38,8 @@ class MotorAlarms:
         self.change_time = nan
         # The sequential test for a lasting change, which goes on with each sample; None before any of settled flight.
         self._detector: MotorLossDetector | None = None
+        # Whether the motors carry the vehicle's weight: those that run down on the ground are not tested.
+        self._carried_weight = CarriedWeight()
         # Boot, mixer geometry and range of the outputs that it tests.
         self._tested_motors: object = None
         # The search for a slow loss in the same samples, and the loss that it has found, as it was reported.
@@ -154,7 +158,7 @@ class MotorAlarms:
 
         The test (``MotorLossDetector``) looks for a lasting change of the balance, the torque about each axis that the
         commands of the motors make. If one motor explains the change, the alarms on all motors that are weak then
-        become the active ones.
+        become the active ones. A sample in which the motors do not carry the vehicle's weight is left out.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -174,7 +178,10 @@ class MotorAlarms:
             self._detector = MotorLossDetector(motors.geometry, boot)
             self._gradual_watch = GradualLossWatch(motors.geometry, boot)
             self._lean_watch = LeanWatch(motors.geometry)
+            self._carried_weight = CarriedWeight()
             self._tested_motors = tested_motors
+        if not self._carried_weight.is_carried(time, fmean(commands)):
+            return ()
         facts = []
         for change in self._detector.update(time, commands, heading, lean):
             if self._is_part_of_gradual_loss(change):

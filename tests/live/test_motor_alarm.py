@@ -357,6 +357,25 @@ def test_a_shift_of_the_trims_is_reported_in_flight_only_if_lean_does_not_explai
     assert alarms.withdraw_since(32.0) == () and alarms.changes_in_latest_flight == ()
 
 
+def test_the_alarm_of_a_weak_motor_is_not_changed_by_motors_that_run_down_on_the_ground():
+    """A motor is weak from 20 s on; at 40 s the vehicle touches down, and the others run down further than this one."""
+    time = np.arange(420) / 10
+    weak_motor = np.interp(
+        time, [20.0, 20.1, 40.0, 40.1, 40.5, 41.0], [0.0, 0.37, 0.37, 0.2, 0.15, -0.13]
+    )
+    other_motors = np.interp(time, [40.0, 40.2, 40.5], [0.07, -0.2, -0.32])
+    rises = np.stack([weak_motor, other_motors, other_motors, other_motors], axis=1)
+    scale = partial_record(OutputScale, low=0.0, high=1.0)
+    motors = partial_record(MotorOutputs, geometry=geometry(), scale=scale)
+    alarms = MotorAlarms()
+    alarms.begin_flight(0.0, 0)
+    for seconds, commands in zip(time.tolist(), noisy_commands(rises), strict=True):
+        alarms.add_sample(seconds, 0, motors, commands, 0.0)
+    [change] = alarms.latest
+    assert change.is_weak and change.onset_time == approx(20.0, abs=1.0)
+    assert alarms.active == (change.event,)
+
+
 def test_a_slow_loss_is_over_when_the_motor_gives_its_thrust_again_and_not_before():
     """The flight before the loss is out of the two minutes that are searched when the motor recovers."""
     watch = GradualLossWatch(geometry(), 0)
