@@ -179,12 +179,12 @@ def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_l
     ]
     text = plain_text(fleet_blocks(rows))
     assert "1 of 3 vehicles needs a look: lost (it fell); 2 more are to be watched." in text
-    assert "Motors not judged: 3 vehicles, for the reason that each gives." in text
+    assert "Motors not compared between flights: 3 vehicles." in text
     text = plain_text(fleet_blocks(rows[1:2]))
     assert text.startswith(
         "Whether motors drift could not be judged of any vehicle yet; 1 vehicle is"
     )
-    assert "Motors not judged" not in text
+    assert "Motors not compared" not in text
 
 
 def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():

@@ -113,7 +113,7 @@ def fleet_page(
         unused_blocks=blocks[summary_length:],
         vehicles=vehicles,
         bad_unnamed_flights=_bad_unnamed_flights(summaries),
-        unjudged=_move_repeated_summaries(vehicles),
+        unjudged=_move_repeated_reasons(vehicles),
         lights=[*Light],
         not_used=NOT_USED,
         least_urgency=Urgency.WATCH,
@@ -357,6 +357,8 @@ class VehicleSection:
     """What to do next about it; empty where nothing is wrong."""
     summary: str
     """What was found in all its flights; may be empty."""
+    is_compared: bool
+    """Whether its motors were compared between its flights."""
     changes: Sequence[Block] = ()
     """What changed since the baseline."""
     charts: Markup = Markup()
@@ -456,6 +458,7 @@ def _vehicle_section(
         note=_note_on_vehicle(vehicle),
         next_step=vehicle.texts.next_step,
         summary=vehicle.texts.all_flights,
+        is_compared=vehicle.health != UNKNOWN,
     )
 
 
@@ -732,27 +735,28 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
     return sorted(counts, key=bad_and_watched, reverse=True)
 
 
-def _move_repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
-    """Moves summaries that several vehicles have in common from their sections of the page into one table.
+def _move_repeated_reasons(sections: Sequence[VehicleSection]) -> Table:
+    """Counts why the motors of vehicles were not compared between flights, and moves repeated reasons to the table.
 
     Many vehicles of a fleet lack the same thing, such as enough flights to compare, and all their sections would say
     so.
 
     Args:
-        sections: sections of the page, one for each vehicle. This function empties the summary of each section whose
-            summary it moves to the table.
+        sections: sections of the page, one for each vehicle. The summary of a vehicle whose motors were not compared is
+            the reason. This function empties it where several vehicles have the same.
 
     Returns:
-        The table of summaries with the number of vehicles, the most frequent first.
+        The reasons with their numbers of vehicles, the most frequent first. They add up to the vehicles that the
+        summary of the fleet counts. There is none of a single vehicle, whose section has its reason.
     """
-    counts = Counter(section.summary for section in sections if section.summary)
-    rows = []
-    for summary, count in counts.most_common():
-        if count > 1:
-            rows.append([summary, str(count)])
-    for section in sections:
+    uncompared_sections = [section for section in sections if not section.is_compared]
+    counts = Counter(section.summary for section in uncompared_sections)
+    for section in uncompared_sections:
         if counts[section.summary] > 1:
             section.summary = ""
+    rows = []
+    if len(uncompared_sections) > 1:
+        rows = [[reason, str(count)] for reason, count in counts.most_common()]
     return Table(["reason", "vehicles"], rows, words=True)
 
 
