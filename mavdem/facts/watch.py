@@ -42,7 +42,6 @@ class WatchFact(Code):
     STOPPED_IN_AIR = "stopped_in_air"
     FALLS_AT_IDLE = "falls_at_idle"
     SINKS_AT_LIMIT = "sinks_at_limit"
-    GOOD_IN_FLIGHT = "good_in_flight"
     ALARM_OVER = "alarm_over"
     MOTORS_JUST_STOPPED = "motors_just_stopped"
     ARMED_AFTER_LANDING = "armed_after_landing"

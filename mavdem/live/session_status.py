@@ -1107,7 +1107,7 @@ class SessionStatus(ImmutableResult):
             lights: the judgement of each part of the vehicle by this session, by the name of the part.
 
         Returns:
-            The lights of the recording, or of the session where the recording leaves a part unknown; before the
+            The lights of the recording, and bad ones of the session where that leaves a part unknown; before the
             recording is judged, the lights of the session.
         """
         recording_verdict = self.recording_verdict
@@ -1534,29 +1534,24 @@ def _is_event(fact: Fact) -> bool:
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
     """Returns the light (judgement) of one part of the vehicle after the recording of its flight was judged.
 
-    It is the light by the recording, which has all that was received. But a fault that was found in flight stays, and
-    so does what was found in flight of a part that the recording leaves unknown.
+    It is the light by the recording, which has all that was received, as its page and the library have it. But a bad
+    fault that was found in flight stays.
 
     Args:
         recorded_light: the judgement of this part by the recording.
         light_in_flight: the judgement of this part by the checks in flight.
     """
-    if light_in_flight.is_watch_or_bad:
+    if light_in_flight.is_bad:
         return worst_fact([light_in_flight, recorded_light])
-    if recorded_light.level is not Level.UNKNOWN:
-        return recorded_light
-    if light_in_flight.is_good:
-        # This fact also says that the recording does not show it, and why.
-        return Fact(WatchFact.GOOD_IN_FLIGHT, light=light_in_flight, reason=recorded_light)
-    return light_in_flight
+    return recorded_light
 
 
 def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) -> dict[str, Fact]:
     """Returns the lights (judgements of the parts of the vehicle) after the recording of a flight was judged.
 
     Where the recording judges a part, its light takes the place of the light in flight, even one of the same level, so
-    that all figures on the page are those of the recording. Where it leaves a part unknown, the light in flight stays;
-    a good one then also says that the recording does not show it, and why.
+    that all figures on the page are those of the recording. What it leaves unknown is unknown here too, except for a
+    bad fault that was found in flight.
 
     Args:
         lights_in_flight: the judgement of each part by the session, by the name of the part.
@@ -1570,10 +1565,11 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
     lights = {}
     for part, light_in_flight in lights_in_flight.items():
         sentence = sentences.get(part, "")
-        if levels[part] in ("", Level.UNKNOWN):
-            lights[part] = _light_not_recorded(light_in_flight, levels[part], sentence)
-        elif levels[part] == light_in_flight.level and not sentence:
-            # The light in flight says more than a level alone: it has figures.
+        is_bad_in_flight_alone = light_in_flight.is_bad and levels[part] == Level.UNKNOWN
+        # Without a sentence the light in flight says more than the same level alone: it has figures.
+        says_more = levels[part] == light_in_flight.level and not sentence
+        was_not_judged = levels[part] == ""
+        if is_bad_in_flight_alone or says_more or was_not_judged:
             lights[part] = light_in_flight
         else:
             lights[part] = Fact(
@@ -1588,12 +1584,12 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
 def _verdict_by_shown_lights(recording_verdict: Fact, lights: NamedFacts) -> Fact:
     """Returns the verdict of a recording without a fault, so that it counts the lights that are shown beside it.
 
-    A part that the recording leaves unknown may have been judged in flight, and its light shows that. Then the verdict
+    A part that the recording leaves unknown may have been bad in flight, and its light shows that. Then the verdict
     states what these lights show, instead of the sentence by the recording alone.
 
     Args:
         recording_verdict: the library's judgement of the recording, with the level of each part as ``levels``.
-        lights: the lights of the flight by the recording, or in flight where that leaves a part unknown, by name.
+        lights: the lights of the flight by the recording, or a bad one in flight where that leaves a part unknown.
 
     Returns:
         The verdict, with the level and the figure ``shown`` of the lights' headline. It is unchanged if it states a
@@ -1608,24 +1604,6 @@ def _verdict_by_shown_lights(recording_verdict: Fact, lights: NamedFacts) -> Fac
     bad_lights = [lights[name] for name in VEHICLE_LIGHTS if lights[name].is_bad]
     headline = bad_lights[0] if bad_lights else headline_by_lights(lights)
     return recording_verdict.replace(headline.level, shown=headline)
-
-
-def _light_not_recorded(light_in_flight: Fact, recorded_level: str, sentence: str) -> Fact:
-    """Returns the light of a part of the vehicle that the recording of the flight leaves unknown.
-
-    It is the light in flight. A good one is extended by why the recording does not show the part, since the headline of
-    the recording counts it as unknown.
-
-    Args:
-        light_in_flight: the judgement of the part by the session.
-        recorded_level: "unknown"; empty if the recording was not judged in this respect.
-        sentence: why the recording does not show the part; empty if that was not stored.
-    """
-    is_stated_unknown = recorded_level == Level.UNKNOWN and sentence != ""
-    if not light_in_flight.is_good or not is_stated_unknown:
-        return light_in_flight
-    unknown = Fact(SessionFact.LIGHT_OF_RECORDING, Level.UNKNOWN, statement=sentence)
-    return Fact(WatchFact.GOOD_IN_FLIGHT, light=light_in_flight, reason=unknown)
 
 
 def _judgement_with_bad_lights(judgement: Judgement) -> Judgement:

@@ -138,8 +138,7 @@ class LightRow(NamedTuple):
 def _wrapped_light(light: Fact) -> Fact:
     """Returns the fact about a part of the vehicle that a light of a live flight wraps, or the light itself.
 
-    Two kinds of lights only say when something was so, and have the fact itself as a figure: a light that was good in
-    flight, and an alarm that is over.
+    The light of an alarm that is over only says when it was, and has the fault itself as a figure.
 
     Args:
         light: the judgement of one part of the vehicle, a fact (a coded finding) with a level.
@@ -148,8 +147,6 @@ def _wrapped_light(light: Fact) -> Fact:
         The wrapped fact. That of an alarm, which says which part is meant, such as the motor, has the level of the
         light, and its time if it has none itself.
     """
-    if light.code is WatchFact.GOOD_IN_FLIGHT:
-        light = light.figures["light"]
     if light.code is WatchFact.ALARM_OVER:
         alarm = cause_of_alarm(light)
         alarm_time = light.time if alarm.time is None else alarm.time
