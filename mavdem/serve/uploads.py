@@ -13,7 +13,8 @@ from starlette.requests import Request as HttpRequest
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.sources import SourceFact
-from mavdem.ingest.contents import MAX_LOG_BYTES
+from mavdem.ingest.contents import MAX_LOG_BYTES, file_beginning
+from mavdem.ingest.dataflash.definitions import has_dataflash_messages
 from mavdem.ingest.formats import detect_format
 from mavdem.ingest.tlog import check_beginning
 from mavdem.log_formats import FORMAT_OF_ENDING, Format
@@ -169,6 +170,9 @@ def require_log_file(path: Path, name: str) -> None:
         except Unreadable:
             # The file was checked for the first bytes of the format that its name has, too.
             match FORMAT_OF_ENDING.get(Path(name.lower()).suffix):
+                case Format.DATAFLASH if has_dataflash_messages(file_beginning(path)):
+                    # Its definitions are missing, which the reading of the whole file reports.
+                    return
                 case Format.DATAFLASH:
                     raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
                 case Format.ULOG:

@@ -160,6 +160,24 @@ def parse_definition(values: FormatFields) -> NumberedDefinition | None:
     return NumberedDefinition(values.message_id, definition)
 
 
+def are_messages(marker_count: int, size: int) -> bool:
+    """Returns whether markers of messages are too frequent for chance, so that bytes are messages of a DataFlash log.
+
+    In random data the two bytes of a marker would occur once in 65536 bytes, not at least once in every
+    ``MAX_MESSAGE_BYTES``.
+
+    Args:
+        marker_count: number of markers found.
+        size: number of bytes that were searched.
+    """
+    return marker_count * MAX_MESSAGE_BYTES > size
+
+
+def has_dataflash_messages(beginning: bytes) -> bool:
+    """Returns whether the beginning of a file has messages of a DataFlash log, defined or not."""
+    return are_messages(beginning.count(MARKER), len(beginning))
+
+
 def _padded_text(value: bytes) -> str:
     """Returns a text without the zeros that fill its field, and without spaces around it."""
     text, _, _ = value.partition(b"\0")

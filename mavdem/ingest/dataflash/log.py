@@ -21,7 +21,7 @@ from mavdem.ingest.dataflash.clock import (
     on_boot_clock,
     stamps_of_table,
 )
-from mavdem.ingest.dataflash.definitions import MAX_MESSAGE_BYTES
+from mavdem.ingest.dataflash.definitions import are_messages
 from mavdem.ingest.dataflash.recording import DataflashRecording, MessageTable, usable_fields
 from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
 from mavdem.ingest.dataflash.sensors import STATUS_3D_FIX
@@ -260,11 +260,9 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
     if is_of_px4:
         return Unreadable(SourceFact.PX4_LOG_BEFORE_ULOG, path=source)
     names = sorted(recording.counts)
-    # Messages without a definition count as skipped bytes, and are recognised by their marker. In random data its two
-    # bytes would occur once in 65536 bytes, not at least once in every ``MAX_MESSAGE_BYTES``.
+    # Messages without a definition count as skipped bytes, and are recognised by their marker.
     undefined_count = recording.undefined_messages
-    are_real_messages = undefined_count * MAX_MESSAGE_BYTES > recording.bytes_skipped
-    if are_real_messages and undefined_count > len(names):
+    if are_messages(undefined_count, recording.bytes_skipped) and undefined_count > len(names):
         return Unreadable(
             SourceFact.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined_count
         )
