@@ -96,7 +96,9 @@ class GainAdviser:
             path=str(self._recording),
         )
 
-    def update(self, vehicle: str, *, is_busy: bool, is_at_end: bool) -> Facts:
+    def update(
+        self, vehicle: str, *, is_busy: bool, is_at_end: bool, thrust_loss: Fact | None = None
+    ) -> Facts:
         """Begins to compute advice that is due, and returns advice that is ready; it is called once a second.
 
         It waits for advice only at the end of the session, for ``MAX_WAIT_SECONDS`` at most.
@@ -105,6 +107,7 @@ class GainAdviser:
             vehicle: "system:component".
             is_busy: whether the computer has no time for advice; then it is put off, except at the end.
             is_at_end: whether the session ends, so that the call must wait for advice that is not ready.
+            thrust_loss: the loss of thrust of a motor that was found in the flight; None for none.
 
         Returns:
             The facts of the advice, once, when it is ready; the fact that it is put off; otherwise nothing. The
@@ -119,7 +122,7 @@ class GainAdviser:
             if is_at_end:
                 # No sample waits for a core any more, and on a busy computer low priority would take too long.
                 niceness = NORMAL_PRIORITY
-            self._start_computation(vehicle, niceness)
+            self._start_computation(vehicle, thrust_loss, niceness)
         if self._pending is None:
             # No advice is being computed.
             return ()
@@ -131,19 +134,20 @@ class GainAdviser:
         self.close()
         return self.facts
 
-    def _start_computation(self, vehicle: str, niceness: int) -> None:
+    def _start_computation(self, vehicle: str, thrust_loss: Fact | None, niceness: int) -> None:
         """Starts the computation of advice in a new process; it is no longer due.
 
         Advice that is still being computed is given up: it lacks the latest flight.
 
         Args:
             vehicle: "system:component".
+            thrust_loss: the loss of thrust of a motor that was found in the flight; None for none.
             niceness: priority of the process, 0 for normal.
         """
         self.is_due = False
         self.close()
         executor = self._process.enter_context(self._start_executor(niceness))
-        self._pending = executor.submit(advise_gains, self._recording, vehicle)
+        self._pending = executor.submit(advise_gains, self._recording, vehicle, thrust_loss)
 
     def _awaited_result(self, pending: Future[GainAdvice]) -> GainAdvice:
         """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it.
@@ -172,7 +176,7 @@ class GainAdviser:
         self._process.close()
 
 
-def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
+def advise_gains(recording: Path, vehicle: str, thrust_loss: Fact | None = None) -> GainAdvice:
     """Advises gains for all axes from the latest flight of a recording, and writes them to files next to it.
 
     The gains are those of ``mavdem tune`` on a recording of that flight alone.
@@ -180,6 +184,8 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     Args:
         recording: the recording, which may still grow.
         vehicle: "system:component" of the vehicle in it.
+        thrust_loss: the loss of thrust of a motor that was found in the flight, even if the recording is too short to
+            show it; None for none. No gains are advised with it, since those of a sound vehicle are not known.
 
     Returns:
         The judgement of the vehicle, and facts: the new gains of each axis, their effect in a simulation of the vehicle
@@ -194,6 +200,9 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
         return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=_decisive_reason(error.fact)),))
+    if thrust_loss is not None:
+        gains_left = Fact(GainFact.GAINS_LEFT, reason=thrust_loss)
+        return GainAdvice((gains_left,), assessment.judgement)
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     tuning = tune_loops(assessment, AXES, is_written=True)

@@ -15,7 +15,12 @@ from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.motors.balance import MAX_GAP
 from mavdem.motors.balance_blocks import UNKNOWN_LEAN
 from mavdem.motors.loss_detection import REFERENCE_SECONDS, MotorLossDetector
-from mavdem.motors.motor_changes import MIN_REPORTED_GROWTH, MotorChange, is_much_larger
+from mavdem.motors.motor_changes import (
+    MIN_REPORTED_GROWTH,
+    MotorChange,
+    is_much_larger,
+    thrust_losses,
+)
 
 
 class MotorAlarms:
@@ -135,6 +140,14 @@ class MotorAlarms:
             if is_in_flight:
                 changes_of_flight.append(change)
         return tuple(changes_of_flight)
+
+    @property
+    def lasting_thrust_loss(self) -> Fact | None:
+        """The worst loss of thrust of a motor in the latest flight that has not ended; None without one."""
+        for loss in thrust_losses(self.changes_in_latest_flight):
+            if loss.is_bad:
+                return loss
+        return None
 
     @property
     def weak_since(self) -> float | None:

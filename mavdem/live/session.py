@@ -990,7 +990,12 @@ class LiveSession:
             return
         if is_at_end:
             self._announce_final_advice(adviser)
-        advice = adviser.update(vehicle.name, is_busy=self.backlog.is_late, is_at_end=is_at_end)
+        advice = adviser.update(
+            vehicle.name,
+            is_busy=self.backlog.is_late,
+            is_at_end=is_at_end,
+            thrust_loss=self.stream.motor_alarms.lasting_thrust_loss,
+        )
         is_of_latest_flight = self._recorded_flight == self.stream.flight_number
         if not is_of_latest_flight:
             # Another flight has begun meanwhile, whose pilot must not take this advice for advice on that flight. After

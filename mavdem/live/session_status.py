@@ -411,7 +411,7 @@ class SessionStatus(ImmutableResult):
         if link_loss is not None:
             # What was found before, such as a weak motor, is the figure "cause" of this fact.
             lights_to_show = self._lights_with_recording(judgement.lights)
-            return _judgement_from_headline(link_loss, lights_to_show)
+            return _judgement_of_lost_link(link_loss, lights_to_show)
         if self._is_left_in_air:
             return self._judgement_of_vehicle_left_in_air(judgement)
         uncertainty = self._uncertainty_after_landing
@@ -1652,3 +1652,21 @@ def _judgement_from_headline(headline: Fact, lights: NamedFacts) -> Judgement:
         lights: the fact on each part of the vehicle, by the name of the part.
     """
     return Judgement(headline, choose_next_step(headline, lights, model_step=None), lights)
+
+
+def _judgement_of_lost_link(link_loss: Fact, lights: NamedFacts) -> Judgement:
+    """Returns the judgement after a session whose link was lost in flight: to search, and to repair what failed before.
+
+    Args:
+        link_loss: the fact that the link was lost, with the fault that was found before as its ``cause``; None there
+            for none.
+        lights: the fact on each part of the vehicle, by the name of the part.
+    """
+    judgement = _judgement_from_headline(link_loss, lights)
+    fault_before = cause_of_alarm(link_loss)
+    step = judgement.next_step
+    is_advised_already = fault_before in step.figures["also"]
+    if fault_before == link_loss or is_advised_already:
+        return judgement
+    search_and_repair = link_loss.replace(repair=fault_before)
+    return replace(judgement, next_step=step.replace(reason=search_and_repair))

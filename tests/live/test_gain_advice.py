@@ -15,11 +15,12 @@ from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import unjudged
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.dem.parallel import LOW_PRIORITY
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact, TwinFact
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import RecordingState
 from mavdem.ingest import read_log
 from mavdem.live.gain_advice import (
@@ -98,6 +99,11 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     assert judgement.lights[Light.MARGINS].code is not MarginsLight.LOOP_MARGINS
     assert left.code is GainFact.GAINS_LEFT and "needs 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
+    # A motor that was found weak in flight withholds gains, also where the recording ends too soon to show it.
+    weak = Fact(MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 3", loss=(0.1, 0.3))
+    weak = weak.replace(time=48.0, rise=0.19, probability=0.99, assumed=False, boot=0)
+    ((withheld,), _) = advise_gains(recording, "1:1", weak)
+    assert withheld.sentence.startswith("No gains are advised: motor 3 lost 10 to 30 %")
 
 
 def test_a_decision_among_the_events_names_its_axis():
