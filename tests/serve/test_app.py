@@ -234,7 +234,7 @@ def test_a_flight_is_changed_found_and_deleted(served):
             "mode:loiter one",
             "motors:watch",
             "MC_ROLL_P>6",
-            "date>2026-11",
+            "date>=2026-11",
         )
     ] == [1, 1, 1, 2, 2, 2]
     served.library.change(id, motor=3, wind_speed=4.5)

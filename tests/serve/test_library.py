@@ -555,6 +555,13 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
     with serving(tmp_path) as server:
         assert '<a href="/vehicles">Vehicles (2)</a>' in server.get("/").text
         page = server.get("/vehicles").text
+        page_of_vehicle = server.get(f"/vehicle?name={serial}").text
+    # The page of the vehicle states the motor once.
+    page_of_vehicle = page_of_vehicle.replace("\N{NO-BREAK SPACE}", " ")
+    blocks = page_of_vehicle.partition('<section class="blocks">')[2].partition("</section>")[0]
+    assert "<strong>Motor 1 lost about 25 % of its thrust (20 to 29 %).</strong>" in blocks
+    assert "Why:" not in blocks and "probability" not in blocks
+    assert blocks.count("Motor 1 lost") == 1
     assert ">Hexarotor 001a…\N{WORD JOINER}333539</a>" in page and f'title="{serial}"' in page
     assert '<td data-label="flights">2</td>' in page
     # An anomaly of the motors is stated as on the flight's page.

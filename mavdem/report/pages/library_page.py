@@ -361,24 +361,20 @@ def vehicle_page(
         texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
         level = Level.UNKNOWN
     changes = [*changes]
-    if texts.reason and texts.reason in plain_text(changes):
-        # The changes state why the motors are judged so.
-        texts = vehicle_texts(flights, has_reason=False)
     charts: list[Group] = []
     if len(flights) > 1:
         addresses = _addresses_of_flights(flights, values.get("entries", ()))
         charts = vehicle_groups(flights, addresses, healthy_logs)
     headline = _vehicle_headline(flights, texts)
-    if texts.reason and texts.reason in headline:
+    if texts.reason:
+        if texts.reason in plain_text(changes):
+            # The changes below have the evidence.
+            headline = listed_headline(headline)
         # The headline states why the motors are judged so.
         texts = vehicle_texts(flights, has_reason=False)
-    short_headline = listed_headline(headline)
-    is_in_changes = texts.reason != "" and texts.reason in plain_text(changes)
-    details = "" if is_in_changes or short_headline == headline else headline
     return render_server_page(
         "vehicle",
-        latest_flight=short_headline,
-        details=details,
+        headline=headline,
         level=level,
         words=texts.all_flights,
         next_step=texts.next_step,

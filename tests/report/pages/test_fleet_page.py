@@ -114,7 +114,7 @@ def test_a_lost_flight_without_figures_needs_a_look():
     assert "1 of 1 vehicle needs a look: quad (" in text
     assert "Lost at 70.9 s." in parts(text)["quad"]
     assert (
-        "Not compared with other flights: No settled flight." in text
+        "Not compared with other flights. No settled flight." in text
         and "Their logs allow no figures (1)." in text
     )
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
@@ -335,10 +335,10 @@ def test_a_serial_number_stands_behind_the_frame_and_a_repeated_sentence_once_wi
     assert f'<b title="{serial}">Quadrotor 001a…333539</b>' in text
     assert '<small class="soft serial">0000.ulg</small>' in text
     sections = "".join(re.findall(r'<details class="vehicle".*?</details>', text, re.DOTALL))
-    assert sections.count("Not compared with other flights: It fell.") == 1
+    assert sections.count("Not compared with other flights. It fell.") == 1
     assert "Too few flights" not in sections
     # The vehicles of all reasons add up to those that the summary counts.
-    reasons = re.findall(r"Not compared with other flights: ([^<]*)</td><td[^>]*>(\d)</td>", text)
+    reasons = re.findall(r"Not compared with other flights. ([^<]*)</td><td[^>]*>(\d)</td>", text)
     assert reasons == [("Too few flights.", "3"), ("It fell.", "1")]
     assert "Motors not compared between flights:</strong> 4 vehicles." in text
     assert ">No drift and no fault in 1 flight that could be judged.</td>" not in text
