@@ -18,6 +18,7 @@ from mavdem.fleet.comparability import (
     incomparability_reason,
     missing_quantities,
 )
+from mavdem.fleet.effort_difference import effort_difference
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
 from mavdem.fleet.flights import Flights, group_by_vehicle, group_into_flights, log_row
 from mavdem.fleet.parameter_changes import (
@@ -44,6 +45,7 @@ from mavdem.fleet.random_effects import (
 )
 from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.trims_without_lean import trims_without_lean
+from mavdem.motors.effort import EffortChange
 
 Value = TypeVar("Value")
 
@@ -99,6 +101,9 @@ class VehicleDifference(NamedTuple):
 
     spins: tuple[int, ...] = ()
     """Direction of each motor, +1 counter-clockwise seen from above; empty where not known, or not the same in both."""
+
+    effort: EffortChange | None = None
+    """Change of the mean motor output at equal voltage; None where not comparable, as of two vehicles."""
 
     has_other_frame: bool = False
     """Whether the states have other frames or autopilots, as far as their logs name them."""
@@ -217,8 +222,11 @@ def vehicle_difference(
             allowance = condition_allowance(quantity.kind, conditions_before, conditions_after)
             changes.append(quantity_change(quantity, values_before, values_after, allowance))
 
+    effort = None
     if _vehicle_names(flights_before) == _vehicle_names(flights_after):
         changes = _with_changes_without_lean(changes, flights_before, flights_after)
+        if SHARE in comparable_kinds:
+            effort = effort_difference(flights_before, flights_after, parameters)
 
     first_rows = [log_row(flight) for flights in states for flight in flights]
     motors = next((row.motors for row in first_rows if row.motors), ())
@@ -239,6 +247,7 @@ def vehicle_difference(
         axes_with_other_gains=axes,
         axes_with_other_attitude_gains=attitude_axes,
         spins=_common_spins(first_rows),
+        effort=effort,
         has_other_frame=has_other_frame(states),
     )
 

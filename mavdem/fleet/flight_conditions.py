@@ -111,7 +111,7 @@ def mean_conditions(flights: Flights) -> Conditions:
     for flight in flights:
         axis_rows += flight
     return Conditions(
-        voltage=_mean_of_known(_measured_voltage(row) for row in flight_rows),
+        voltage=_mean_of_known(measured_voltage(row) for row in flight_rows),
         collective=_mean_of_known(row.collective for row in flight_rows),
         lean_roll=_mean_of_known(row.lean_roll for row in flight_rows),
         lean_pitch=_mean_of_known(row.lean_pitch for row in flight_rows),
@@ -180,7 +180,7 @@ def _largest_vibration(row: FlightRow) -> float | None:
     return max(row.vibration)
 
 
-def _measured_voltage(row: FlightRow) -> float | None:
+def measured_voltage(row: FlightRow) -> float | None:
     """Returns the mean voltage of a flight's battery, if it was measured.
 
     A voltage that never changes is a constant that the autopilot reports without a sensor. Flights cannot be compared

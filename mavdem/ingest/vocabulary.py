@@ -115,6 +115,11 @@ AXIS_RATE_LOOP_PARAMETERS = re.compile(
 )
 """Names of the gains and filters of one axis' rate loop: no limits, and no gains from attitude to rate."""
 
+OUTPUT_RANGE_PARAMETERS = re.compile(
+    r"(SERVO\d+|MOT_SPIN|MOT_PWM)_(MIN|MAX)$|PWM_(MAIN|AUX)_(MIN|MAX)\d+$|MOT_THST_MAX$|THR_MIN$"
+)
+"""Names of the parameters that set the range of the motor outputs, of which an output is a fraction."""
+
 RATE_PID_GAINS = re.compile(r"(ATC_RAT|RATE)_(RLL|PIT|YAW)_[PID]$|MC_(ROLL|PITCH|YAW)RATE_[PIDK]$")
 """Names of the gains of rate control on all axes."""
 

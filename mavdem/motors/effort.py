@@ -6,12 +6,14 @@ the payload, in thinner air, and with propellers that give less thrust. Which of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import student_t_log_density
+from mavdem.confidence import coverage_factor, student_t_log_density
+from mavdem.containers import Numbers
 from mavdem.motors.change_hypotheses import PERSISTENCE, student_t_mixture
 from mavdem.motors.deviation import PRIOR_BALANCE_FREEDOM
 from mavdem.motors.healthy_flights import MIN_HEALTHY_FLIGHTS, HealthFigures, HealthFlights
@@ -38,17 +40,14 @@ class EffortChange(NamedTuple):
     """Probability that the effort changed at all, 0 to 1."""
     posterior: Array
     """(1 + s,) posterior probabilities of no change, then of changes of s sizes."""
+    interval: Numbers
+    """Both ends of the 90 % interval of the change, as fractions, without regard to the prior of a change."""
 
 
 def effort_change(
     flight: HealthFigures, healthy: HealthFlights, previous: EffortChange | None
 ) -> EffortChange | None:
     """Estimates whether and by how much the effort of a flight differs from the effort of healthy flights.
-
-    The effort is the mean motor output times the battery voltage. Its logarithm is normal over healthy flights, with a
-    variance pooled from their scatter and a prior. So without a change the logarithm of the flight's effort follows
-    Student's t distribution. The prior of a change is a mixture of normal distributions of s sizes, and Bayes' rule
-    gives the probability of each size and of no change.
 
     Args:
         flight: The flight.
@@ -65,16 +64,36 @@ def effort_change(
     ]
     if flight.effort is None or len(healthy_efforts) < MIN_HEALTHY_FLIGHTS:
         return None
-    log_efforts = np.log(healthy_efforts)
-    count = len(log_efforts)
-    centre = log_efforts.mean()
-    squares = ((log_efforts - centre) ** 2).sum()
+    return change_between_efforts(healthy_efforts, [flight.effort], previous)
+
+
+def change_between_efforts(
+    before: Sequence[float], after: Sequence[float], previous: EffortChange | None = None
+) -> EffortChange:
+    """Estimates whether and by how much the effort of flights differs from that of other flights of the vehicle.
+
+    The effort is the mean motor output times the battery voltage. Its logarithm is normal over flights of an unchanged
+    vehicle, with a variance pooled from their scatter and a prior. So without a change the difference of the mean
+    logarithms follows Student's t distribution. The prior of a change is a mixture of normal distributions of s sizes,
+    and Bayes' rule gives the probability of each size and of no change.
+
+    Args:
+        before: Efforts of the flights to compare with, V; at least one.
+        after: Efforts of the flights that may have changed, V; at least one.
+        previous: Result of the vehicle's flight before ``after``; None without one.
+
+    Returns:
+        The relative change with its interval, and the probability that anything changed.
+    """
+    logs_before, logs_after = np.log(before), np.log(after)
+    squares = ((logs_before - logs_before.mean()) ** 2).sum()
+    squares += ((logs_after - logs_after.mean()) ** 2).sum()
     # The prior counts like ``PRIOR_BALANCE_FREEDOM`` further flights.
-    freedom = PRIOR_BALANCE_FREEDOM + count - 1
+    freedom = PRIOR_BALANCE_FREEDOM + len(before) + len(after) - 2
     variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_EFFORT_SD**2 + squares) / freedom
-    # The scatter of the flight, and the error of the mean of the healthy ones.
-    variance = variance_between * (1 + 1 / count)
-    log_change = np.log(flight.effort) - centre
+    # The errors of both means.
+    variance = variance_between * (1 / len(before) + 1 / len(after))
+    log_change = logs_after.mean() - logs_before.mean()
 
     mixture = student_t_mixture(CHANGE_SCALE)
     prior = np.append(1 - PRIOR_CHANGE_PROBABILITY, PRIOR_CHANGE_PROBABILITY * mixture.weights)
@@ -86,4 +105,13 @@ def effort_change(
     likelihood = np.exp(student_t_log_density(log_change / scale, freedom))
     posterior = prior * likelihood / scale
     posterior /= posterior.sum()
-    return EffortChange(np.expm1(log_change), 1 - posterior[0], posterior)
+    half_width = coverage_factor(freedom=freedom) * np.sqrt(variance)
+    return EffortChange(
+        float(np.expm1(log_change)),
+        probability=float(1 - posterior[0]),
+        posterior=posterior,
+        interval=(
+            float(np.expm1(log_change - half_width)),
+            float(np.expm1(log_change + half_width)),
+        ),
+    )

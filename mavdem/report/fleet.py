@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import MotorHealth
+from mavdem.facts.motors import MotorHealth, MotorsBetween
 from mavdem.facts.urgency import Urgency, urgency_of_headline
 from mavdem.facts.vehicle import (
     autopilot_of_system_id_name,
@@ -408,6 +408,8 @@ def motor_next_step(row: FlightRow) -> list[Sentence]:
     Args:
         row: row of a flight whose motors have a fault or a drift, with the number of the suspected motor if any is.
     """
+    if row.health_code == MotorsBetween.EFFORT_CHANGED:
+        return render_section("effort_next")
     motor = suspected_motor(row)
     # A suspected motor gives less thrust than in other flights. Without one, the step is about all motors and the load.
     is_weaker = bool(motor)

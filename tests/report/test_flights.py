@@ -336,7 +336,7 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     )
     assert "By the changed gains: what stands above. Settings of the control of roll and" in also
     assert "phase margin on pitch 57" not in also
-    assert "0.1 → 0.2; by them phase margin on pitch 57 → 17°" in headline
+    assert "0.1 → 0.2 (+100 %); by them phase margin on pitch 57 → 17°" in headline
     assert "No compared figure changed, but for what other gains explain." in headline
     assert "Doubtful" not in plain_text(
         difference_blocks(reviewed_difference(difference, parameters=gains))

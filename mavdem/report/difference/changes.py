@@ -243,7 +243,7 @@ def result_sentences(
     reviewed: ReviewedDifference,
     changes: Sequence[QuantityChange],
     *,
-    has_watched_light: bool = False,
+    has_difference_above: bool = False,
 ) -> list[Sentence]:
     """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
 
@@ -254,8 +254,8 @@ def result_sentences(
     Args:
         reviewed: comparison of two states, quantity by quantity.
         changes: the changed quantities, the most relevant first, without those that are evidence for a weak motor.
-        has_watched_light: whether the sentences before say that a status light differs: a change of a quantity is then
-            called a further one.
+        has_difference_above: whether the sentences before say that a status light or the output of all motors differs:
+            a change of a quantity is then called a further one.
     """
     difference = reviewed.difference
     causes = changes_by_cause(difference, changes)
@@ -307,7 +307,7 @@ def result_sentences(
         has_changes_by_gains=bool(causes.by_gains),
         has_bad_light=bool(bad_lights(reviewed.reviews)),
         has_motor_difference=reviewed.motors.differs,
-        has_watched_light=has_watched_light,
+        has_difference_above=has_difference_above,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
 

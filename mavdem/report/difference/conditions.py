@@ -23,8 +23,9 @@ from mavdem.report.templates import rounded_up
 
 BATTERY = "battery"
 MOTOR_OUTPUT = "mean motor output"
+OUTPUT_AT_EQUAL_VOLTAGE = "mean output at equal voltage"
 WIND = "wind"
-BRIEF_CONDITIONS = (BATTERY, MOTOR_OUTPUT, WIND)
+BRIEF_CONDITIONS = (BATTERY, MOTOR_OUTPUT, OUTPUT_AT_EQUAL_VOLTAGE, WIND)
 """Names of the conditions that a terminal has room for: those that change the figures of a vehicle most."""
 
 
@@ -107,6 +108,7 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
     rows = [
         ConditionRow(BATTERY, "V", voltages),
         ConditionRow(MOTOR_OUTPUT, "%", motor_outputs),
+        *effort_rows(reviewed),
         *wind_rows(reviewed),
         ConditionRow("mean roll and pitch", "°", (_lean_cell(before), _lean_cell(after))),
     ]
@@ -119,6 +121,22 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
             rows.append(ConditionRow(f"wind torque on {axis}", "°/s²", cells))
     rows += vibration_rows(reviewed)
     return [row for row in rows if row.is_known]
+
+
+def effort_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
+    """Returns the row of the mean motor output at equal battery voltage, relative to that in A.
+
+    Args:
+        reviewed: comparison of two states.
+
+    Returns:
+        A list with the row; empty where output or voltage is not known, and of two vehicles.
+    """
+    effort = reviewed.difference.effort
+    if effort is None or reviewed.are_two_vehicles:
+        return []
+    cells = ("100", f"{100 * (1 + effort.relative_change):.1f}")
+    return [ConditionRow(OUTPUT_AT_EQUAL_VOLTAGE, "% of A", cells)]
 
 
 def wind_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:

@@ -26,6 +26,7 @@ from mavdem.report.difference.changes import (
     changes_by_relevance,
     result_sentences,
 )
+from mavdem.report.difference.effort import effort_sentences
 from mavdem.report.difference.flight_cautions import mixed_sides
 from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.lights import (
@@ -80,8 +81,8 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
        where both sides warn of different motors, or one side does and the other does not. Figures of the motor that it
        names are its evidence, and no result of their own.
-    3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one. If
-       the trims of all motors are those of another yaw trim, that is named too.
+    3. Whether all motors work harder, and whether compared figures changed. One change is named: of a loop with a bad
+       margin, or else the surest one. If the trims of all motors are those of another yaw trim, that is named too.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
     5. The other lights of the vehicle that are to be watched on one side, and good on the other.
 
@@ -114,7 +115,9 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed, changes, bad_axes | changed_axes, light_sentences
     )
     watched = sentences_on_watched_lights(reviewed.reviews)
-    result = result_sentences(reviewed, changes, has_watched_light=bool(watched))
+    effort = effort_sentences(reviewed)
+    has_difference_above = bool(watched or effort)
+    result = effort + result_sentences(reviewed, changes, has_difference_above=has_difference_above)
     result += yaw_trim_sentences(reviewed)
     sentences: list[Sentence] = []
     if reviewed.are_two_vehicles:

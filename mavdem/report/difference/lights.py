@@ -1,5 +1,6 @@
 """The status lights of two logs side by side: which are bad or differ, and why."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -10,7 +11,7 @@ from mavdem.facts import Level
 from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
-from mavdem.report.blocks import Blocks, Rated, Sentence, Table, shortened
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.difference.side_titles import side_title
 from mavdem.report.numbers import rounded
 from mavdem.report.templates import (
@@ -33,7 +34,10 @@ LEVELS_WORST_FIRST = (*WARNING_LEVELS, Level.GOOD, Level.UNKNOWN)
 """All levels in the order in which a cell of several flights names them: what was not judged comes last."""
 
 MAX_HEADING_LENGTH = 90
-"""Letters from which on a heading leaves out remarks in brackets, and then all after a clause: a choice, two lines."""
+"""Letters from which on a heading omits figures in brackets, and then all after a semicolon: a choice, two lines."""
+
+FIGURES_IN_BRACKETS = re.compile(r" \((?!probability)[^()]*\d[^()]*\)")
+"""Figures in brackets, such as an interval; a probability decides how the heading is meant, and stays."""
 
 
 class LightReason(NamedTuple):
@@ -255,10 +259,23 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
             sides_by_sentence.setdefault(light["sentence"], []).append(side)
     headings = list[Sentence]()
     for sentence, sides in sides_by_sentence.items():
-        clause = as_clause(first_clause(first_sentence(sentence)))
-        clause = shortened(clause, MAX_HEADING_LENGTH)
+        clause = _heading_clause(sentence)
         headings += render_section("difference_answer", sides=sides, clause=clause)
     return " ".join(heading.text for heading in headings)
+
+
+def _heading_clause(sentence: str) -> str:
+    """Returns what the sentence of a light warns of, as a clause that is never cut within itself.
+
+    Args:
+        sentence: sentence of the light.
+    """
+    clause = as_clause(first_clause(first_sentence(sentence)))
+    if len(clause) > MAX_HEADING_LENGTH:
+        clause = FIGURES_IN_BRACKETS.sub("", clause)
+    if len(clause) > MAX_HEADING_LENGTH:
+        clause, _, _ = clause.partition("; ")
+    return clause
 
 
 def vibrations_of_same_imu(

@@ -15,6 +15,7 @@ from mavdem.report.difference.changes import (
     changes_by_relevance,
     doubtful_changes,
 )
+from mavdem.report.difference.effort import effort_steps
 from mavdem.report.difference.lights import (
     BadLight,
     bad_lights,
@@ -40,7 +41,8 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
     5. A quantity changed that new gains do not explain: to check the part that this points to.
     6. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
        motors together does not exclude, and to fly again.
-    7. Otherwise: no step.
+    7. All motors perhaps work harder or less hard: to check the load, then the propellers.
+    8. Otherwise: no step.
 
     Args:
         reviewed: comparison of two states, beside the reviews of both logs.
@@ -69,7 +71,7 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
         if not reviewed.motors.takes_precedence_over(change):
             doubtful.append(change)
     if not doubtful:
-        return []
+        return effort_steps(reviewed)
     motor = ""
     for change in doubtful:
         # The changes are sorted: the most certain one of those that show a weaker motor counts.

@@ -6,7 +6,11 @@ from collections.abc import Sequence
 from mavdem.containers import group_by
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
-from mavdem.ingest.vocabulary import ATTITUDE_GAIN, AXIS_RATE_LOOP_PARAMETERS
+from mavdem.ingest.vocabulary import (
+    ATTITUDE_GAIN,
+    AXIS_RATE_LOOP_PARAMETERS,
+    OUTPUT_RANGE_PARAMETERS,
+)
 from mavdem.report.templates import render_section
 
 RATE_LOOP = "rate loop"
@@ -19,9 +23,7 @@ PARAMETER_GROUPS = {
     "gyro filter": re.compile("INS_GYRO_FILTER$|IMU_D?GYRO_CUTOFF$|MC_DTERM_CUTOFF$"),
     "notch filters": re.compile(r"INS_(HNTC|NOTCH)|FILT\d_|IMU_GYRO_(NF|DNF_)"),
     "thrust curve": re.compile("MOT_THST_EXPO$|THR_MDL_FAC$"),
-    "output range": re.compile(
-        r"(SERVO\d+|MOT_SPIN|MOT_PWM)_(MIN|MAX)$|PWM_(MAIN|AUX)_(MIN|MAX)\d+$|MOT_THST_MAX$|THR_MIN$"
-    ),
+    "output range": OUTPUT_RANGE_PARAMETERS,
 }
 """What the names of parameters begin with that set one thing, by that thing, in the order in which it is named."""
 

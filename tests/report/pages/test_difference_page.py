@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import MotorsBetween
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange, renamed_gain
 from mavdem.fleet.quantities import SHARE, Quantity
@@ -43,6 +44,7 @@ from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import change_with_interval
 from mavdem.report.difference.reviewed import ComparedState, compared_states, reviewed_difference
+from mavdem.report.fleet import motor_next_step
 from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
     _overview_titles,
@@ -474,6 +476,38 @@ def test_conditions_of_both_flights_stand_on_page_and_terminal():
     assert speeds.cells == ("3.0 (2.0 to 4.5; 1 of 2 flights)", "4.0 to 5.0")
 
 
+def test_motors_that_all_work_harder_are_stated_for_two_single_flights():
+    """Relative trims do not show it, and one flight a side does not tell it from what flights differ by."""
+
+    def reviewed(collective, **other):
+        battery = {"voltage_start": 12.4, "voltage_end": 11.6}
+        before = flight_row("quad", 0, collective=0.5, voltage_mean=12.0, **battery)
+        columns = {"collective": collective, "voltage_mean": 12.0, **battery, **other}
+        return reviewed_difference(vehicle_difference([before], [flight_row("quad", 1, **columns)]))
+
+    harder = reviewed(0.5 * 1.086)
+    first, *_ = headline_of_comparison(harder)
+    assert first.text.startswith(
+        "all motors work 8.6 % harder in B (+3 to +15 %, probability 0.28)."
+    )
+    assert first.lead == "Perhaps:" and "mean output at equal voltage" in first.text
+    assert next_blocks(harder)[0].text == "Check the load, then all propellers."
+    (table,) = condition_table(harder)
+    assert ["mean output at equal voltage (% of A)", "100", "108.6"] in table.rows
+    first, *_ = headline_of_comparison(reviewed(0.7))
+    assert first.lead == "Changed:"
+    # A fuller battery needs as much more output as it has less voltage, and another range means other fractions.
+    full = reviewed(0.5 * 12.0 / 13.0, voltage_mean=13.0)
+    assert "all motors" not in headline_of_comparison(full)[0].text and not next_blocks(full)
+    other_range = [ParameterChange("MOT_PWM_MAX", 2000.0, 1900.0)]
+    rows = [flight_row("quad", number, collective=0.5, voltage_mean=12.0) for number in range(2)]
+    assert vehicle_difference(rows[:1], rows[1:]).effort is not None
+    assert vehicle_difference(rows[:1], rows[1:], other_range).effort is None
+    # The advice is that of the judgement of the motors by earlier flights.
+    judged = replace(rows[1], health="drift", health_code=MotorsBetween.EFFORT_CHANGED)
+    assert motor_next_step(judged) == next_blocks(harder)
+
+
 def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(difference):
     step = {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}
     too_slow = {"measured": None, "facts": [{"sentence": "The log is too slow."}]}
@@ -618,8 +652,15 @@ def test_only_the_first_sentence_of_a_headline_is_large(difference):
     loss = "lost about 25 % of its thrust (17 to 32 %; motor or propeller) with probability 0.87"
     bad["sentence"] = f"Motor 1 (front right) {loss}: it then works 16 % harder."
     headings = light_headings(reviewed_difference(difference, reviews))
-    heading = "In B: motor 1 lost about 25 % of its thrust with probability 0.87."
+    heading = "In B: motor 1 (front right) lost about 25 % of its thrust with probability 0.87."
     assert headings == {"Motors:": heading}
+    # No heading is cut within a clause, and a probability stays.
+    clause = "all motors work 8 % harder than in 3 of the vehicle's first sound flights, taken for healthy"
+    bad["sentence"] = (
+        f"{clause.capitalize()} (probability 0.66): check the load, then all propellers."
+    )
+    headings = light_headings(reviewed_difference(difference, reviews))
+    assert headings == {"Motors:": f"In B: {clause} (probability 0.66)."}
     # One cause of two lights heads the page once.
     reviews = {
         "A": {"lights": {"motors": good, "tracking": good}},
