@@ -65,6 +65,7 @@ class FlightPhase:
         motors_are_idle: whether outputs come and none has moved so far.
         is_landed_state_reported: whether a report of the autopilot decides at present if the vehicle is on the ground;
             if none does, the motors decide.
+        landing_time: when the vehicle came to the ground last; None before that, and in flight.
         contradicted_report: the fact that the autopilot reports the ground although the vehicle flies; None while it
             does not, or nothing shows that.
     """
@@ -79,6 +80,7 @@ class FlightPhase:
         self.is_in_air = False
         self.motors_are_idle = False
         self.is_landed_state_reported = False
+        self.landing_time: float | None = None
         self.contradicted_report: Fact | None = None
         self._slow_messages = slow_messages
         self._report_check = LandedReportCheck()
@@ -267,7 +269,7 @@ class FlightPhase:
             self._report_check.add(LandedReport(time, int(state), has_thrust, height_then))
 
     def _update_airborne(self, now: float, airborne: Intervals) -> None:
-        """Decides whether the vehicle is airborne, and since when.
+        """Decides whether the vehicle is airborne, and since when it is, or when it came to the ground.
 
         Args:
             now: time of the review, s of the boot clock.
@@ -281,6 +283,11 @@ class FlightPhase:
         if present_flight is not None and (is_new_flight or is_takeoff_unseen):
             takeoff_time, _ = present_flight
             self._airborne_start = takeoff_time
+        if present_flight is not None:
+            self.landing_time = None
+        elif self.is_flying:
+            ends_of_flights = [end for _, end in airborne if end < now]
+            self.landing_time = max(ends_of_flights, default=now)
         self.is_flying = present_flight is not None
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:

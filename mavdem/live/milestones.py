@@ -252,7 +252,8 @@ class Milestones:
             self._no_wind_reason = status.no_wind_reason
             self._mean_wind = status.mean_wind
         elif has_just_landed:
-            self._landing_to_report = now
+            # The landing is recognised some time after it.
+            self._landing_to_report = now if status.landing_time is None else status.landing_time
 
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None

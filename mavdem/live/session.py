@@ -969,7 +969,9 @@ class LiveSession:
             model: the final model; None without one.
         """
         self._presentation.report_omissions(is_at_end=True)
-        self._milestone_reporter.report_end(self.flight.learning, status, self.stream.now, model)
+        # Messages that came after the user ended the session are no part of its timeline.
+        end_time = self.history.now - self.history.timeline_offset
+        self._milestone_reporter.report_end(self.flight.learning, status, end_time, model)
 
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
         """Starts to compute advice on controller gains after a landing, and reports advice that is ready.

@@ -282,6 +282,9 @@ class SessionStatus(ImmutableResult):
     has_landed: bool = True
     """Whether the latest flight ended on the ground; false while the vehicle may be falling with its motors stopped."""
 
+    landing_time: float | None = None
+    """When the vehicle came to the ground last, s of the boot clock; None before that, and in flight."""
+
     is_recording_judged: bool = False
     """Whether ``model_judgement`` is that of the recording, which is judged by the rules for logs after a landing."""
 

@@ -374,6 +374,7 @@ class LiveStream:
             motor_alarms=tuple(self.motor_alarms.latest),
             motor_alarms_of_flight=self.motor_alarms.changes_in_latest_flight,
             has_landed=watchdog.has_landed,
+            landing_time=self._phase.landing_time,
             loss=loss,
             ground_contact=watchdog.ground_contact,
             active_alarms=self._active_alarms,

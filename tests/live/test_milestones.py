@@ -91,8 +91,13 @@ def test_a_landing_reports_what_the_flight_has_shown():
     milestones = Milestones("roll", facts.append)
     learning = learning_with("model", PHYSICAL)
     for is_flying in (True, True, False, False):
-        status = SessionStatus(is_flying=is_flying, latency=Latency(0.001, 0.004, 0.02))
-        milestones.update(learning, status, 40.0)
+        status = SessionStatus(
+            is_flying=is_flying,
+            latency=Latency(0.001, 0.004, 0.02),
+            landing_time=None if is_flying else 40.0,
+        )
+        # The landing is recognised 3 s later.
+        milestones.update(learning, status, 43.0)
     assert [fact.code for fact in facts] == [
         SessionFact.PARAMETERS_KNOWN,
         SessionFact.FLIGHT_LEARNED,

@@ -191,6 +191,7 @@ def test_a_landing_is_dated_by_the_last_report_in_flight():
     assert vehicle.fly(20.0)
     vehicle.fly(2.0, armed=False)
     assert vehicle.phase.pop_withdrawal_time() == approx(19.0 - TRANSIENT_SECONDS)
+    assert vehicle.phase.landing_time == approx(19.0)
     vehicle = Vehicle()
     vehicle.fly(20.0, landed=IN_AIR)
     first = vehicle.time
