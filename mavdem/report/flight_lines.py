@@ -21,7 +21,7 @@ from mavdem.report.fleet import (
     urgency_and_age,
     vehicle_name_or_type,
 )
-from mavdem.report.numbers import listed, rounded
+from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, rounded_up
 from mavdem.wind_velocity.compass import compass_text
 
@@ -98,7 +98,7 @@ class Column(NamedTuple):
     """A column of the table of flights."""
 
     kind: str
-    """How the page sorts and shows it: "text", "number", "health", "lights" or "notes"."""
+    """How the page sorts and shows it: "text", "number", "duration", "health", "lights" or "notes"."""
 
     cell: Callable[[AxisRows], str]
     """Makes the cell of a flight; empty where the quantity is not known."""
@@ -236,12 +236,18 @@ def _notes_on_flight(flight: AxisRows) -> str:
     return text
 
 
-def _flight_seconds(flight: AxisRows) -> str:
-    """Returns the cell with the time in the air, s; empty if it is not known or the log was not read."""
+def minutes_text(seconds: float) -> str:
+    """Returns a duration in s as minutes and seconds, such as "1:07", or "75:00" of more than an hour."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02d}"
+
+
+def _flight_time(flight: AxisRows) -> str:
+    """Returns the cell with the time in the air; empty if it is not known or the log was not read."""
     row = log_row(flight)
     if row.flight_time is None or not row.is_read:
         return ""
-    return rounded(row.flight_time, 3)
+    return minutes_text(row.flight_time)
 
 
 def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> str:
@@ -281,14 +287,14 @@ def _wind_text(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", file_name, "11rem", "flight"),
+    "flight": Column("text", file_name, "13rem", "flight"),
     "vehicle": Column("text", _vehicle, "8.6rem", "vehicle"),
     "date": Column("text", _date, "6rem", "date"),
     "health": Column("health", _badge, "5rem", "health"),
     "lights": Column("lights", _warning_lights, "7.5rem", "lights"),
     "motor": Column("text", _suspect_motors, "3.6rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),
-    "time (s)": Column("number", _flight_seconds, "3.8rem"),
+    "time": Column("duration", _flight_time, "3.8rem", "time"),
     "wind (m/s)": Column("number", _wind_text, "6.8rem"),
 }
 """Columns of the table of flights, by their headers."""

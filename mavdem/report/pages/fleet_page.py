@@ -113,7 +113,7 @@ def fleet_page(
         unused_blocks=blocks[summary_length:],
         vehicles=vehicles,
         bad_unnamed_flights=_bad_unnamed_flights(summaries),
-        unjudged=_move_repeated_reasons(vehicles),
+        unjudged=_move_reasons(vehicles),
         lights=[*Light],
         not_used=NOT_USED,
         least_urgency=Urgency.WATCH,
@@ -365,6 +365,11 @@ class VehicleSection:
     """Its charts over the flights; empty without any."""
     is_open: bool = False
     """Whether it is unfolded at first."""
+
+    @property
+    def is_line(self) -> bool:
+        """Whether its line has all that is known, so that there is nothing to unfold: it has flown once."""
+        return self.flights == 1 and not (self.summary or self.changes or self.charts)
 
 
 def _vehicle_sections(
@@ -735,28 +740,27 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
     return sorted(counts, key=bad_and_watched, reverse=True)
 
 
-def _move_repeated_reasons(sections: Sequence[VehicleSection]) -> Table:
-    """Counts why the motors of vehicles were not compared between flights, and moves repeated reasons to the table.
+def _move_reasons(sections: Sequence[VehicleSection]) -> Table:
+    """Moves the reasons why motors were not compared between flights from the vehicles' sections to one table.
 
     Many vehicles of a fleet lack the same thing, such as enough flights to compare, and all their sections would say
     so.
 
     Args:
         sections: sections of the page, one for each vehicle. The summary of a vehicle whose motors were not compared is
-            the reason. This function empties it where several vehicles have the same.
+            the reason. This function empties it where several vehicles have one.
 
     Returns:
         The reasons with their numbers of vehicles, the most frequent first. They add up to the vehicles that the
         summary of the fleet counts. There is none of a single vehicle, whose section has its reason.
     """
-    uncompared_sections = [section for section in sections if not section.is_compared]
-    counts = Counter(section.summary for section in uncompared_sections)
-    for section in uncompared_sections:
-        if counts[section.summary] > 1:
-            section.summary = ""
     rows = []
+    uncompared_sections = [section for section in sections if not section.is_compared]
     if len(uncompared_sections) > 1:
+        counts = Counter(section.summary for section in uncompared_sections)
         rows = [[reason, str(count)] for reason, count in counts.most_common()]
+        for section in uncompared_sections:
+            section.summary = ""
     return Table(["reason", "vehicles"], rows, words=True)
 
 

@@ -41,7 +41,7 @@ from mavdem.report.fleet import (
     vehicle_label,
     vehicle_texts,
 )
-from mavdem.report.flight_lines import wind_speed_text
+from mavdem.report.flight_lines import minutes_text, wind_speed_text
 from mavdem.report.heading import listed_headline
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.motor_anomaly import MotorAnomaly, with_motor_anomaly
@@ -137,7 +137,7 @@ def _server_environment() -> Environment:
     jinja.filters["listed_vehicle"] = _listed_vehicle_name
     jinja.filters["unnamed"] = _unnamed_vehicle
     jinja.filters["utc"] = _utc_text
-    jinja.filters["minutes"] = _minutes_text
+    jinja.filters["minutes"] = minutes_text
     jinja.filters["metres"] = _metres_text
     jinja.filters["listed_headline"] = listed_headline
     # Constants and functions that the templates use by these names.
@@ -203,12 +203,6 @@ def _unnamed_vehicle(flight: _FlightOfVehicle) -> str:
 def _utc_text(seconds: float) -> str:
     """Returns a UNIX time in s as date and minute in UTC."""
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}"
-
-
-def _minutes_text(seconds: float) -> str:
-    """Returns a duration in s as minutes and seconds, such as "1:07", or "75:00" of more than an hour."""
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes}:{rest:02d}"
 
 
 def _metres_text(metres: float) -> str:
