@@ -32,6 +32,7 @@ def link_loss_fact(
     *,
     cause: Fact | None,
     is_over: bool,
+    unread_seconds: float | None = None,
 ) -> Fact:
     """Returns the fact that a flying vehicle has fallen silent, or sends no motion, with its last known state.
 
@@ -44,6 +45,8 @@ def link_loss_fact(
         last_position: its latest geographic position in this flight; None where none came.
         cause: what was found before and may explain the silence, such as an alarm; None for nothing.
         is_over: whether the session has ended, so that the age grows no more.
+        unread_seconds: how much of what came before is not analysed yet, s, in which the vehicle may have landed; None
+            if all of it is.
 
     Returns:
         The fact. It is bad after ``LONG_LOSS_SECONDS``, and at once where the cause is bad.
@@ -66,6 +69,7 @@ def link_loss_fact(
         voltage=voltage,
         cause=cause,
         reason=reason,
+        delay=unread_seconds,
         is_over=is_over,
     )
     if last_position is None:

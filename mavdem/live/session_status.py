@@ -709,16 +709,30 @@ class SessionStatus(ImmutableResult):
         voltage = None
         if self.state is not None:
             voltage = self.state.voltage
+        age = self._silence_seconds(silence)
         return link_loss_fact(
             silence,
-            age=self._silence_seconds(silence),
+            age=age,
             reception=self.last_reception,
             displacement=self.displacement_from_takeoff,
             voltage=voltage,
             last_position=self.last_position,
             cause=self._likely_cause_of_silence,
+            unread_seconds=self._unread_seconds(age),
             is_over=self.is_over,
         )
+
+    def _unread_seconds(self, silence_seconds: float | None) -> float | None:
+        """Returns how much of what came before a silence this computer has not analysed yet, s; None if it keeps up.
+
+        Args:
+            silence_seconds: how long nothing has come, s; None if that is not known.
+        """
+        if not self.is_late:
+            return None
+        # The delay is the age of the oldest message that waits.
+        unread_seconds = self.analysis_delay - (silence_seconds or 0.0)
+        return unread_seconds if unread_seconds >= 1.0 else None
 
     @property
     def alarms(self) -> Facts:

@@ -543,6 +543,12 @@ def test_a_link_lost_in_flight_says_for_how_long_where_the_vehicle_was_and_what_
     # Where the take-off was not seen, the height is that above the home position.
     unseen = str(replace(silent, last_position=position, displacement=None).link_loss)
     assert ", in flight: last position 47.39774, -8.54559, 20 m above home, at " in unseen
+    # A position as new as the link's last message has no time of its own.
+    timed = replace(silent, last_position=position, last_reception=1e9 + 0.5)
+    assert str(timed.link_loss).endswith("; last position 47.39774, -8.54559.")
+    # What came before the silence may not have been read: the vehicle may have landed in it.
+    behind = str(replace(timed, analysis_delay=17.2).link_loss)
+    assert ", in flight (its last 13 s are not read yet): last 12 m above" in behind
     landed = replace(long, is_flying=False)
     assert landed.link_loss is None and landed.overall_judgement.lights[Light.MOTORS].is_good
 
