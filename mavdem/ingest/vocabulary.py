@@ -133,6 +133,9 @@ AUTOPILOT_SET_PARAMETERS = re.compile(
 )
 """Names of parameters that autopilots set by themselves: counters, and what they learn in flight and by calibration."""
 
+FLIGHT_INDEPENDENT_PARAMETERS = re.compile(r"(SIM|SIH|SYSID|MAV|SR\d|STAT|LOG|SDLOG)_")
+"""Names of the parameters of a simulator, of MAVLink, logging and statistics: a vehicle flies the same with others."""
+
 CALIBRATION_PARAMETERS = {
     "accelerometers": re.compile(
         r"INS\d?_ACC\d?(OFFS|SCAL)_[XYZ]$|INS\d?_ACC\d?_CALTEMP$|CAL_ACC\d_[XYZ]SCALE$"

@@ -241,7 +241,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
                 "damping_interval": 20.0,
                 "lag_interval": 1.0,
             },
-            "No change found.",
+            "Whether anything changed cannot be told.",
         ),
     ],
 )

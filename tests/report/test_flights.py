@@ -320,12 +320,18 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
         "863 of 866 that A and B have in common are equal; 1 of a new calibration (radio), 1 calibrated or learned "
         "in flight (compass), 1 counted or learned by the autopilot." in text
     )
-    # A few parameters that are no gains are named.
-    wind = [ParameterChange("SIM_WIND_SPD", 2.0, 5.0)]
-    without_gains = reviewed_difference(vehicle_difference(before, after, wind), {}, wind)
-    assert "SIM_WIND_SPD 2 → 5; no gain of the rate controllers differs." in plain_text(
-        headline_of_comparison(without_gains)
+    # A few parameters that are no gains are named, but none that a flight does not depend on.
+    others = [
+        ParameterChange(name, 2.0, 5.0) for name in ("WPNAV_SPEED", "SIM_WIND_SPD", "MAV_SYS_ID")
+    ]
+    without_gains = reviewed_difference(vehicle_difference(before, after, others), {}, others)
+    headline = headline_of_comparison(without_gains)
+    assert "Parameters: WPNAV_SPEED 2 → 5; no gain of the rate controllers differs." in plain_text(
+        headline
     )
+    assert "SIM_WIND_SPD 2 → 5" in plain_text(parameter_sentences(without_gains, headline))
+    of_id_alone = without_gains._replace(parameters=others[1:])
+    assert "Parameters:" not in plain_text(headline_of_comparison(of_id_alone))
     # The gains are the cause, and what follows from them is neither doubtful nor tested.
     sentences = headline_of_comparison(reviewed_difference(difference, {}, gains))
     headline = plain_text(sentences)

@@ -21,9 +21,11 @@ from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.difference.lights import bad_lights
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import (
+    SHOWN_QUANTITIES,
     bound_row,
     change_text,
     change_without_lean,
+    detectable_change,
     texts_by_kind,
     texts_of_equal_changes,
 )
@@ -221,6 +223,11 @@ def largest_of_first_kind(changes: Sequence[QuantityChange]) -> QuantityChange |
     return max(of_first_kind, key=lambda change: abs(change.tested_difference))
 
 
+def _is_below_weak_motor(change: QuantityChange) -> bool:
+    """Returns whether the change is one of a trim that is smaller than that of a motor which counts as weak."""
+    return change.quantity.kind == SHARE and abs(change.difference) < FAULT_RISE
+
+
 def fault_probability_beside_doubtful_trims(
     reviewed: ReviewedDifference, doubtful: Iterable[QuantityChange]
 ) -> float | None:
@@ -300,6 +307,8 @@ def result_sentences(
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
         same_count=outcomes[QuantityOutcome.SAME],
         count=tested_outcomes.total(),
+        limits_of_detection=_limits_of_detection(reviewed),
+        is_below_weak_motor=main_change is not None and _is_below_weak_motor(main_change),
         unsure_count=tested_outcomes[QuantityOutcome.UNCERTAIN],
         families=difference.tested_families,
         subjects_not_compared=subjects_not_compared(reviewed),
@@ -310,6 +319,21 @@ def result_sentences(
         has_difference_above=has_difference_above,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
+
+
+def _limits_of_detection(reviewed: ReviewedDifference) -> list[str]:
+    """Returns from which size on a change of each kind of tested quantity is found, such as "17 % (relative trim)".
+
+    Args:
+        reviewed: comparison of two states, quantity by quantity.
+    """
+    tested = reviewed.difference.tested
+    limits = []
+    for kind, changes in group_by(tested, lambda change: change.quantity.kind).items():
+        significance = significance_of_single_change(tested, kind)
+        limit = detectable_change(kind, changes, significance)
+        limits.append(f"{limit} ({SHOWN_QUANTITIES[kind].name})")
+    return limits
 
 
 def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:

@@ -20,6 +20,7 @@ from mavdem.fleet.quantities import (
 )
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
+from mavdem.ingest.vocabulary import FLIGHT_INDEPENDENT_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.difference.changes import (
     changes_by_cause,
@@ -38,6 +39,7 @@ from mavdem.report.difference.lights import (
     lights_of_both,
     remark_on_imus,
     vibrations_of_same_imu,
+    watched_light_heading,
 )
 from mavdem.report.difference.motors import MotorVerdict
 from mavdem.report.difference.parameter_groups import parameter_group_texts
@@ -158,7 +160,8 @@ def headline_in_two_sizes(
     - Of any other difference the first sentence is in large letters. Two vehicles differ in much, so that of theirs
       only the first difference is.
     - That nothing else changed is in large letters only if no difference is above it.
-    - Cautions, such as that the flights are of two vehicles, and lights that are only to be watched stay usual text.
+    - Of the lights that are only to be watched, the first has a heading, if nothing is above it.
+    - Cautions, such as that the flights are of two vehicles, stay usual text.
 
     Args:
         reviewed: comparison of both flights.
@@ -179,13 +182,17 @@ def headline_in_two_sizes(
             # A sentence that is a lead alone would be in large letters.
             blocks.append(sentence if sentence.text else Sentence(sentence.lead))
             continue
-        is_first_difference = False
         if sentence in watched_lights:
+            if is_first_difference:
+                name = sentence.lead.removesuffix(":").lower()
+                lights_by_side = lights_of_both(reviewed.reviews)[name]
+                blocks.append(headline_sentence(watched_light_heading(lights_by_side)))
             blocks.append(sentence)
         elif sentence.lead in headings:
             blocks += [headline_sentence(heading), sentence]
         else:
             blocks += _large_sentence(sentence)
+        is_first_difference = False
     return blocks
 
 
@@ -241,7 +248,7 @@ def _sentences_on_gains(
 
     It names the gains of the rate controllers that changed most, what the other changed parameters set, and then the
     quantities of the same axes that changed because of them. Without such gains it names the other parameters, if they
-    are few.
+    are few. Parameters that the flight does not depend on, such as ids, are in the list of all parameters alone.
 
     Args:
         reviewed: comparison of the two states, with the changed parameters.
@@ -256,7 +263,10 @@ def _sentences_on_gains(
         changed and the names are the same.
     """
     difference = reviewed.difference
-    changed_parameters = reviewed.parameters
+    changed_parameters = []
+    for parameter in reviewed.parameters:
+        if not FLIGHT_INDEPENDENT_PARAMETERS.match(parameter.name):
+            changed_parameters.append(parameter)
     gains = changed_rate_gains(changed_parameters, relevant_axes)
     if not gains:
         # Without axes this returns the gains of all of them.

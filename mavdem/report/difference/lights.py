@@ -264,6 +264,37 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
     return " ".join(heading.text for heading in headings)
 
 
+def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the heading of a light that is to be watched in one of two logs and good in the other.
+
+    Args:
+        lights_by_side: the light in the review document of each log, by side, "A" and "B".
+
+    Returns:
+        A sentence such as "In A: vibration 15.7 m/s² on IMU 2 (watch); 9.4 in B (good).".
+    """
+    sides_by_level = {light["level"]: side for side, light in lights_by_side.items()}
+    watched_side, good_side = sides_by_level[Level.WATCH], sides_by_level[Level.GOOD]
+    watched_light = lights_by_side[watched_side]
+    good_light = lights_by_side[good_side]
+    has_vibrations = all(
+        "vibration" in (light.get("figures") or {}) for light in lights_by_side.values()
+    )
+    is_of_same_imu = has_vibrations and watched_light.get("subject") == good_light.get("subject")
+    has_clips = any(value_at(light, "figures.clips") for light in lights_by_side.values())
+    [heading] = render_section(
+        "difference_watched",
+        watched_side=watched_side,
+        good_side=good_side,
+        # Of clipped samples the sentence of the light tells more than the vibration.
+        imu=watched_light["subject"] if is_of_same_imu and not has_clips else "",
+        watched_vibration=value_at(watched_light, "figures.vibration"),
+        good_vibration=value_at(good_light, "figures.vibration"),
+        clause=_heading_clause(watched_light["sentence"]),
+    )
+    return heading.text
+
+
 def _heading_clause(sentence: str) -> str:
     """Returns what the sentence of a light warns of, as a clause that is never cut within itself.
 

@@ -208,9 +208,20 @@ def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float)
         Cells such as "phase margin of pitch and roll", "±14°" and "38°".
     """
     bound = max(change.largest_difference for change in changes)
-    detectable = max(change.detectable_difference(significance) for change in changes)
     name = f"{SHOWN_QUANTITIES[kind].name} of {_names_of_quantities(changes)}"
-    return [name, f"±{_limit_text(kind, bound)}", _limit_text(kind, detectable)]
+    return [name, f"±{_limit_text(kind, bound)}", detectable_change(kind, changes, significance)]
+
+
+def detectable_change(kind: str, changes: Sequence[QuantityChange], significance: float) -> str:
+    """Returns the change of a kind of quantity that nine of ten such comparisons find, such as "38°".
+
+    Args:
+        kind: kind of the quantities, such as ``DAMPING``.
+        changes: changes of all quantities of this kind, at least one; the least precise one counts.
+        significance: p-value below which one of them is called changed if it is the only one.
+    """
+    limit = max(change.detectable_difference(significance) for change in changes)
+    return _limit_text(kind, limit)
 
 
 def _names_of_quantities(changes: Sequence[QuantityChange]) -> str:

@@ -33,6 +33,7 @@ from mavdem.report.difference.conditions import (
 from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import (
     headline_blocks,
+    headline_in_two_sizes,
     headline_of_comparison,
     light_headings,
 )
@@ -280,6 +281,19 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
     assert sentence.lead == "Vibration:"
     assert sentence.text == "watch in A (16 m/s²), good in B (10 m/s²)."
 
+    def heading(**figures):
+        """Returns the first line of the page of two flights whose light has these figures by level."""
+        for review in reviews.values():
+            light = review["lights"]["vibration"]
+            light |= {"subject": "IMU 2", "figures": figures.get(light["level"], {})}
+        reviewed = reviewed_difference(unchanged(), reviews)
+        first, *_ = headline_in_two_sizes(reviewed, headline_of_comparison(reviewed))
+        return first.lead
+
+    assert heading() == "In A: vibration 16 m/s² (watch); good in B."
+    figures = {"watch": {"vibration": 15.7}, "good": {"vibration": 9.4}}
+    assert heading(**figures) == "In A: vibration 15.7 m/s² on IMU 2 (watch); 9.4 in B (good)."
+
 
 def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     spectrum = {"frequency": [0.0, 1.0, 2.0], "density": {"roll": [1.0, 2.0, 3.0]}}
@@ -302,6 +316,14 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     # The quantities may be uncertain: they are not called alike.
     bound, detectable = (float(re.search(r"[\d.]+", cell)[0]) for cell in trims[1:])
     assert 0 < bound < detectable < 20
+    # Where every figure is uncertain, the heading says so, and does not say that nothing changed.
+    for state in states:
+        state[0] = replace(
+            state[0], trim_share_interval=(0.2,) * 4, effect=None, damping=None, lag=None
+        )
+    first, *_ = headline_of_comparison(reviewed_difference(vehicle_difference(*states)))
+    assert re.fullmatch(r"Nothing below \d+ % \(relative trim\) can be told\.", first.lead)
+    assert first.text.startswith("All 4 figures compared (trims) are too uncertain to tell.")
 
 
 def motor_review(motor, level="bad", **figures):
