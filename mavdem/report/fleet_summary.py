@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from mavdem.containers import JsonValues, group_by
 from mavdem.facts import Level
+from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
@@ -333,6 +334,12 @@ class HealthSummary(NamedTuple):
     watched_count: int
     """Number of vehicles that do not need a look, but whose latest flight has the level "watch"."""
 
+    watched_list: str
+    """These vehicles in words, the first with its finding; empty where another needs a look."""
+
+    has_watched_motors: bool
+    """Whether the motors are to be watched of a vehicle that shows no drift: its first flights may show the same."""
+
     recovered_list: str
     """The vehicles whose motors are healthy now, but had a fault or a drift in an earlier flight, in words."""
 
@@ -368,11 +375,11 @@ def _health_summary(
     urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
     healthy = [vehicle for vehicle in labelled_vehicles if vehicle.flights.health == MotorHealth.OK]
     recovered_labels = [vehicle.label for vehicle in healthy if vehicle.flights.had_anomaly]
-    watched_count = 0
+    watched = []
     for vehicle in labelled_vehicles:
         is_watched = vehicle.flights.last.badge_level is Level.WATCH
         if is_watched and not vehicle.flights.needs_look:
-            watched_count += 1
+            watched.append(vehicle)
     urgent_list = ""
     reason = ""
     advised = urgent
@@ -385,9 +392,11 @@ def _health_summary(
         reason = _reason(urgent[0])
     elif lists_follow:
         urgent_list = listed(_label_with_level(vehicle) for vehicle in urgent)
-    else:
+    elif urgent:
         # A line for each vehicle follows, with what to do about it.
         advised = []
+    if not urgent and len(watched) == 1:
+        advised = watched
     next_steps = []
     for vehicle in advised:
         next_step = vehicle.flights.texts.next_step
@@ -396,7 +405,9 @@ def _health_summary(
     return HealthSummary(
         urgent_count=len(urgent),
         urgent_list=urgent_list,
-        watched_count=watched_count,
+        watched_count=len(watched),
+        watched_list="" if urgent else _watched_text(watched),
+        has_watched_motors=any(_has_watched_motors(vehicle.flights) for vehicle in watched),
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=len(healthy),
         reason=reason,
@@ -446,6 +457,22 @@ def _urgent_text(vehicle: _LabelledVehicle) -> str:
     """Returns the label of a vehicle that needs a look, and in parentheses what was found in its latest flight."""
     finding = as_clause(vehicle.flights.texts.latest_flight)
     return f"{vehicle.label} ({finding})"
+
+
+def _watched_text(vehicles: Sequence[_LabelledVehicle]) -> str:
+    """Returns the labels of vehicles that are only to be watched, the first with what was found; empty without any."""
+    texts = []
+    for number, vehicle in enumerate(vehicles):
+        finding = vehicle.flights.last.headline
+        has_finding = number == 0 and bool(finding)
+        texts.append(f"{vehicle.label} ({as_clause(finding)})" if has_finding else vehicle.label)
+    return abbreviated_list(texts)
+
+
+def _has_watched_motors(vehicle: VehicleFlights) -> bool:
+    """Returns whether the latest flight warns of the motors, while a comparison with other flights finds no change."""
+    is_unchanged = vehicle.health == MotorHealth.OK
+    return is_unchanged and vehicle.last.lights.get(Light.MOTORS) is Level.WATCH
 
 
 def _reason(vehicle: _LabelledVehicle) -> str:

@@ -181,10 +181,19 @@ def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_l
     assert "1 of 3 vehicles needs a look: lost (it fell); 2 more are to be watched." in text
     assert "Motors not compared between flights: 3 vehicles." in text
     text = plain_text(fleet_blocks(rows[1:2]))
-    assert text.startswith(
-        "Whether motors drift could not be judged of any vehicle yet; 1 vehicle is"
-    )
+    assert text.startswith("1 vehicle is to be watched: changed (it drifts).")
+    assert "Between flights: whether motors drift could not be judged of any vehicle yet." in text
     assert "Motors not compared" not in text
+    assert plain_text(fleet_blocks(rows[1:])).startswith(
+        "2 vehicles are to be watched: changed (it drifts) and other."
+    )
+    # A vehicle that flew with the same fault from the first flight on shows no drift.
+    motors = {"headline": "Motor 1 is weak.", "headline_level": "watch", "light_motors": "watch"}
+    same = flight_row("same", 0, **motors, next_step="Compare its propeller.")
+    text = plain_text(fleet_blocks([same]))
+    assert text.startswith("1 vehicle is to be watched: same (motor 1 is weak).")
+    assert "in 1 vehicle, but its first flights may have had the same." in text
+    assert "Next: Compare its propeller." in text
 
 
 def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
