@@ -26,6 +26,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.gain_changes import GainChanges, gains_in_tables
 from mavdem.report.loops import (
     axes_with_kept_gains,
     field_sentences,
@@ -38,6 +39,7 @@ from mavdem.report.loops import (
 )
 from mavdem.report.pages.tune_page import changes_to_load, gains_of_tuning, tune_page
 from mavdem.report.screen import flight_sentences, judgement_sentences
+from mavdem.report.templates import Medium, sentences_for
 
 PAGE_FILE = "tune.html"
 """Name of the page with the loops and the advised gains."""
@@ -185,14 +187,40 @@ def _print_tuning(
         folder: Folder that the page was written to, if it was.
         verbose: Whether to print all margins, and the status lights (a level for each part of the vehicle) that warn.
     """
-    light_sentences: list[Sentence] = []
-    if verbose:
-        light_sentences = judgement_sentences(tuning.judgement).lights
+    changes = changes_to_load(name, tuning, evidence)
+    # The table of these gains stands below the sentences.
+    with sentences_for(Medium(table_gains=gains_in_tables(changes))):
+        light_sentences: list[Sentence] = []
+        if verbose:
+            light_sentences = judgement_sentences(tuning.judgement).lights
+        footer = _tuning_blocks(tuning, assessment, evidence, changes, verbose=verbose)
+    if folder:
+        footer.append(Sentence(str(folder / PAGE_FILE), "Page:"))
+    # A screen shortens its summary, but never its footer, so that all blocks are given as the footer.
+    print_screen(title=[], summary=[], details=light_sentences, footer=footer, verbose=verbose)
+
+
+def _tuning_blocks(
+    tuning: Tuning,
+    assessment: Assessment,
+    evidence: Evidence,
+    changes: GainChanges | None,
+    *,
+    verbose: bool,
+) -> Blocks:
+    """Returns the report of a tuning: result and next step, margins and gains, and then reasons.
+
+    Args:
+        tuning: The gains to set, and the judgement of the flight.
+        assessment: Assessment of the log, with the verdicts on its flights if they are judged each by itself.
+        evidence: Evidence of the log, with the parameters that the vehicle has now.
+        changes: The gains to load, as a table; None if none change.
+        verbose: Whether to state all margins.
+    """
     result = tuning_result(tuning)
     blocks: Blocks = [*tune_summary(tuning, result)]
     blocks += flight_sentences(assessment, has_headline_above=False)
     blocks += tune_overview(tuning, result)
-    changes = changes_to_load(name, tuning, evidence)
     if changes is not None:
         blocks += changes.blocks
     gains = gains_of_tuning(tuning, evidence, changes)
@@ -208,7 +236,4 @@ def _print_tuning(
         is_in_table = bool(tuning.notch_parameters)
         text = tuning.notch.sentence if is_in_table else tuning.notch.sentence_and_remedy
         blocks.append(Sentence(text, "Notch filter:"))
-    if folder:
-        blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
-    # A screen shortens its summary, but never its footer, so that all blocks are given as the footer.
-    print_screen(title=[], summary=[], details=light_sentences, footer=blocks, verbose=verbose)
+    return blocks

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from mavdem.assessment.axis.lowered_gains import NO_GAINS, gains_by_axis
 from mavdem.assessment.axis.parameter_sets import (
+    LOWERED_GAINS_SUFFIX,
     ParameterSet,
     parameter_sets,
     present_parameter_files,
@@ -79,6 +80,9 @@ class GainChanges(NamedTuple):
     new_values: Mapping[str, NewValue] = MappingProxyType({})
     """The new value of each parameter in the tables, by its name."""
 
+    is_after_check: bool = False
+    """Whether the vehicle must not fly, and the gains be loaded, before something is checked or repaired."""
+
     @property
     def blocks(self) -> Blocks:
         """The tables in the order of the flights, with a sentence that says when the gains of stage 2 are loaded."""
@@ -108,6 +112,8 @@ def gain_changes(
     advice: AdviceByAxis,
     gains_to_lower: Mapping[str, Gain] = NO_GAINS,
     notch_parameters: Parameters = NO_PARAMETERS,
+    *,
+    is_after_check: bool = False,
 ) -> GainChanges | None:
     """Returns a table of the gains to set after a flight, and parameter files with them to download.
 
@@ -123,6 +129,7 @@ def gain_changes(
         gains_to_lower: gains of axes without advice, by the autopilot's names.
         notch_parameters: parameters of the notch filter that the advised gains presuppose; they are set together with
             the first set of gains.
+        is_after_check: whether something is to be checked or repaired before the gains are loaded.
 
     Returns:
         The tables with their files; None if no gain changes.
@@ -141,11 +148,23 @@ def gain_changes(
     lowered_axes = gains_by_axis(gains_to_lower, vehicle.parameters)
     return GainChanges(
         tables=tuple(tables),
-        downloads=tuple(_downloads_of_sets(parameter_sets_to_fly, log_stem, vehicle)),
+        downloads=tuple(
+            _downloads_of_sets(
+                parameter_sets_to_fly, log_stem, vehicle, is_after_check=is_after_check
+            )
+        ),
         tried_gains=_table_of_tried_gains(unconfirmed_gains) if unconfirmed_gains else None,
         cautions=tuple(_cautions_on_gains(advice, lowered_axes)),
         new_values=_new_values(parameter_sets_to_fly, unconfirmed_gains),
+        is_after_check=is_after_check,
     )
+
+
+def gains_in_tables(changes: GainChanges | None) -> frozenset[str]:
+    """Returns the names of the gains in the tables that set them, those that were only tried left out."""
+    if changes is None:
+        return frozenset()
+    return frozenset(name for name, value in changes.new_values.items() if not value.is_tried)
 
 
 def _changed_gains(advice_on_loops: Iterable[Advice]) -> dict[str, Gain]:
@@ -203,7 +222,7 @@ def _table_of_tried_gains(gains: Mapping[str, Gain]) -> Table:
 
 
 def _downloads_of_sets(
-    sets: Sequence[ParameterSet], log_stem: str, vehicle: Telemetry
+    sets: Sequence[ParameterSet], log_stem: str, vehicle: Telemetry, *, is_after_check: bool
 ) -> Iterator[ParameterDownload]:
     """Yields the files that load each set of parameters, and those that restore the present values.
 
@@ -211,6 +230,7 @@ def _downloads_of_sets(
         sets: the sets in the order in which they are loaded.
         log_stem: name of the log without its ending, with which the names of the files begin.
         vehicle: the vehicle, with its present parameters.
+        is_after_check: whether something is to be checked or repaired before they are loaded.
     """
     changed_names: list[str] = []
     for parameter_set in sets:
@@ -220,6 +240,10 @@ def _downloads_of_sets(
             # Files on a disk are still recognised by their names, as those that the command writes.
             suffix = parameter_set.suffix
             label = f"Gains of stage {parameter_set.stage:d}:"
+        elif parameter_set.suffix == LOWERED_GAINS_SUFFIX:
+            label = "Lower gains:"
+        if is_after_check:
+            label = f"After the check: {label[:1].lower()}{label[1:]}"
         files = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
         yield from parameter_downloads(files, log_stem + suffix, label)
     if changed_names:

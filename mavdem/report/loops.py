@@ -14,6 +14,7 @@ from mavdem.assessment.axis.loop_decision import (
     LoopDecision,
     LoopDiagnosis,
 )
+from mavdem.assessment.axis.lowered_gains import lowered_gains
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.tuning_step import faults_besides_loops
@@ -117,6 +118,8 @@ class GainOutcome(StrEnum):
     """Other gains were tried, and another flight is to confirm them before they are loaded."""
     LOWER = "lower"
     """Gains are lowered, since the axis oscillates or lacks margin by a measurement, and none can be computed."""
+    LOWER_ON_TRIAL = "lower_on_trial"
+    """Gains are lowered for one hover, which shows whether little margin is the cause of a peak of the rate."""
     DOUBTFUL = "doubtful"
     """The margins of the identified loop may be wrong, and no gains are advised."""
     UNKNOWN = "unknown"
@@ -287,10 +290,10 @@ def _sentences_towards_gains(
 def _has_next_step_on_loops(judgement: Judgement) -> bool:
     """Returns whether the next step leads to gains: it is about the control loops, and not about a repair, say.
 
-    To lower the gains of a vehicle that oscillates is such a repair: margins are known only from a flight after it.
+    To lower gains is such a repair: margins are known only from a flight after it.
     """
     next_step = judgement.next_step
-    if judgement.headline.code is MarginsLight.OSCILLATES:
+    if lowered_gains(next_step) or judgement.headline.code is MarginsLight.OSCILLATES:
         return False
     reason = next_step.figures.get("reason")
     is_action_on_loops = isinstance(reason, Fact) and isinstance(reason.code, LoopAction)
@@ -536,6 +539,8 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
     """
     if tuning.lowers_gains_of(axis):
         return GainOutcome.LOWER
+    if tuning.lowers_gains_on_trial(axis):
+        return GainOutcome.LOWER_ON_TRIAL
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
         return GainOutcome.UNKNOWN
@@ -806,10 +811,10 @@ def _next_step_has_priority(tuning: Tuning, fact: Fact) -> bool:
         tuning: the judgement of the flight, with its next step.
         fact: why there are no gains for an axis, or what to do about its loops; a coded finding with advice.
     """
-    return _forbids_flight(tuning.judgement.next_step) and _forbids_flight(fact)
+    return forbids_flight(tuning.judgement.next_step) and forbids_flight(fact)
 
 
-def _forbids_flight(fact: Fact) -> bool:
+def forbids_flight(fact: Fact) -> bool:
     """Returns whether a fact, or any fact that it gives as a reason, forbids to fly before something is repaired.
 
     Args:
@@ -821,7 +826,7 @@ def _forbids_flight(fact: Fact) -> bool:
     reasons = [fact.figures.get("reason"), *fact.figures.get("reasons", ())]
     # A figure "reason" is None where it is missing, and a text in some facts.
     facts_given_as_reasons = [reason for reason in reasons if isinstance(reason, Fact)]
-    return any(_forbids_flight(reason) for reason in facts_given_as_reasons)
+    return any(forbids_flight(reason) for reason in facts_given_as_reasons)
 
 
 def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:

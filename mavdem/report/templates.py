@@ -15,7 +15,7 @@ figures for people: shares as percent, lists as "a, b and c".
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -75,6 +75,9 @@ class Medium(NamedTuple):
 
     has_gain_table: bool = False
     """Whether the gains to set stand beside the sentences, in a table."""
+
+    table_gains: frozenset[str] = frozenset()
+    """Names of the gains in that table that are to be loaded, and not only tried."""
 
 
 TERMINAL = Medium()
@@ -313,6 +316,7 @@ def _template_values(fact: Fact) -> dict[str, Any]:
         "ban": ban,
         "has_terminal": medium.has_terminal,
         "has_gain_table": medium.has_gain_table,
+        "table_gains": medium.table_gains,
         "level": fact.level,
         "time": fact.time,
         "end_time": fact.end_time,
@@ -418,6 +422,7 @@ def _environment() -> Environment:
         "zip": zip,
     }
     environment.filters |= {
+        "are_in": changes_are_in,
         "abbreviated_list": abbreviated_list,
         "sentence_and_remedy": attrgetter("sentence_and_remedy"),
         "as_clause": as_clause,
@@ -602,6 +607,11 @@ def first_and_further_sentences(text: str) -> tuple[str, str]:
     """Returns the first sentence of a text, and the text of those after it; that is empty after a single sentence."""
     first, separator, further = text.partition(". ")
     return f"{first}." if separator else text, further.strip()
+
+
+def changes_are_in(changes: Iterable[Sequence[object]], names: Container[str]) -> bool:
+    """Returns whether all changes of gains, each with the name of its gain first, are of the gains with these names."""
+    return all(str(change[0]) in names for change in changes)
 
 
 def capitalize_first(text: object) -> str:

@@ -385,16 +385,22 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     judgement = Judgement(headline, headline, {})
     steps = {}
     for name, advice in {"sound": [lacks, unclear], "unclear": [unclear]}.items():
-        steps[name] = _next_step_with_new_gains(judgement, advice, (), (), None, is_written=True)
+        steps[name] = _next_step_with_new_gains(
+            judgement, advice, (), (), None, None, is_written=True
+        )
     assert steps["sound"].code is NextStep.LOAD_GAINS
     # Gains that are lowered on another axis are loaded with these, and come before a flight that changes none.
     lower = Fact(LoopAction.LOWER_BY_A_THIRD, subject="rate", axis="pitch", changes=(("P", 3, 2),))
     pitch = LoopDecision("pitch", LoopDiagnosis.BELOW_GOAL, headline, lower)
     lowering = Judgement(headline.replace(action=lower), lower, {}, {"pitch": pitch})
     assert _allows_new_gains(lowering.headline)
-    step = _next_step_with_new_gains(lowering, [lacks, unclear], (), (), None, is_written=True)
+    step = _next_step_with_new_gains(
+        lowering, [lacks, unclear], (), (), None, lower, is_written=True
+    )
     assert step.code is NextStep.LOAD_GAINS and step.figures["names"] == ("roll", "pitch")
-    assert lower == _next_step_with_new_gains(lowering, [unclear], (), (), None, is_written=True)
+    assert lower == _next_step_with_new_gains(
+        lowering, [unclear], (), (), None, lower, is_written=True
+    )
     assert steps["unclear"].code is NextStep.FLY_BEFORE_GAINS
     assert steps["unclear"].sentence == (
         "Keep the gains, and fly ten small, quick doublets about roll in calm air; then run "
@@ -402,7 +408,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     )
     # The same flight serves an axis of which nothing is known yet.
     flight = Fact(NextStep.FLY_FOR_GAINS, axes=("yaw",), also=(), names=(), rates=())
-    step = _next_step_with_new_gains(judgement, [unclear], (), (), flight, is_written=True)
+    step = _next_step_with_new_gains(judgement, [unclear], (), (), flight, None, is_written=True)
     assert "quick doublets about roll and yaw in calm air" in step.sentence
 
 

@@ -21,14 +21,17 @@ NO_GAINS: Mapping[str, Gain] = MappingProxyType({})
 """No gains to lower."""
 
 LOWERING = (GainFact.LOWER_GAINS, LoopAction.LOWER_BY_A_THIRD)
-"""Facts whose ``changes`` are gains to lower: name, value now and value to set."""
+"""Facts whose ``changes`` are gains to lower for good: name, value now and value to set."""
+
+LOWERING_ON_TRIAL = LoopAction.HOVER_WITH_LOWER_GAINS
+"""Code of a fact whose ``changes`` are gains to lower for one hover, which shows the cause of a peak of the rate."""
 
 
 def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> dict[str, Gain]:
     """Returns the gains to lower before the next flight, by the autopilot's names.
 
-    The next step may advise to lower gains, for example against an oscillation. On axes whose loops were measured to
-    lack stability margin, the decisions advise it.
+    The next step may advise to lower gains, for example against an oscillation, or on trial. On axes whose loops were
+    measured to lack stability margin, the decisions advise it.
 
     Args:
         next_step: what to do next, a fact (a coded finding). The advice is this fact or one that it contains, such as
@@ -38,7 +41,8 @@ def lowered_gains(next_step: Fact, decisions: Iterable[LoopDecision] = ()) -> di
     Returns:
         Each gain with its value now and the value to set; empty if none is to be lowered.
     """
-    advice = [fact for fact in fact_and_contained_facts(next_step) if fact.code in LOWERING]
+    codes = (*LOWERING, LOWERING_ON_TRIAL)
+    advice = [fact for fact in fact_and_contained_facts(next_step) if fact.code in codes]
     advice += reductions_by_a_third(decisions)
     gains = {}
     for fact in advice:
@@ -143,7 +147,7 @@ def _without_gains(figure: Figure, names: Container[str]) -> Figure:
     if not isinstance(figure, Fact):
         return figure
     figures = {name: _without_gains(value, names) for name, value in figure.figures.items()}
-    if figure.code in LOWERING:
+    if figure.code in (*LOWERING, LOWERING_ON_TRIAL):
         figures["changes"] = tuple(
             change for change in figures["changes"] if change[0] not in names
         )

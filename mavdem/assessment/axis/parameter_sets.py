@@ -23,6 +23,9 @@ WAITING_HEADING = (
 LOWERED_GAINS_HEADING = "Gains to lower before the next flight"
 """First line of the parameter files of gains to lower, if no other gains are set with them."""
 
+LOWERED_GAINS_SUFFIX = ".lower"
+"""End of the name of these files, before the ending."""
+
 NOTCH_HEADING = "Notch filter, with the gains of the log"
 """First line of the parameter files of a notch filter alone."""
 
@@ -80,7 +83,9 @@ def parameter_sets(
             suffix = f".stage{stage:d}"
             sets.append(ParameterSet(parameters_of_stage, heading_of_set, suffix, stage))
     if parameters_of_first_set and gains_to_lower:
-        sets.append(ParameterSet(parameters_of_first_set, LOWERED_GAINS_HEADING, ".lower"))
+        sets.append(
+            ParameterSet(parameters_of_first_set, LOWERED_GAINS_HEADING, LOWERED_GAINS_SUFFIX)
+        )
     elif parameters_of_first_set:
         sets.append(ParameterSet(parameters_of_first_set, NOTCH_HEADING, ".notch"))
     return sets

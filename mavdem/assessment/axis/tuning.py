@@ -17,7 +17,9 @@ from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.lowered_gains import (
     LOWERING,
+    LOWERING_ON_TRIAL,
     NO_GAINS,
+    fact_and_contained_facts,
     limited_to_axes,
     lowered_gains,
 )
@@ -112,6 +114,21 @@ class Tuning(NamedTuple):
             return False
         names_of_changed_gains = [name for name, _, _ in action.figures["changes"]]
         return any(name in self.gains_to_lower for name in names_of_changed_gains)
+
+    def lowers_gains_on_trial(self, axis: str) -> bool:
+        """Returns whether gains of an axis are lowered for one hover, which shows the cause of a peak of its rate.
+
+        Args:
+            axis: "roll", "pitch" or "yaw".
+        """
+        decision = self.judgement.loop_decisions.get(axis)
+        if decision is None or decision.action is None:
+            return False
+        is_advised = decision.action.code is LOWERING_ON_TRIAL
+        # Another step may come before that hover.
+        return is_advised and LOWERING_ON_TRIAL in [
+            fact.code for fact in fact_and_contained_facts(self.judgement.next_step)
+        ]
 
     @property
     def refusal(self) -> Fact | None:

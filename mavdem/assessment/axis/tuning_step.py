@@ -4,10 +4,14 @@ It is a fact (a coded finding) that replaces the next step of the *judgement* of
 *headline*, its most serious fact, and *status lights*, each the fact about one part of the vehicle, such as its motors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, advises_to_tune
+from mavdem.assessment.axis.loop_decision import (
+    ADVICE_TO_TUNE,
+    advises_to_tune,
+    common_action,
+)
 from mavdem.assessment.axis.lowered_gains import lowered_gains, reductions_by_a_third
 from mavdem.assessment.axis.parameter_sets import stage_to_load, waits_for_stage
 from mavdem.assessment.judgement import Judgement
@@ -37,15 +41,17 @@ def judgement_with_tuning_step(
 ) -> Judgement:
     """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
 
-    There are six cases:
+    What must be repaired comes first, and then gains that must be lowered: no one flies a resonance for longer to learn
+    more of it. There are seven cases:
 
     - There are new gains, but of axes with enough margin, while others lack it: the next step is to tune those first.
     - There are new gains, and no other fault comes before them: the next step is to load the gains, with any that are
       to be lowered on another axis.
+    - There are none, and no repair comes before: gains are lowered on axes that lack margin by a measurement.
     - There are none, and the loops probably have their margins: the next step is to keep the gains, or to make sure.
     - There are none, although the next step was to tune the vehicle, or to fly doublets: it becomes to tune other axes
       or, if their gains need no change, the flight for gains, or else what the advice on the loops says.
-    - No gains can be advised at all, and no fault is the reason: the next step is what leads to advice.
+    - No gains can be advised at all, and nothing is to be repaired: the next step is what leads to advice.
     - Otherwise the next step stays, for example to replace a propeller.
 
     Args:
@@ -67,6 +73,7 @@ def judgement_with_tuning_step(
             other_axes_to_tune.append(axis)
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
     is_refused = not any(advice.gains for advice in advice_on_loops)
+    step_to_lower_gains = _step_to_lower_gains(judgement, advice_by_axis)
     if has_new_gains and _raises_gains_while_others_lack_margin(
         judgement, advice_on_loops, other_axes_to_tune
     ):
@@ -89,8 +96,13 @@ def judgement_with_tuning_step(
             other_axes_to_tune,
             arguments,
             flight_for_gains,
+            step_to_lower_gains,
             is_written=is_written,
         )
+    elif must_be_repaired or _is_repair(judgement):
+        return judgement
+    elif step_to_lower_gains is not None:
+        next_step = step_to_lower_gains
     elif not has_new_gains and _is_uncertain_margin(judgement.headline):
         next_step = _step_to_keep_or_confirm_gains(judgement, advice_on_loops, arguments)
     elif not has_new_gains and advises_to_tune(judgement.next_step):
@@ -99,11 +111,41 @@ def judgement_with_tuning_step(
         )
     elif flight_for_gains is not None and _is_flight_with_doublets(judgement.next_step):
         next_step = flight_for_gains
-    elif is_refused and not must_be_repaired and _leads_to_tuning(judgement.headline):
+    elif is_refused and _leads_to_tuning(judgement.headline):
         next_step = flight_for_gains or _next_step_towards_gains(judgement, advice_by_axis)
     else:
         return judgement
     return replace(judgement, next_step=next_step)
+
+
+def _is_repair(judgement: Judgement) -> bool:
+    """Returns whether the next step after a flight mends something on the ground, which comes before any other flight.
+
+    Args:
+        judgement: the headline, from which the next step follows. It asks for a repair if it is watch or bad, and not
+            about the control loops.
+    """
+    headline = judgement.headline
+    is_mended_on_ground = bool(headline.without_flight_advice.remedy)
+    return headline in faults_besides_loops(judgement) and is_mended_on_ground
+
+
+def _step_to_lower_gains(judgement: Judgement, axes: Iterable[str]) -> Fact | None:
+    """Returns the next step if gains must be lowered before the next flight; None if none must.
+
+    Args:
+        judgement: the next step after the flight, which stays if it lowers gains, and the decisions on the loops. These
+            may lower gains of an axis that the next step is not about.
+        axes: the requested axes.
+    """
+    if lowered_gains(judgement.next_step):
+        return judgement.next_step
+    decisions = judgement.loop_decisions
+    reductions = reductions_by_a_third(decisions[axis] for axis in axes if axis in decisions)
+    action = common_action(reductions)
+    if action is None:
+        return None
+    return Fact(NextStep.DO_AS_ADVISED, judgement.headline.level, reason=action)
 
 
 def _is_flight_with_doublets(next_step: Fact) -> bool:
@@ -237,6 +279,7 @@ def _next_step_with_new_gains(
     other_axes: Sequence[str],
     arguments: Sequence[str],
     flight_for_gains: Fact | None,
+    step_to_lower_gains: Fact | None,
     *,
     is_written: bool,
 ) -> Fact:
@@ -248,20 +291,20 @@ def _next_step_with_new_gains(
         other_axes: axes that were not requested, but whose gains should change too.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
         flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
+        step_to_lower_gains: the next step if gains must be lowered; None if none must.
         is_written: whether the gains are written to a file.
 
     Returns:
         The fact (coded finding) ``LOAD_GAINS`` if the flight is a basis for the new gains of an axis
-        (``Advice.is_sound``). Otherwise the next step of the judgement if it lowers gains, and ``FLY_BEFORE_GAINS`` if
-        not.
+        (``Advice.is_sound``). Otherwise the step to lower gains and, without one, ``FLY_BEFORE_GAINS``.
     """
     changed_loops = _advice_on_changed_loops(advice_on_loops)
     if any(advice.is_sound for advice in changed_loops):
         return _step_to_load_gains(
             judgement, changed_loops, other_axes, arguments, is_written=is_written
         )
-    if lowered_gains(judgement.next_step):
-        return judgement.next_step
+    if step_to_lower_gains is not None:
+        return step_to_lower_gains
     further_axes: Names = ()
     if flight_for_gains is not None:
         further_axes = flight_for_gains.figures["axes"]

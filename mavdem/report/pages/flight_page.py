@@ -61,12 +61,12 @@ from mavdem.report.charts.timeline import (
     rate_title,
 )
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.gain_changes import gain_changes, loading_sentences
+from mavdem.report.gain_changes import gain_changes, gains_in_tables, loading_sentences
 from mavdem.report.heading import heading_of
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
-from mavdem.report.loops import TRIED_HEADER, gain_row
+from mavdem.report.loops import TRIED_HEADER, forbids_flight, gain_row
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import HARDWARE_TITLE, hardware_chapters
@@ -242,9 +242,18 @@ def log_page(
         vehicle = assessment.evidence.signals.telemetry
         # A next step that lowers gains comes before new ones.
         advice_to_load = {} if gains_to_lower else advice
-        changes = gain_changes(name, vehicle, advice_to_load, gains_to_lower)
+        changes = gain_changes(
+            name,
+            vehicle,
+            advice_to_load,
+            gains_to_lower,
+            is_after_check=forbids_flight(assessment.next_step),
+        )
     # Sentences refer to parts of the page, where those of the terminal name commands.
-    with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
+    medium = Medium(
+        has_terminal=False, has_gain_table=changes is not None, table_gains=gains_in_tables(changes)
+    )
+    with sentences_for(medium):
         if changes is not None and not gains_to_lower:
             changes = changes._replace(loading=loading_sentences(advice))
         evidence = headline_evidence(assessment.headline, assessment.lights)

@@ -27,12 +27,13 @@ from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Chart, Group, Note, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
-from mavdem.report.gain_changes import GainChanges, gain_changes
+from mavdem.report.gain_changes import GainChanges, gain_changes, gains_in_tables
 from mavdem.report.gain_overview import GainOverview, gain_overview
 from mavdem.report.loops import (
     compared_loops,
     expected_margins,
     field_sentences,
+    forbids_flight,
     goal_sentences,
     is_headline_of_tuning,
     level_of_summary,
@@ -56,7 +57,7 @@ from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
-from mavdem.report.templates import render_section
+from mavdem.report.templates import MEDIUM, render_section, sentences_for
 
 SUBTITLE = "Margins of the loops, and the advice on their gains. Nothing was sent to the vehicle."
 """What stands below the title."""
@@ -100,6 +101,27 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     evidence = assessment.evidence
     # Loops are only sought in the flight of a vehicle that was judged, and so has evidence.
     assert evidence is not None
+    changes = changes_to_load(name, tuning, evidence)
+    # The gains of this table stand on the same page.
+    medium = MEDIUM.get()._replace(table_gains=gains_in_tables(changes))
+    with sentences_for(medium):
+        return _render_tune_page(name, tuning, assessment, changes)
+
+
+def _render_tune_page(
+    name: str, tuning: Tuning, assessment: Assessment, changes: GainChanges | None
+) -> str:
+    """Renders the page of :func:`tune_page`, whose sentences refer to the table of the gains to load.
+
+    Args:
+        name: name of the log.
+        tuning: the advice for each axis.
+        assessment: all results on a vehicle of the log.
+        changes: the gains to load, as a table; None if none change.
+    """
+    evidence = assessment.evidence
+    # Loops are only sought in the flight of a vehicle that was judged, and so has evidence.
+    assert evidence is not None
     result = tuning_result(tuning)
     gyro = gyro_chapter(assessment, timeline=None, has_spectrograms=True)
     chapters = [
@@ -116,7 +138,6 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     ]
     # A chapter that only points to the headline says nothing.
     chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
-    changes = changes_to_load(name, tuning, evidence)
     summary: Blocks = [*tune_summary(tuning, result), *expected_margins(tuning)]
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
@@ -149,6 +170,7 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
         tuning.axes,
         tuning.gains_to_lower,
         tuning.notch_parameters,
+        is_after_check=forbids_flight(tuning.judgement.next_step),
     )
 
 
