@@ -15,7 +15,7 @@ from mavdem.arrays import Array
 from mavdem.confidence import IntervalEstimate
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.margins import Complex, OpenLoop
-from mavdem.loops.step_characteristics import rise_times, with_interval
+from mavdem.loops.step_characteristics import response_times, rise_times, with_interval
 
 FREQUENCY_STEP = 0.05
 """Step of the integral over a predicted frequency response, Hz."""
@@ -98,6 +98,8 @@ class PredictedStep(NamedTuple):
     """Largest value of the step less 1; 0 or more."""
     rise_time: IntervalEstimate
     """Time from 10 to 90 % of the step, s."""
+    response_time: IntervalEstimate
+    """Time to 63 % of the step, delay included, s."""
 
 
 _predicted_steps: WeakKeyDictionary[OpenLoop, dict[float, PredictedStep | None]] = (
@@ -136,7 +138,9 @@ def _computed_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
     steps = steps_from_frequency_responses(loop.frequency, stable_responses, time)
     overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
     return PredictedStep(
-        overshoot=with_interval(overshoots), rise_time=with_interval(rise_times(time, steps))
+        overshoot=with_interval(overshoots),
+        rise_time=with_interval(rise_times(time, steps)),
+        response_time=with_interval(response_times(time, steps)),
     )
 
 

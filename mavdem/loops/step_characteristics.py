@@ -10,6 +10,10 @@ SETTLING_BAND = 0.05
 """Distance from 1 within which a step has settled: the usual 5 %."""
 
 
+RESPONSE_LEVEL = 1 - np.exp(-1)
+"""Level of a step whose time is the response time: 63 %, which a first-order lag reaches after its time constant."""
+
+
 def step_characteristics(
     time: Array, steps: Array, frequency: Array, gains: Array
 ) -> dict[str, IntervalEstimate]:
@@ -56,6 +60,21 @@ def rise_times(time: Array, steps: Array) -> Array:
     nine_tenth_times = _first_times(time, steps, 0.9)
     has_risen = nine_tenth_times < time[-1]
     return np.where(has_risen, nine_tenth_times - tenth_times, nine_tenth_times)
+
+
+def response_times(time: Array, steps: Array) -> Array:
+    """Returns the times in which responses reach ``RESPONSE_LEVEL`` of a step, delay included.
+
+    Unlike the rise time to 90 %, they do not jump where a response creeps over the last tenth by its integral term.
+
+    Args:
+        time: times after the step (K,), s.
+        steps: responses to a step of 1 (N, K), which are 0 at time 0.
+
+    Returns:
+        The times (N,), s; the whole duration for a response that never reaches that level.
+    """
+    return _first_times(time, steps, RESPONSE_LEVEL)
 
 
 def _unbiased_overshoots(steps: Array) -> Array:

@@ -1111,19 +1111,19 @@ def _facts_on_slower_rate(advice: Advice) -> list[Fact]:
         advice: advice on the gains of an axis.
 
     Returns:
-        A list with the fact; empty if the rate does not become slower (:func:`_longer_rise_times`). If the rate loop
+        A list with the fact; empty if the rate does not become slower (:func:`_slower_response`). If the rate loop
         lacks margin with the present gains, the figure by the name of the margin that it lacks most, such as "ms", has
         its values with the present and with the new gains.
     """
-    rise_times = _longer_rise_times(advice, "rate")
-    if rise_times is None:
+    response = _slower_response(advice, "rate")
+    if response is None:
         return []
     rating = margin_rating(advice.before, advice.target)
     margins: dict[str, Figure] = {}
     if not rating.is_good and rating.subject == "rate":
         margin = rating.figures["lacking"]
         margins[margin] = (getattr(advice.before.rate, margin), getattr(advice.after.rate, margin))
-    return [Fact(GainFact.RATE_SLOWER, None, rise_times=rise_times, **margins)]
+    return [Fact(GainFact.RATE_SLOWER, None, **response.figures, **margins)]
 
 
 def _facts_on_slower_attitude(advice: Advice) -> list[Fact]:
@@ -1135,24 +1135,42 @@ def _facts_on_slower_attitude(advice: Advice) -> list[Fact]:
         advice: advice on the gains of an axis.
 
     Returns:
-        A list with the fact; empty if the angle does not become slower (:func:`_longer_rise_times`).
+        A list with the fact; empty if the angle does not become slower (:func:`_slower_response`).
     """
-    rise_times = _longer_rise_times(advice, "attitude")
-    if rise_times is None:
+    response = _slower_response(advice, "attitude")
+    if response is None:
         return []
-    return [Fact(GainFact.ATTITUDE_SLOWER, rise_times=rise_times)]
+    return [Fact(GainFact.ATTITUDE_SLOWER, None, **response.figures)]
 
 
-def _longer_rise_times(advice: Advice, loop_name: str) -> tuple[float, float] | None:
-    """Returns the rise times of the predicted steps of a loop with the present and the new gains, s, if it grows.
+class _SlowerResponse(NamedTuple):
+    """Times to 63 % of the predicted step of a loop, s, delay included."""
+
+    now: IntervalEstimate
+    """With the gains that flew."""
+    new: IntervalEstimate
+    """With the new gains."""
+
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """Figures of a fact on the slower response. Its factor is only stated if the intervals do not overlap."""
+        return {
+            "response_times": (self.now.value, self.new.value),
+            "response_time_intervals": (self.now.interval, self.new.interval),
+            "is_factor_sure": self.now.high < self.new.low,
+        }
+
+
+def _slower_response(advice: Advice, loop_name: str) -> _SlowerResponse | None:
+    """Returns how fast a loop responds now and with the new gains, by the predicted steps, if it becomes slower.
 
     Args:
         advice: advice on the gains of an axis.
         loop_name: "rate" or "attitude".
 
     Returns:
-        Both rise times, 10 to 90 %. None if no gains change, if a step cannot be predicted, or if the rise time grows
-        by less than ``MIN_GAIN_CHANGE``, a factor within what batteries and weather do to a loop.
+        Both response times. None if no gains change, if a step cannot be predicted or does not reach 63 %, or if the
+        time grows by less than ``MIN_GAIN_CHANGE``, a factor within what batteries and weather do to a loop.
     """
     if not advice.parameters:
         return None
@@ -1161,11 +1179,11 @@ def _longer_rise_times(advice: Advice, loop_name: str) -> tuple[float, float] | 
     new_step = predicted_step(advice.after.open_loop(loop_name), duration)
     if step_now is None or new_step is None:
         return None
-    rise_time_now = step_now.rise_time.value
-    new_rise_time = new_step.rise_time.value
-    if new_rise_time < MIN_GAIN_CHANGE * rise_time_now:
+    response = _SlowerResponse(step_now.response_time, new_step.response_time)
+    if response.new.value >= duration:
         return None
-    return rise_time_now, new_rise_time
+    is_slower = response.new.value >= MIN_GAIN_CHANGE * response.now.value
+    return response if is_slower else None
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:

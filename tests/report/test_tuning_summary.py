@@ -432,27 +432,31 @@ def test_a_measured_step_that_is_too_fast_for_its_messages_has_a_warning(message
 def test_gains_that_slow_the_rate_have_their_price_beside_the_margin(
     lacking, margins, price, monkeypatch
 ):
-    """The advised gains let the rate rise in 90 instead of 23 ms, with or without a margin that it lacked."""
-    rise_times = {"before": 0.023, "after": 0.09}
-    steps = {
-        loop: Mock(rise_time=IntervalEstimate(time, time, time))
-        for loop, time in rise_times.items()
+    """With the advised gains the rate responds in 38 instead of 23 ms, with or without a margin that it lacked."""
+    response_times = {
+        "before": IntervalEstimate(0.023, 0.02, 0.028),
+        "after": IntervalEstimate(0.038, 0.031, 0.046),
     }
+    steps = {loop: Mock(response_time=time) for loop, time in response_times.items()}
     monkeypatch.setattr("mavdem.report.loops.predicted_step", lambda loop, _: steps[loop.name])
     level = Level.BAD if lacking else Level.GOOD
     rating = Fact(LoopFact.MARGIN_RATING, level, subject="rate", lacking=lacking)
     monkeypatch.setattr("mavdem.report.loops.margin_rating", lambda *_: rating)
     loops = {}
-    for index, name in enumerate(rise_times):
+    for index, name in enumerate(response_times):
         rate = Mock(**{lacking: margins[index]} if lacking else {})
         rate.name = name
         loops[name] = Mock(rate=rate, open_loop=lambda _, rate=rate: rate)
     advice = Mock(parameters={"ATC_RAT_RLL_P": 0.15}, **loops)
     (slower,) = _facts_on_slower_rate(advice)
     assert slower.sentence == (
-        "With the new gains the rate rises in 90 ms instead of 23 ms (10 to 90 %), "
-        f"3.9 times as long{price}"
+        "With these gains the rate takes 38 ms (31 to 46) to 63 % of a step, now 23 ms (20 to 28), "
+        f"1.7 times as long{price}"
     )
+    # No factor is sure where the intervals overlap.
+    steps["after"] = Mock(response_time=IntervalEstimate(0.038, 0.027, 0.046))
+    (slower,) = _facts_on_slower_rate(advice)
+    assert slower.sentence.endswith(f"now 23 ms (20 to 28){price}")
     steps["after"] = steps["before"]
     assert not _facts_on_slower_rate(advice)
 
