@@ -65,14 +65,23 @@
     plot.scrollIntoView();
   });
 
-  // The library stores that the fault of an earlier flight was repaired. The button says so at once, and the next states of
-  // the page, which may still have it for some seconds, do not offer it again.
-  const notedRepairs = new Set();
+  // The library stores that the fault of an earlier flight was repaired. The button and the headline of that fault say so at
+  // once, and the next states of the page, which may still have them for some seconds, do not state them again. Each repair
+  // is a statement by the address of its flight.
+  const notedRepairs = new Map();
+  // Headline and next step as the server sent them last, which stand again where it stores nothing.
+  let newestResult = document.getElementById("result").cloneNode(true);
   const markNotedRepair = () => {
     const repair = document.getElementById("repaired");
     if (!repair || !notedRepairs.has(repair.value)) return;
+    const statement = notedRepairs.get(repair.value), result = repair.closest("#result"), headline = result?.querySelector(".headline strong");
     repair.disabled = true;
     repair.textContent = "Noted";
+    // The next step below the headline leads to that flight only where the headline states its fault.
+    const step = result?.querySelector(".headline + p a");
+    if (!headline || step?.getAttribute("href") !== repair.value) return;
+    headline.textContent = `Noted: ${statement[0].toLowerCase()}${statement.slice(1)}.`;
+    result.classList.add("noted");
   };
   document.addEventListener("click", async ({ target }) => {
     if (target.id !== "repaired") return;
@@ -81,7 +90,7 @@
     const key = document.querySelector('meta[name="mavdem-key"]')?.content, headers = { "Content-Type": "application/json" };
     if (key) headers.Authorization = `Bearer ${key}`;
     const options = { method: "PATCH", headers, body: JSON.stringify({ repaired: true }) };
-    notedRepairs.add(address);
+    notedRepairs.set(address, statement);
     markNotedRepair();
     try {
       const response = await fetch(address.replace("/f/", "/api/flights/"), options);
@@ -92,6 +101,7 @@
     notedRepairs.delete(address);
     target.disabled = false;
     target.textContent = statement;
+    renew(document.getElementById("result"), newestResult.cloneNode(true));
   });
 
   // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to. Where a menu opens, or
@@ -283,6 +293,7 @@
     // The page of a session that is over showed the whole flight, whatever was chosen.
     let followedSpan = isLast() ? chosenSpan : shownSpan;
     title = newer.title;
+    newestResult = newer.querySelector("#result").cloneNode(true);
     renew(main, newer.querySelector("main"));
     markNotedRepair();
     if (flightNumber() !== shownFlight) {

@@ -15,6 +15,7 @@ from mavdem.facts.online import SurpriseCause
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
+from mavdem.live.link_loss import link_loss_fact
 from mavdem.report.brief_events import (
     StatedEvents,
     count_text,
@@ -24,7 +25,7 @@ from mavdem.report.brief_events import (
 )
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
-from mavdem.report.pages.page import Head, PageEvent
+from mavdem.report.pages.page import MAX_NEWEST_EVENTS, Head, PageEvent
 from mavdem.report.review import _lines_of_event
 from mavdem.witnesses.sensor_facts import supporting_fact
 
@@ -253,6 +254,26 @@ def test_the_closing_list_of_a_live_flight_has_the_event_of_its_headline():
         (MotionEvent.HIT, 1),
         (ReportedEvent.MOTORS_DISARMED, 1),
     ]
+
+
+def test_a_live_page_keeps_the_event_of_its_headline_in_sight():
+    """A motor weakens, then the link is lost and comes back: the plots have marks for listed events only."""
+    left = Fact(SessionFact.ALARM, time=1.0, reason=LEFT.replace(Level.BAD))
+    silence = link_loss_fact(
+        NOTHING_RECEIVED, 9.0, 0.0, None, None, None, cause=LEFT.replace(Level.BAD), is_over=False
+    )
+    disarmed = Fact(ReportedEvent.MOTORS_DISARMED, time=4.0)
+    history = _history_of(
+        Event(1.0, left, reception=0.0),
+        Event(2.0, silence, reception=0.0),
+        *[Event(4.0, disarmed, reception=0.0)] * MAX_NEWEST_EVENTS,
+    )
+    events = _numbered_live_events(history, unjudged(LEFT.replace(Level.BAD)), ())
+    head = Head(Level.BAD, {}, events[::-1], is_newest_first=True)
+    assert [one.number for one in head.newest_events] == [6, 5, 4, 3, 2, 1]
+    assert head.earlier_events == []
+    # The closing list leaves out what the headline states, and ends no sentence in its middle.
+    assert events[1].brief == "Link lost at 00:00:00, in flight."
 
 
 def test_events_of_an_earlier_flight_are_listed_without_a_place_in_the_plots():

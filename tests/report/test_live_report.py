@@ -216,8 +216,11 @@ def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
     account = dict.fromkeys(TimeUse, 0.0)
     page = live_page("udp", "roll", LiveHistory(), silent, account, None)
     assert page.index("Last seen:") < page.index('<section id="lights">')
-    # The verdict on the flight keeps the place, by which the vehicle is searched.
+    # The verdict on the flight keeps the place, by which the vehicle is searched; the page has it once, in its card.
     assert "12 m above the take-off" in headline(loss.replace(is_over=True))
+    over = replace(silent, is_over=True, last_reception=0.0)
+    page = live_page("udp", "roll", LiveHistory(), over, account, None)
+    assert "<strong>Link lost at 00:00:00, in flight.</strong>" in page
 
 
 @mark.slow
@@ -275,7 +278,7 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
 def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are():
     """The session keeps the signals of its latest flight only."""
     account = dict.fromkeys(TimeUse, 0.0)
-    weak_motor = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 3", share=0.9)
+    weak_motor = MotorChange(58.0, 56.0, 3, "motor 3", 0.3, 0.99, loss=(0.2, 0.4)).fact
     first = FlightVerdict(1, unjudged(weak_motor))
     status = SessionStatus(flight_number=2, is_over=True, is_recorded=True, verdicts=(first,))
     history = LiveHistory()
@@ -286,6 +289,9 @@ def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are(
     assert status.session_judgement.headline == first.fact
     page_at_end = live_page("udp", "roll", history, status, account, None)
     assert note in page_at_end
+    # That, and what shows the headline, stand above the lights and plots, which are of the latest flight.
+    assert page_at_end.index(note) < page_at_end.index('<section id="flight"')
+    assert "<strong>Flight 1, why:</strong> motor\N{NO-BREAK SPACE}3 works" in page_at_end
     # The lights are those of the latest flight, whose verdict stands below the headline.
     assert "<p>Flight 2: " in page_at_end
     # In the next flight its fault is the headline: no card below the lights repeats that.

@@ -560,9 +560,9 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         )
         flight = "the flight of 2026-11-28 09:15 UTC"
         assert head.statement_of_repair == f"The vehicle was repaired or inspected after {flight}"
-        assert step.text == "Take off only if that was repaired."
+        assert step.text == "Do not fly before it is inspected."
         assert step.address == f"/f/{entry.id}"
-        assert advice.text == "Do not fly before it is inspected."
+        assert advice.text == "Not needed if that was done since."
         # What is known of the flight that has ended since.
         own_verdict = verdict_on_present_flight(status)
         assert "".join(sentence.text for sentence in further) == own_verdict

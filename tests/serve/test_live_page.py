@@ -15,6 +15,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.serve.live_pages import SessionPage
@@ -410,9 +411,24 @@ def test_a_repair_is_noted_at_once_and_not_offered_again(session, tab):
     session.show(replace(warned, message_age=1.0, flight_seconds=3.0))
     tab.until("document.body.innerText.includes('in flight 0:03')")
     assert tab.run(f"[{button}.textContent, {button}.disabled]") == ["Noted", True]
+    # On the ground the headline is that fault, and says so at once, too.
+    on_ground = replace(warned, is_flying=False, flight_seconds=None)
+    on_ground = replace(on_ground, state=VehicleState(system=1))
+    session.show(on_ground)
+    noted = f"Noted: motor 3{statement.removeprefix('Motor 3')}."
+    tab.until(f"{HEADLINE} === '{noted}'")
+    step = "document.querySelector('#result .headline + p').checkVisibility()"
+    assert tab.run(f"[{step}, {button}.closest('#result').className.includes('noted')]") == [
+        False,
+        True,
+    ]
     tab.run("window.answer()")
     tab.until("window.refusal")
     assert tab.run(f"[{button}.textContent, {button}.disabled]") == [statement, False]
+    tab.run(f"{button}.click()")
+    session.show(replace(on_ground, message_age=2.0))
+    tab.until(f"{HEADLINE}.startsWith('Earlier flight (2026-11-28 09:15 UTC)')")
+    assert tab.run(step)
 
 
 def test_who_read_the_headline_reads_that_of_the_next_flight(session, tab):

@@ -33,6 +33,9 @@ _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 _INTERVAL = re.compile(r"\(\S+ to \S+\)")
 """An interval after a figure, such as "(23 to 35)"."""
 
+_TAG_OR_DATE = re.compile(r"<[^>]*>|\b\d{4}-\d\d-\d\d( \d\d:\d\d)?\b")
+"""A tag of a page, or a date with or without its time of day, such as "2026-11-28 09:15"."""
+
 _ELLIPSIS_IN_NAME = re.compile(r"(?<=\w)…(?=\w)")
 """An ellipsis within a shortened name, such as "001a…333539"."""
 
@@ -52,10 +55,10 @@ def render_page(template: Template, **values: Any) -> str:
 def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
-    Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units``, ``with_unbroken_intervals``,
-    ``css_string`` and ``evidence_text``, the tests ``is table``, ``is chart`` and ``is note`` by which they choose how
-    to draw a block, and as globals the version of the program and the colours of charts. The environment is cached and
-    shared: a filter that one page adds is there for all pages.
+    Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units``, ``with_unbroken_dates``,
+    ``with_unbroken_intervals``, ``css_string`` and ``evidence_text``, the tests ``is table``, ``is chart`` and ``is
+    note`` by which they choose how to draw a block, and as globals the version of the program and the colours of
+    charts. The environment is cached and shared: a filter that one page adds is there for all pages.
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
@@ -77,6 +80,7 @@ def environment() -> Environment:
     jinja.tests["note"] = lambda panel: isinstance(panel, Note)
     jinja.filters["prose"] = _prose_as_html
     jinja.filters["with_unbroken_units"] = lambda html: Markup(with_unbroken_units(html))
+    jinja.filters["with_unbroken_dates"] = _with_unbroken_dates
     jinja.filters["with_unbroken_intervals"] = _with_unbroken_intervals
     jinja.filters["css_string"] = _css_string
     jinja.filters["evidence_text"] = evidence_text
@@ -150,6 +154,23 @@ def _css_string(text: str) -> Markup:
         for character in text
     ]
     return Markup('"' + "".join(characters) + '"')
+
+
+def _with_unbroken_dates(html: str) -> Markup:
+    """Keeps dates such as "2026-11-28 09:15" in the text of a page on one line each.
+
+    A browser would break them after a hyphen.
+
+    Args:
+        html: text of a page, with its tags; an address in a tag may have a date, too, and stays as it is.
+    """
+
+    def unbroken(tag_or_date: re.Match[str]) -> str:
+        """Returns a tag as it is, and a date as an element that stays on one line."""
+        text = tag_or_date[0]
+        return text if text.startswith("<") else f'<span class="date">{text}</span>'
+
+    return Markup(_TAG_OR_DATE.sub(unbroken, html))
 
 
 def _with_unbroken_intervals(html: Markup) -> Markup:

@@ -17,6 +17,7 @@ from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.axis.lowered_gains import lowered_gains
 from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name, utc_date
 from mavdem.assessment.judgement import Judgement
@@ -105,6 +106,7 @@ from mavdem.report.screen import (
 )
 from mavdem.report.templates import (
     Medium,
+    as_clause,
     capitalize_first,
     first_and_further_sentences,
     headline,
@@ -1220,14 +1222,14 @@ def live_page(
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_title
 
-    events = _numbered_live_events(history, status.session_judgement, status.alarms)
+    judgement = replace(status.session_judgement, headline=_headline_by_session(status))
+    events = _numbered_live_events(history, judgement, status.alarms)
     timeline = _marked_live_timeline(history, axis, status, events)
     chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
     head = _live_head(history, status, events, timeline)._replace(
         light_anchors=_live_anchors(timeline, chapters),
         links=links,
         saved_flight=saved_flight,
-        plots_of_worse_flight=_plots_of_worse_flight(status, saved_flight),
         files_of_session=files,
         refresh_seconds=refresh_seconds,
     )
@@ -1320,7 +1322,6 @@ def _live_head(
     from mavdem.live.session_status import cause_of_alarm
     from mavdem.report.live import (
         brief_light_figures,
-        headline_reason,
         live_alarm,
         unrepaired_fault_beside_next_step,
         vehicle_state_cells,
@@ -1329,7 +1330,7 @@ def _live_head(
     judgement = status.session_judgement
     goes_on = not status.is_over
     judgement_with_reason = _judgement_with_reason(status)
-    reasons = headline_reason(judgement_with_reason)
+    reasons = _reasons_of_headline(status)
     # On the ground a fault of an earlier flight stands below the next step (:func:`_sentences_on_earlier_fault`).
     unrepaired_fault = ""
     if status.is_in_flight:
@@ -1374,7 +1375,7 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import statement_of_headline, verdict_on_present_flight
 
-    judgement = status.session_judgement
+    judgement = _judgement_beside_place(status.session_judgement)
     sentences = judgement_sentences(judgement)
     heading = sentences.headline
     if not status.is_over:
@@ -1387,10 +1388,24 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     verdict_on_flight = verdict_on_present_flight(status)
     if verdict_on_flight:
         summary.append(Sentence(verdict_on_flight))
+    plots_of_worse_flight = _plots_of_worse_flight(status, saved_flight)
+    if plots_of_worse_flight is not None:
+        summary.append(plots_of_worse_flight)
     is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
     if status.delay_fact is not None and not is_delay_in_headline:
         summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
     return summary
+
+
+def _judgement_beside_place(judgement: Judgement) -> Judgement:
+    """Returns a judgement whose headline leaves out where a vehicle with a lost link was: a card of the page has it.
+
+    Args:
+        judgement: the judgement of the vehicle in the session (the card is :func:`mavdem.report.live.headline_reason`).
+    """
+    if judgement.headline.code is not LinkFact.LOST_IN_FLIGHT:
+        return judgement
+    return replace(judgement, headline=judgement.headline.replace(is_place_stated=True))
 
 
 def _next_step_with_link(
@@ -1499,19 +1514,82 @@ def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:
 def _judgement_with_reason(status: SessionStatus) -> Judgement:
     """Returns the judgement that has the evidence (measurements of sensors) for the headline of a live page.
 
-    After a flight the headline is that of the recording, which comes as a text without evidence. If the session found
-    the same in flight, its own judgement has the evidence, and is returned.
+    If the headline is on an earlier flight of the session, it is the judgement of that flight. After a flight the
+    headline is that of the recording, which comes as a text without evidence. If the session found the same in flight,
+    its own judgement has the evidence, and is returned.
 
     Args:
         status: state of the session now, or at its end.
     """
     judgement = status.session_judgement
+    worse_verdict = _verdict_of_headline(status)
+    if worse_verdict is not None:
+        return worse_verdict.judgement
     if judgement.headline.code is not SessionFact.RECORDING_JUDGED:
         return judgement
-    judgement_by_session = replace(status, recording_verdict=None).session_judgement
+    judgement_by_session = _judgement_without_recording(status)
     finding = judgement_by_session.headline
     is_same_verdict = str(judgement.headline) in (headline(finding), finding.sentence)
     return judgement_by_session if is_same_verdict else judgement
+
+
+def _verdict_of_headline(status: SessionStatus) -> FlightVerdict | None:
+    """Returns the verdict on an earlier flight that is the headline of a session's page; None for another headline.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    verdict = status.worst_earlier_verdict
+    if verdict is None or status.session_judgement.headline != verdict.fact:
+        return None
+    return verdict
+
+
+def _reasons_of_headline(status: SessionStatus) -> list[Sentence]:
+    """Returns the sentences that say what shows the headline of a live page, and of which earlier flight it is, if so.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import headline_reason
+
+    reasons = headline_reason(_judgement_with_reason(status))
+    worse_verdict = _verdict_of_headline(status)
+    if worse_verdict is None:
+        return reasons
+    return [
+        reason._replace(lead=f"Flight {worse_verdict.number}, {as_clause(reason.lead)}")
+        for reason in reasons
+    ]
+
+
+def _judgement_without_recording(status: SessionStatus) -> Judgement:
+    """Returns the judgement by what a session found in flight, also where its recording has been judged since."""
+    return replace(status, recording_verdict=None).session_judgement
+
+
+def _headline_by_session(status: SessionStatus) -> Fact:
+    """Returns the finding of a session that the headline of its page states, by which events are matched with it.
+
+    The verdict of the recording, which is the headline after a flight, may give other figures for the same motor.
+
+    Args:
+        status: state of the session now, or at its end.
+
+    Returns:
+        The finding of the session, if the recording has the same verdict or finds the same motor bad; else the headline
+        of the page.
+    """
+    page_headline = _judgement_with_reason(status).headline
+    if page_headline.code is not SessionFact.RECORDING_JUDGED:
+        return page_headline
+    finding = _judgement_without_recording(status).headline
+    motor_name = f"motor {page_headline.figures.get('motor')}"
+    # The subject of a finding may have the place of the motor, too, as in "motor 3 (front left)".
+    is_on_same_motor = finding.subject.partition(" (")[0] == motor_name
+    is_same_fault = finding.is_bad and page_headline.is_bad and is_on_same_motor
+    return finding if is_same_fault else page_headline
 
 
 def _session_end(status: SessionStatus, *, is_last: bool) -> str:
@@ -1545,7 +1623,7 @@ def _live_timeline_title(status: SessionStatus) -> str:
 
 
 def _plots_of_worse_flight(status: SessionStatus, saved_flight: PageLink | None) -> Sentence | None:
-    """Returns the sentence above the plots of a session that is over, if its headline is on an earlier flight.
+    """Returns a sentence for the top of the page of a session that is over, if its headline is on an earlier flight.
 
     A session keeps the signals of its latest flight only; its recording has those of all flights.
 
@@ -1556,8 +1634,8 @@ def _plots_of_worse_flight(status: SessionStatus, saved_flight: PageLink | None)
     Returns:
         Where plots of the flight of the headline are; None if the plots are of that flight, or the session goes on.
     """
-    verdict = status.worst_earlier_verdict
-    if not status.is_over or verdict is None or status.session_judgement.headline != verdict.fact:
+    verdict = _verdict_of_headline(status)
+    if not status.is_over or verdict is None:
         return None
     flight = f"flight {verdict.number}"
     if saved_flight is not None:

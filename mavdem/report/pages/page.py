@@ -390,9 +390,6 @@ class Head(NamedTuple):
     saved_flight: PageLink | None = None
     """The page of a live flight in the library, once it is over; None without one."""
 
-    plots_of_worse_flight: Sentence | None = None
-    """Where plots of the flight of the headline are, once a session is over whose plots are of a later one; or None."""
-
     is_lost_in_air: bool = False
     """Whether the link of that vehicle was lost in the air, so that its flight may go on."""
 
@@ -528,16 +525,31 @@ class Head(NamedTuple):
     def newest_events(self) -> Sequence[PageEvent]:
         """The events that the page of a live session shows at first: its ``MAX_NEWEST_EVENTS`` newest ones.
 
-        The newest alarm with a number follows them if it is older, so that the plots mark it: they have marks only for
-        the events of a list that is in sight.
+        The newest alarm with a number and the event of the headline follow them if they are older, so that the plots
+        mark both: they have marks only for the events of a list that is in sight.
         """
         events = self.brief_events
-        newest_events = events[:MAX_NEWEST_EVENTS]
-        alarms = [shown for shown in events if shown.event.is_alarm and shown.number is not None]
-        # The events, and so the alarms, are the newest first.
-        if alarms and alarms[0] not in newest_events:
-            return [*newest_events, alarms[0]]
+        numbered_alarms = [
+            shown for shown in events if shown.event.is_alarm and shown.number is not None
+        ]
+        newest_events = list(events[:MAX_NEWEST_EVENTS])
+        for older_event in (*numbered_alarms[:1], *self._first_report_of_headline):
+            if older_event not in newest_events:
+                newest_events.append(older_event)
         return newest_events
+
+    @property
+    def _first_report_of_headline(self) -> Sequence[PageEvent]:
+        """The event that reported the headline of a live session first, or none.
+
+        An alarm may be repeated, and its end reported, so that it is the oldest one with a number in the plots. If the
+        headline is on an earlier flight, which the plots do not show, it is the oldest alarm that states it.
+        """
+        reports = [shown for shown in self.brief_events if shown.is_headline]
+        numbered_reports = [shown for shown in reports if shown.number is not None]
+        alarms = [shown for shown in reports if shown.event.is_alarm]
+        # The events are the newest first.
+        return (numbered_reports or alarms)[-1:]
 
     @property
     def earlier_events(self) -> Sequence[PageEvent]:
