@@ -80,6 +80,9 @@ class Conditions(NamedTuple):
     vibration: float | None
     """Mean vibration of the first IMU along the axis that vibrates most, m/s²; how a vehicle flies changes it too."""
 
+    vibration_of_imus: tuple[float, ...]
+    """The same of each IMU, m/s²; empty unless all flights have it of equally many IMUs."""
+
     wind_torque: dict[str, float]
     """Standard deviation of the wind torque by axis, rad/s²."""
 
@@ -117,10 +120,24 @@ def mean_conditions(flights: Flights) -> Conditions:
         lean_pitch=_mean_of_known(row.lean_pitch for row in flight_rows),
         tilt_sd=_mean_of_known(row.tilt_sd for row in flight_rows),
         vibration=_mean_of_known(_largest_vibration(row) for row in flight_rows),
+        vibration_of_imus=_mean_vibration_of_imus(flight_rows),
         wind_torque=ReadOnlyDict(_mean_wind_torques(axis_rows)),
         wind_speeds=_wind_speeds(flight_rows),
         step_sources=ReadOnlyDict(_step_sources(axis_rows)),
     )
+
+
+def _mean_vibration_of_imus(flight_rows: FlightRows) -> tuple[float, ...]:
+    """Returns the mean vibration of each IMU over some flights, m/s²; empty unless all have it of equally many IMUs.
+
+    Args:
+        flight_rows: one row of each flight.
+    """
+    vibrations = [row.vibration_imus or () for row in flight_rows]
+    imu_counts = {len(vibrations_of_flight) for vibrations_of_flight in vibrations}
+    if len(imu_counts) != 1:
+        return ()
+    return tuple(fmean(vibrations_of_imu) for vibrations_of_imu in zip(*vibrations, strict=True))
 
 
 def _wind_speeds(flight_rows: FlightRows) -> tuple[WindSpeed, ...]:

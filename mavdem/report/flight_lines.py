@@ -287,8 +287,8 @@ def _wind_text(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", file_name, "13rem", "flight"),
-    "vehicle": Column("text", _vehicle, "8.6rem", "vehicle"),
+    "flight": Column("text", file_name, "15rem", "flight"),
+    "vehicle": Column("text", _vehicle, "11rem", "vehicle"),
     "date": Column("text", _date, "6rem", "date"),
     "health": Column("health", _badge, "5rem", "health"),
     "lights": Column("lights", _warning_lights, "7.5rem", "lights"),

@@ -10,6 +10,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.fleet.flight_conditions import measured_voltage
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.trims_without_lean import trims_without_lean
@@ -361,8 +362,7 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
     (voltage_at_start,) = _estimates_of_column(flights, "voltage_start", 1)
     (voltage_at_end,) = _estimates_of_column(flights, "voltage_end", 1)
     yield "Battery (V)", {"start": voltage_at_start, "end": voltage_at_end}
-    (mean_output,) = _estimates_of_column(flights, "collective", 1)
-    yield "Mean motor output (%)", {"output": PERCENT * mean_output}
+    yield _motor_output(flights)
     yield "Least headroom of a motor (%)", {"headroom": PERCENT * _least_headrooms(flights)}
     # The units of the models' inputs, such as the outputs of the motors or the demand of the controller.
     input_units = set[str]()
@@ -404,6 +404,28 @@ def _vibrations(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
         imu_levels = (log_row(flight).vibration_imus or ())[:MAX_IMUS]
         estimates[: len(imu_levels), flight_index, 0] = imu_levels
     yield title, {f"IMU {number}": line for number, line in enumerate(estimates, start=1)}
+
+
+def _motor_output(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
+    """Returns the title and the line of the chart of the mean motor output, which all weak motors or a load raise.
+
+    The output rises as the battery sags. So it is drawn at equal voltage, relative to the first flight, as the motors
+    are judged by it. Where fewer than two flights have a voltage, it is drawn as it was measured.
+
+    Args:
+        flights: rows of the vehicle's flights, one for each axis, in the order of date.
+    """
+    (mean_output,) = _estimates_of_column(flights, "collective", 1)
+    voltages = [measured_voltage(log_row(flight)) for flight in flights]
+    voltage = np.array([np.nan if value is None else value for value in voltages])
+    efforts = mean_output[:, 0] * voltage
+    known_efforts = efforts[np.isfinite(efforts)]
+    if len(known_efforts) < 2:
+        return "Mean motor output (%)", {"output": PERCENT * mean_output}
+    relative_efforts = PERCENT * efforts / known_efforts[0]
+    unknown_half_widths = np.full(len(flights), np.nan)
+    lines = {"output × voltage": np.column_stack([relative_efforts, unknown_half_widths])}
+    return "Output at equal voltage (% of the first)", lines
 
 
 def _least_headrooms(flights: Sequence[AxisRows]) -> Array:

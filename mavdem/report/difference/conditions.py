@@ -198,7 +198,8 @@ def vibration_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         reviewed: comparison of two states.
 
     Returns:
-        A row for each IMU; where the logs have none in common, as fleets, one row of the first IMU.
+        A row for each IMU. Where the reviews have none in common, as of fleets, the rows have the means over flights;
+        one row of the first IMU if those of the others are not known.
     """
     lights_by_side = {}
     for side in STATE_NAMES:
@@ -206,8 +207,18 @@ def vibration_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         lights_by_side[side] = value_at(review, "lights.vibration") or {}
     vibrations_by_imu = vibrations_of_same_imu(lights_by_side)
     if not vibrations_by_imu:
-        # Reviews without a common IMU, as of fleets, still have the vibration of the first IMU among the conditions.
+        # Reviews without a common IMU, as of fleets, still have the vibration among the conditions.
         before, after = reviewed.difference.conditions
+        if before.vibration_of_imus and len(before.vibration_of_imus) == len(
+            after.vibration_of_imus
+        ):
+            levels = zip(before.vibration_of_imus, after.vibration_of_imus, strict=True)
+            return [
+                ConditionRow(
+                    f"vibration of IMU {number}", "m/s²", (rounded(first), rounded(second))
+                )
+                for number, (first, second) in enumerate(levels, start=1)
+            ]
         cells = (_rounded_cell(before.vibration), _rounded_cell(after.vibration))
         return [ConditionRow("vibration of IMU 1", "m/s²", cells)]
     rows = []

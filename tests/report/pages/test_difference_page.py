@@ -485,6 +485,12 @@ def test_conditions_of_both_flights_stand_on_page_and_terminal():
     assert "wind 3.2 (2.5 to 3.9) m/s in A, not known in B" in sentence.text
     assert "mean motor output 40 → 55 %" in sentence.text
     assert "mean motor output (%)" in comparison_page(("a.bin", "b.bin"), reviewed)
+    # Of fleets each IMU is compared, since any of them may be the one that is to be watched.
+    shaken = [
+        [flight_row("quad", number, vibration_imus=(4.0, 10.0 + number))] for number in range(2)
+    ]
+    rows = vibration_rows(reviewed_difference(vehicle_difference(*shaken)))
+    assert [row.cells for row in rows] == [("4.0", "4.0"), ("10", "11")]
     # Of a fleet the wind is known by flight.
     fleet = [
         flight_row("quad", number, wind_speed=speed) for number, speed in ((0, 3.0), (1, None))

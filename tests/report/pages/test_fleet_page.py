@@ -163,6 +163,13 @@ def test_battery_and_load_of_the_motors_are_followed_over_the_flights():
     assert_allclose((at_start.y, at_end.y), [[12.5, 12.5], [11.5, 10.5]])
     assert_allclose(drawn["Mean motor output (%)"].lines[0].y, 40)
     assert_allclose(drawn["Least headroom of a motor (%)"].lines[0].y, 20)
+    # With a voltage the output is that at equal voltage: a sagging battery raises it, and is no change of the motors.
+    sagging = [
+        replace(row, collective=collective, voltage_mean=voltage)
+        for row, collective, voltage in zip(rows, (0.4, 0.44), (12.0, 12.0 / 1.1), strict=True)
+    ]
+    title = "Output at equal voltage (% of the first)"
+    assert_allclose(panels(sagging)[title].lines[0].y, 100)
 
 
 def test_the_healthy_flights_that_others_are_compared_with_are_marked_and_named():
