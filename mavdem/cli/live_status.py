@@ -822,6 +822,9 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     if reason is not None:
         # After a landing another take-off is the pilot's choice, and the table shows the flight before.
         is_after_landing = reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
+        if status.is_switched_off:
+            # Nobody need check the link of a vehicle that is switched off after its landing.
+            reason = reason.replace(is_after_landing=True)
         if not is_after_landing:
             sentences.append(_unstated_reason(reason, judgement.headline, judgement_text))
     sentences = [text for text in sentences if text and text not in judgement_text]

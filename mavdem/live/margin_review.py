@@ -346,9 +346,11 @@ class MarginReview:
         if reason is None or reason.code is not LoopFact.LOOP_TOO_SHORT:
             return margins
         settled = reason.figures["settled"]
-        if settled is None:
-            return margins
         review_time = reason.figures["clock"]
+        if settled is None:
+            # The review could not count it: then what counts is the settled flight that goes on now.
+            settled = 0.0
+            review_time = -inf
         if settled_start is not None and review_time is not None:
             settled += max(0.0, now - max(review_time, settled_start))
         present_reason = reason.replace(settled=settled, is_settled=settled_start is not None)

@@ -1107,7 +1107,7 @@ def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
     elif reason.code is SessionFact.FLIGHT_OVER and status.loss is not None:
         # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
         report = reason.replace(reason=None)
-    elif _is_silent_after_landing(reason, status):
+    elif status.is_switched_off:
         # A vehicle that is switched off after its landing is no fault of the link, which nobody need check.
         report = reason.replace(is_after_landing=True)
     else:
@@ -1117,20 +1117,6 @@ def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
         # During an alarm, and before it is judged whether the vehicle oscillates, no report must advise to fly on.
         return report.without_flight_advice
     return report
-
-
-def _is_silent_after_landing(reason: Fact, status: SessionStatus) -> bool:
-    """Returns whether a vehicle that has flown and landed in this session sends no message any more.
-
-    Args:
-        reason: why no model is learned now.
-        status: the present status of the session.
-    """
-    sends_nothing = (
-        reason.code is RowsFact.NOTHING_RECEIVED and reason.subject == MissingMessages.MESSAGES
-    )
-    has_flown = status.flight_number > 0 and not status.is_flying
-    return sends_nothing and has_flown and status.has_landed
 
 
 def _without_measurements(reason: Fact | None) -> Hashable:

@@ -437,7 +437,7 @@ class SessionStatus(ImmutableResult):
         if self._is_urgent(judgement.headline):
             # The end of the session has not changed how urgent the fault is.
             step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=step_on_ground)
-        elif self._lands_by_itself:
+        elif self.lands_by_itself:
             step = Fact(NextStep.LET_LAND, reason=step_on_ground)
         else:
             step = Fact(NextStep.LAND_BY_SIGHT, reason=step_on_ground)
@@ -583,11 +583,12 @@ class SessionStatus(ImmutableResult):
         if self.link_loss is not None:
             return judgement
         fault = self.unrepaired_fault
-        if fault is None or judgement.next_step.code in STEPS_TO_THE_GROUND:
+        if fault is None:
             return judgement
         if self.is_in_flight:
             return self._judgement_with_condition(judgement, fault)
-        if self._is_worse_on_ground(fault, judgement.headline):
+        is_landing_advised = judgement.next_step.code in STEPS_TO_THE_GROUND
+        if not is_landing_advised and self._is_worse_on_ground(fault, judgement.headline):
             next_step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
             return replace(judgement, headline=fault, next_step=next_step)
         return judgement
@@ -600,6 +601,9 @@ class SessionStatus(ImmutableResult):
             fault: the warning of the fault, which becomes the headline otherwise.
         """
         headline = judgement.headline if judgement.headline.is_watch_or_bad else fault
+        if judgement.next_step.code in STEPS_TO_THE_GROUND:
+            # No repair allows more than the landing that is advised anyway.
+            return replace(judgement, headline=headline)
         step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
         return replace(judgement, headline=headline, next_step=step)
 
@@ -1288,7 +1292,7 @@ class SessionStatus(ImmutableResult):
         Args:
             step_to_model: what has to happen before a model can be learned.
         """
-        if self._lands_by_itself:
+        if self.lands_by_itself:
             return Fact(NextStep.LET_LAND, reason=None)
         if self.should_hover_first:
             return Fact(NextStep.HOVER_FIRST, reason=None, awaits_motors=self.lacks_motor_reference)
@@ -1305,7 +1309,7 @@ class SessionStatus(ImmutableResult):
         Args:
             warning: the fact on the fault, whose level is watch or bad.
         """
-        if self._lands_by_itself:
+        if self.lands_by_itself:
             return NextStep.LET_LAND
         # A motor that probably lost thrust may lose more of it.
         is_motor_suspected = (
@@ -1320,12 +1324,10 @@ class SessionStatus(ImmutableResult):
     @property
     def _is_landing(self) -> bool:
         """Whether the vehicle lands by itself here and now, as the mode "land" shows; a return lands elsewhere."""
-        return (
-            self._lands_by_itself and self.state is not None and self.state.mode.lower() == "land"
-        )
+        return self.lands_by_itself and self.state is not None and self.state.mode.lower() == "land"
 
     @property
-    def _lands_by_itself(self) -> bool:
+    def lands_by_itself(self) -> bool:
         """Whether the autopilot lands the vehicle now, as its mode shows."""
         return self.state is not None and self.state.lands_by_itself
 
@@ -1432,6 +1434,18 @@ class SessionStatus(ImmutableResult):
         """
         reason = self.no_model_reason
         return reason is None or reason.code not in NOT_RECEIVED_CODES
+
+    @property
+    def is_switched_off(self) -> bool:
+        """Whether no message has come since the vehicle landed in this session, as if it was switched off."""
+        reason = self.no_model_reason
+        is_silent = (
+            reason is not None
+            and reason.code is RowsFact.NOTHING_RECEIVED
+            and reason.subject == MissingMessages.MESSAGES
+        )
+        has_flown = self.flight_number > 0 and not self.is_flying
+        return is_silent and has_flown and self.has_landed
 
     @property
     def _is_silent_after_flight(self) -> bool:

@@ -186,6 +186,9 @@ def test_a_hover_comes_before_movements_of_the_sticks(slow):
     soon = watch(WatchedQuantity.MOTORS, short.replace(remaining_duration=0.2))
     soon_watched = replace(learning, watch_facts=(*slow.watch_facts, soon))
     assert brief_light_figures(soon_watched)[Light.MOTORS] == "hover 1 s more"
+    # Nothing is asked of a vehicle that lands by itself.
+    landing = replace(soon_watched, state=VehicleState("Land", lands_by_itself=True))
+    assert brief_light_figures(landing)[Light.MOTORS] == "thrust not watched"
 
 
 def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
@@ -429,7 +432,7 @@ def test_lights_of_a_recording_have_figures_of_their_own(slow):
     swing = Fact(MotionEvent.ATTITUDE_SWUNG, Level.BAD, time=33.0, angle_error=0.6)
     figures = recorded_light_figures(lights | {Light.TRACKING: swing})
     assert figures.keys() == set(Light)
-    assert (figures["power"], figures["log"]) == ("down to 11.2 V", "4 Hz")
+    assert (figures["power"], figures["log"]) == ("down to 11.2 V", "4.0 Hz")
     assert figures["tracking"] == "at 33.0 s"
 
 
@@ -706,6 +709,13 @@ def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
     assert statement == "No alarm now, but margins and wind are not judged."
     [margins] = [row for row in light_rows(flying) if row.name == Light.MARGINS]
     assert margins.figure == "after 12 s more settled"
+    long_enough = waiting.replace(reason=waiting.figures["reason"].replace(settled=21.0))
+    for change, text in (
+        ({"worst_lights": lights | {Light.MARGINS: long_enough}}, "judged again soon"),
+        ({"state": VehicleState("Land", lands_by_itself=True)}, "flight too short"),
+    ):
+        rows = light_rows(replace(flying, **change))
+        assert [row.figure for row in rows if row.name == Light.MARGINS] == [text]
     assert str(waiting) == "Margins take 20 s of settled flight without gaps, 12 s to go."
     judged = replace(flying, worst_lights=dict.fromkeys(VEHICLE_LIGHTS, good))
     assert judged.overall_judgement.headline.is_good
@@ -852,6 +862,8 @@ def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):
     )
     rows = {row.name: row for row in light_rows(status)}
     assert rows["tracking"].figure == "after 20 s settled"
+    landing = replace(status, state=VehicleState("RTL", lands_by_itself=True))
+    assert brief_light_figures(landing)[Light.TRACKING] == "not judged"
     counted = watch(WatchedQuantity.TRACKING, awaited.replace(remaining_duration=11.2))
     rows = {row.name: row for row in light_rows(replace(slow, watch_facts=(counted,)))}
     assert rows["tracking"].figure == "after 12 s more settled"

@@ -243,6 +243,10 @@ def test_the_settled_flight_that_margins_need_is_counted_between_two_reviews(rev
     ):
         review.margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=short, rate=None)
         assert str(review.present_margins(now, settled_start)).endswith(text)
+    # Of a refused log the settled flight is not known: that which goes on is counted.
+    uncounted = short.replace(settled=None)
+    review.margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=uncounted, rate=None)
+    assert str(review.present_margins(37.0, 25.0)).endswith("8 s to go.")
     review.margins = BAD
     assert review.present_margins(46.0, 25.0) is BAD
 

@@ -17,7 +17,7 @@ from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
 from mavdem.dem.settings import Settings
 from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import Headline
+from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
@@ -31,6 +31,7 @@ from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import MAX_VERDICTS, Milestones
 from mavdem.live.rows import AlignedRow, RowFormat
 from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.plant.parameters import Physical
 from mavdem.report.live import (
     closing_lines,
@@ -254,6 +255,9 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     silent = replace(flying, no_model_reason=silence, message_age=4.0)
     assert silent.session_judgement == silent.overall_judgement
+    # It leads while the vehicle lands, too, and changes nothing of what to do then.
+    landing = replace(flying, state=VehicleState("Land", lands_by_itself=True)).session_judgement
+    assert landing.headline == headline and landing.next_step.code is NextStep.LET_LAND
     text = unrepaired_fault_text(flying)
     assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
         "If that was not repaired, land."

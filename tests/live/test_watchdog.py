@@ -1277,6 +1277,13 @@ def test_an_alarm_that_stays_after_the_landing_is_shown_as_a_fault(monkeypatch):
     shown = shown_status(status, monkeypatch)
     assert "The autopilot reports a critical battery." in shown
     assert "ALARM" not in shown and "no attitude" not in shown
+    # A vehicle that is silent after its landing is switched off, and nobody need check its link.
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    switched_off = replace(
+        status, no_model_reason=silent, flight_number=1, worst_lights={Light.POWER: alarm}
+    )
+    shown = shown_status(switched_off, monkeypatch, width=300)
+    assert "the vehicle was switched off" in shown and "router" not in shown
 
 
 @mark.slow
