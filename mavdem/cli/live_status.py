@@ -30,11 +30,12 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live import clock
 from mavdem.live.session import LiveSession
-from mavdem.live.session_status import SessionStatus
+from mavdem.live.session_status import SessionStatus, cause_of_alarm
 from mavdem.report.blocks import shortened
 from mavdem.report.live import (
     NEXT_STEP_LEAD,
@@ -668,11 +669,20 @@ def _fault_of_earlier_flight(status: SessionStatus) -> str:
 
 
 def _watch_facts_to_print(status: SessionStatus) -> Facts:
-    """Returns the facts on watched quantities, without an oscillation that is an alarm: it shows that it is watched."""
-    is_oscillating = any(alarm.code is MarginsLight.OSCILLATES for alarm in status.active_alarms)
-    if not is_oscillating:
-        return status.watch_facts
-    return tuple(fact for fact in status.watch_facts if fact.subject != WatchedQuantity.OSCILLATION)
+    """Returns the facts on watched quantities, without those that an alarm shows to be watched.
+
+    These are the oscillation and the thrust of the motors while an alarm says that one oscillates or is weak.
+
+    Args:
+        status: State of the session, with its active alarms.
+    """
+    alarmed_codes = [cause_of_alarm(alarm).code for alarm in status.active_alarms]
+    alarmed_quantities = []
+    if MarginsLight.OSCILLATES in alarmed_codes:
+        alarmed_quantities.append(WatchedQuantity.OSCILLATION)
+    if MotorWatchFact.MOTOR_LOST_THRUST in alarmed_codes:
+        alarmed_quantities.append(WatchedQuantity.MOTORS)
+    return tuple(fact for fact in status.watch_facts if fact.subject not in alarmed_quantities)
 
 
 def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:

@@ -1332,6 +1332,15 @@ def test_plain_lines_say_that_a_loss_of_thrust_is_not_watched_until_it_is(capsys
     printed = capsys.readouterr().out
     assert "Not watched: loss of thrust (the first 8 s of settled flight" in printed
     assert "Watched: loss of thrust (since 4 s)" in printed
+    # The alarm of a weak motor shows that the thrust is watched.
+    weak = Fact(
+        MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 3", loss=(0.2, 0.4), time=9.0
+    )
+    alarm = Fact(SessionFact.ALARM, Level.BAD, reason=weak)
+    watched = watch_fact(WatchFact.WATCHED, None)
+    alarmed = replace(status, watch_facts=(watched,), active_alarms=(alarm,))
+    StatusLines(None).show(Mock(shown_status=alarmed))
+    assert "Watched: loss of thrust" not in capsys.readouterr().out
 
 
 def test_the_headline_of_an_earlier_flight_is_its_first_clause():
