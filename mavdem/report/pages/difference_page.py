@@ -100,12 +100,12 @@ each side."""
 """What stands below the chart of trims."""
 
 FLIGHT_DOTS_CAPTION = """\
- Dots without bars are single flights in order of date, those of A on the left of the means, those of B on the right, \
-coloured by how the motors of each were judged."""
+ Each motor has a column for A and one for B. The dot with a bar is the mean. Right of it are the single flights in \
+order of date, coloured by how the motors of each were judged."""
 """What is added to it where a side has several flights."""
 
-FLIGHT_DOTS_DISTANCE = 0.24
-"""Distance of the dots of single flights from the motor's mean, in distances of two motors: a choice."""
+MEAN_OFFSET = -0.3
+"""Position of the mean in the column of its side, in distances of two columns: left of the flights, a choice."""
 
 LEVEL_COLOURS = {
     Level.GOOD: PHYSICAL,
@@ -115,8 +115,11 @@ LEVEL_COLOURS = {
 }
 """Colour of the dot of a single flight, by the level of its motors."""
 
-FLIGHT_DOTS_WIDTH = 0.18
-"""Room of the dots of single flights beside each other, in distances of two motors: a choice."""
+FLIGHT_DOTS_WIDTH = 0.4
+"""Room of the dots of single flights beside each other, in distances of two columns: a choice."""
+
+FLIGHT_DOTS_OFFSET = 0.05
+"""Position of their middle in the column, likewise: the mean and the flights together are about its middle."""
 
 MAX_FLIGHT_DOTS = 40
 """Flights of a side up to which each has a dot of its own: more would hide each other."""
@@ -825,8 +828,9 @@ def _trim_chart(
 
     Returns:
         The chart, with motors on the horizontal axis and a line at 0; without dots if no trims were compared. Of
-        several flights, each has a dot of its own beside their mean.
+        several flights, each has a dot of its own beside their mean, and each motor a column for either side.
     """
+    has_columns = any(_has_flight_dots(flight_count) for flight_count in difference.flights)
     # Of all compared quantities, such as margins and motor time constants, the chart has the trims ("share").
     trim_changes = [change for change in difference.changes if change.quantity.kind == SHARE]
     motor_numbers = [change.quantity.motor for change in trim_changes]
@@ -844,20 +848,19 @@ def _trim_chart(
         flight_counts = dict(zip(STATE_NAMES, difference.flights, strict=True))
         for side, trims in trims_by_side.items():
             name = f"{legend[side]}, mean" if flight_counts[side] > 1 else legend[side]
+            means_at = _columns(side, motor_numbers) + MEAN_OFFSET if has_columns else positions
             dots = Line.with_band(
-                name, SIDE_COLOURS[side], positions, trims, whiskers, LineStyle.DOTS
+                name, SIDE_COLOURS[side], means_at, trims, whiskers, LineStyle.DOTS
             )
             lines.append(dots)
-        # Flights of A stand on the left of both means, those of B on the right.
-        lines = [
-            *_flight_dots("A", legend["A"], trim_changes, reviews_by_side),
-            *lines,
-            *_flight_dots("B", legend["B"], trim_changes, reviews_by_side),
-        ]
-        if len(lines) > len(legend):
+            if _has_flight_dots(flight_counts[side]):
+                lines += _flight_dots(side, legend[side], trim_changes, reviews_by_side)
+        if has_columns:
             lines = [*_with_common_abscissae(lines)]
-    motor_count = max(motor_numbers, default=0)
-    motor_axis = Axis("motor", names=tuple(str(number) for number in range(1, motor_count + 1)))
+    names = []
+    for number in range(1, max(motor_numbers, default=0) + 1):
+        names += [f"{number} {side}" for side in STATE_NAMES] if has_columns else [str(number)]
+    motor_axis = Axis("motor", names=tuple(names))
     trim_axis = Axis("relative trim (%)")
     return Chart("Relative trim (%)", motor_axis, trim_axis, tuple(lines), levels=(0.0,))
 
@@ -868,25 +871,22 @@ def _flight_dots(
     """Returns the relative trim of each flight of a side, %, as dots beside the mean of the motor.
 
     Args:
-        side: "A", whose flights stand on the left of the motor, or "B", on the right.
+        side: "A" or "B", which has a column of its own for each motor.
         name: name of the side in the legend.
         trim_changes: the compared trims, with their values in all flights.
         reviews_by_side: review documents, of a fleet with the level of the motors in each flight.
 
     Returns:
         A line of dots for each level of the motors' light; the dots of a motor are in order of date from left to right.
-        It is empty of a single flight, and of so many that their dots would hide each other.
     """
-    distance = -FLIGHT_DOTS_DISTANCE if side == "A" else FLIGHT_DOTS_DISTANCE
+    columns = _columns(side, [change.quantity.motor for change in trim_changes])
     positions: list[Array] = []
     trims: list[Array] = []
-    for change in trim_changes:
+    for change, column in zip(trim_changes, columns, strict=True):
         values = change.flights_before if side == "A" else change.flights_after
         offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, len(values))
-        positions.append(change.quantity.motor - 1.0 + distance + offsets)
+        positions.append(column + FLIGHT_DOTS_OFFSET + offsets)
         trims.append(100 * np.array(values))
-    if not trims or not _has_flight_dots(len(trims[0])):
-        return []
     levels = np.array(_motor_levels(reviews_by_side.get(side, {}), len(trims[0])))
     lines = []
     for level, colour in LEVEL_COLOURS.items():
@@ -896,6 +896,16 @@ def _flight_dots(
         if len(x):
             lines.append(Line(f"{name}, motors {level}", colour, x, y, style=LineStyle.DOTS))
     return lines
+
+
+def _columns(side: str, motor_numbers: Sequence[int]) -> Array:
+    """Returns the positions (motors,) of the columns of a side, where each motor has a column for A and one for B.
+
+    Args:
+        side: "A" or "B".
+        motor_numbers: numbers of the motors, from 1 on.
+    """
+    return 2.0 * (np.array(motor_numbers) - 1.0) + STATE_NAMES.index(side)
 
 
 def _has_flight_dots(flight_count: int) -> bool:

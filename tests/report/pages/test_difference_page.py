@@ -76,6 +76,17 @@ def test_the_chart_of_trims_shows_the_changes_that_are_compared(difference):
     assert_allclose(after.y - before.y, [0.0, 10.0, 0.0, 0.0], atol=0.1)
 
 
+def test_flights_of_fleets_have_a_column_for_each_motor_and_side():
+    states = [[flight_row("quad", number) for number in numbers] for numbers in ((0, 1), (2, 3))]
+    chart = _trim_chart({"A": "A", "B": "B"}, vehicle_difference(*states))
+    assert chart.x.names == ("1 A", "1 B", "2 A", "2 B", "3 A", "3 B", "4 A", "4 B")
+    for line in chart.lines:
+        drawn = line.x[np.isfinite(line.y)]
+        # The mean stands left of its flights, and all dots within the column of their side.
+        assert set(np.round(drawn) % 2) == {"AB".index(line.name[0])}
+        assert len(drawn) == (4 if line.name.endswith("mean") else 8)
+
+
 @pytest.mark.slow
 def test_trims_of_a_flight_in_which_a_motor_failed_are_not_compared():
     intervals = {"trim_share_interval": (0.01,) * 4}
