@@ -105,6 +105,7 @@ class Server:
             f"GET {LIVE_PATH}": self._live_pages.live_session,
             f"GET {LIVE_PATH}/update": self._live_pages.live_session_update,
             "GET /vehicle": pages.vehicle,
+            "GET /flights": pages.redirect_to_flights,
             "GET /vehicles": pages.list_vehicles,
             "GET /compare": pages.compare,
             f"GET {SIGN_IN_PATH}": sign_in.form,

@@ -144,11 +144,22 @@ def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:
     return f"case {column}{cases} else '{level_without_log}' end"
 
 
-def order_sql(order: ListingOrder) -> str:
-    """Returns the SQL of an order in which flights are listed; urgency also counts anomalies of the motors."""
+def order_sql(order: ListingOrder, *, is_reversed: bool = False) -> str:
+    """Returns the SQL of an order in which flights are listed; urgency also counts anomalies of the motors.
+
+    Args:
+        order: the order.
+        is_reversed: whether the flight that the order has first comes last. Flights of which the quantity is not known
+            come last all the same.
+    """
+    first_key, other_keys = SQL_ORDERS[order].split(", ", 1)
+    if is_reversed:
+        quantity, _, direction = first_key.partition(" ")
+        first_key = quantity if direction == "desc" else f"{quantity} desc"
+        first_key = f"nullif({quantity}, '') is null, {first_key}"
     if order is ListingOrder.URGENCY:
-        return SQL_ORDERS[order].replace("urgency", SHOWN_URGENCY_SQL, 1)
-    return SQL_ORDERS[order]
+        first_key = first_key.replace("urgency", SHOWN_URGENCY_SQL)
+    return f"{first_key}, {other_keys}"
 
 
 def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:

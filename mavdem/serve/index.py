@@ -21,6 +21,9 @@ from mavdem.fleet.workers import KEY_HASH_DIGITS
 DIGEST_GLOB = "[0-9a-f]" * len(hashlib.sha256().hexdigest())
 """Pattern of a SHA-256 in hexadecimal digits, for file names and for GLOB in SQLite."""
 
+VEHICLE_PAGE_PREFIX = "vehicle_"
+"""Beginning of the name of the page of a further vehicle of a log; its system and component follow."""
+
 LINK_BYTES = 16
 """Random bytes in the id of an entry. The id is its link, and 128 bits cannot be guessed."""
 
@@ -170,6 +173,12 @@ class LibraryEntry:
     def file_names(self) -> list[str]:
         """Names of the result files."""
         return self.files.split(",") if self.files else []
+
+    @property
+    def other_vehicles(self) -> list[str]:
+        """The further vehicles of the log, which have pages of their own: system and component, as in "3_1"."""
+        pages = [name for name in self.file_names if name.startswith(VEHICLE_PAGE_PREFIX)]
+        return [Path(name).stem.removeprefix(VEHICLE_PAGE_PREFIX) for name in pages]
 
     @property
     def is_done(self) -> bool:

@@ -463,6 +463,8 @@ class Library:
         limit: int,
         offset: int = 0,
         order: ListingOrder = ListingOrder.UPLOAD,
+        *,
+        is_reversed: bool = False,
     ) -> FoundEntries:
         """Finds the entries that satisfy a condition.
 
@@ -476,11 +478,13 @@ class Library:
             offset: number of entries that are skipped.
             order: the order in which entries are returned and skipped. Logs that could not be read come last in all; by
                 urgency, those that are still being read come first.
+            is_reversed: whether the order is reversed.
 
         Returns:
             The entries, and the number of all matches.
         """
-        id_query = f"select rowid from entries where {condition} order by {order_sql(order)}"
+        order_keys = order_sql(order, is_reversed=is_reversed)
+        id_query = f"select rowid from entries where {condition} order by {order_keys}"
         matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
         # Logs that could not be read come last. Among urgent flights those that are still being read come first.
         rank_while_reading = -1 if order is ListingOrder.URGENCY else 0

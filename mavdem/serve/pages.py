@@ -13,6 +13,7 @@ from starlette.responses import (
     FileResponse,
     HTMLResponse,
     JSONResponse,
+    RedirectResponse,
     Response,
 )
 
@@ -48,6 +49,7 @@ from mavdem.report.pages.library_page import (
     render_server_page,
     script_hashes_of_page,
     server_script,
+    vehicle_of_page,
     vehicle_page,
     vehicles_page,
     with_server_script,
@@ -202,6 +204,7 @@ class Pages:
             query=result.query,
             problems=search_hints(result.query, is_nothing_found=not result.entries),
             order=result.order,
+            sort=result.sort,
             offset=result.offset,
             page=FLIGHTS_PER_PAGE,
             is_empty=is_library_empty,
@@ -214,7 +217,7 @@ class Pages:
         response = HTMLResponse(html)
         if "sort" in request.query_params:
             response.set_cookie(
-                ORDER_COOKIE, result.order, max_age=ORDER_COOKIE_SECONDS, samesite="lax"
+                ORDER_COOKIE, result.sort, max_age=ORDER_COOKIE_SECONDS, samesite="lax"
             )
         return response
 
@@ -300,6 +303,11 @@ class Pages:
         if is_stored and self._request_page_if_outdated(entry, html):
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})
+        first_vehicle = ""
+        if entry.other_vehicles:
+            with refuse_missing_file():
+                first_page = self._page_path(entry, "").read_text("utf-8") if vehicle else html
+            first_vehicle = vehicle_of_page(first_page)
         is_compared = True
         anomaly = None
         # The fleet judges the vehicle under which the log is listed, and not another one that the query names.
@@ -327,6 +335,7 @@ class Pages:
                 is_compared=is_compared,
                 has_baseline=entry.vehicle in self._library.baseline_vehicles(),
                 follows_verdict=not vehicle,
+                first_vehicle=first_vehicle,
                 files=entry.file_names if is_stored else [],
                 missing=RecordingRequests(self._library).missing_names(entry),
                 can_open=self._has_viewer and has_recording and values["may_read"],
@@ -539,7 +548,13 @@ class Pages:
         self._rights.require(request, Permission.READ)
         rows = self._library.rows_of_named_vehicles()
         visitor = self._visible_library.visitor_values(request)
-        return HTMLResponse(vehicles_page(rows, **visitor))
+        return HTMLResponse(
+            vehicles_page(rows, unnamed_groups=self._visible_library.unnamed_groups(), **visitor)
+        )
+
+    def redirect_to_flights(self, request: HttpRequest) -> Response:
+        """Redirects ``/flights``, as one may guess the address, to the list of flights."""
+        return RedirectResponse("/")
 
     def vehicle(self, request: HttpRequest) -> Response:
         """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline.

@@ -1,6 +1,7 @@
 """The library as the sender of a request may see it: flights, searches, and values for all pages."""
 
 import json
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -56,8 +57,26 @@ class SearchResult(NamedTuple):
     """the search"""
     order: ListingOrder
     """the order in which they are listed"""
+    is_reversed: bool
+    """whether that order is reversed"""
     offset: int
     """number of matching flights that precede the page"""
+
+    @property
+    def sort(self) -> str:
+        """The order as the query ``sort`` has it, such as ``time``, or reversed ``-time``."""
+        return f"-{self.order}" if self.is_reversed else str(self.order)
+
+
+class UnnamedGroup(NamedTuple):
+    """Logs that call their vehicle by the same name, which several vehicles may have."""
+
+    name: str
+    """what the logs call the vehicle, made of its MAVLink system id"""
+    first_entry: LibraryEntry
+    """the log of them that was uploaded last"""
+    log_count: int
+    """number of these logs"""
 
 
 @dataclass(frozen=True)
@@ -109,8 +128,9 @@ class VisibleLibrary:
         """Searches the flights that the sender of a request may list.
 
         Args:
-            request: the request. Its query has the search ``q``, the order ``sort`` (a value of ``ListingOrder``;
-                without it the order that the browser remembers), and the number of flights to skip as ``offset``.
+            request: the request. Its query has the search ``q``, the order ``sort`` (a value of ``ListingOrder``,
+                after a minus the reversed order; without it the order that the browser remembers), and the number of
+                flights to skip as ``offset``.
             limit: largest number of flights that are returned.
 
         Returns:
@@ -124,14 +144,18 @@ class VisibleLibrary:
         remembered_order = request.cookies.get(ORDER_COOKIE, "")
         requested_order = request.query_params.get("sort", remembered_order)
         order = ListingOrder.UPLOAD
-        if requested_order in {*ListingOrder}:
-            order = ListingOrder(requested_order)
+        is_reversed = False
+        if requested_order.removeprefix("-") in {*ListingOrder}:
+            order = ListingOrder(requested_order.removeprefix("-"))
+            is_reversed = requested_order.startswith("-")
         condition, values = search_condition(query)
         # Senders without the right to read all flights find only the public ones.
         if not self.rights.allows(request, Permission.READ):
             condition = f"sharing = '{Sharing.PUBLIC}' and ({condition})"
-        entries, entry_count = self.library.find(condition, values, limit, offset, order)
-        return SearchResult(entries, total=entry_count, query=query, order=order, offset=offset)
+        entries, entry_count = self.library.find(
+            condition, values, limit, offset, order, is_reversed=is_reversed
+        )
+        return SearchResult(entries, entry_count, query, order, is_reversed, offset)
 
     def previous_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
         """Returns the flight of the same vehicle before this one, by date.
@@ -256,6 +280,19 @@ class VisibleLibrary:
         if best_entry is None:
             return others
         return [best_entry, *(other for other in others if other.id != best_entry.id)]
+
+    def unnamed_groups(self) -> list[UnnamedGroup]:
+        """Returns the logs whose vehicles nothing names, by what the logs call them, the most frequent name first."""
+        given_names = self.library.vehicle_names()
+        entries = self.library.find("stage = ?", [Stage.DONE], sys.maxsize).entries
+        unnamed_entries = []
+        for entry in entries:
+            if entry.is_vehicle_unnamed and entry.vehicle and entry.vehicle not in given_names:
+                unnamed_entries.append(entry)
+        groups = []
+        for name, group in group_by(unnamed_entries, lambda entry: entry.vehicle).items():
+            groups.append(UnnamedGroup(name, group[0], log_count=len(group)))
+        return sorted(groups, key=lambda group: group.log_count, reverse=True)
 
     def flights_of_other_vehicles(self, entry: LibraryEntry) -> list[LibraryEntry]:
         """Returns the flights of other or unknown vehicles that one can be compared with, by date, the latest first.

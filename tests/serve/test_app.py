@@ -248,6 +248,13 @@ def test_a_flight_is_changed_found_and_deleted(served):
     chosen = '<option value="wind" selected>'
     assert cookie.startswith("order=wind;") and chosen in served.get("/", Cookie=cookie).text
     assert chosen not in served.get("/").text
+    # A second choice of the same heading reverses the order, which the browser keeps, too.
+    page = served.get("/", Cookie=cookie).text
+    assert 'aria-sort="descending"><a href="?q=&amp;sort=-wind">' in page
+    reversed_order = served.get("/?sort=-wind")
+    assert reversed_order.headers["Set-Cookie"].startswith("order=-wind;")
+    assert 'aria-sort="ascending"><a href="?q=&amp;sort=wind">' in reversed_order.text
+    assert served.get("/flights").headers["Location"] == "/"
     # With an interval, the whole of it is above or below, and a speed within it is equal, whatever the light.
     served.library.change(id, wind="unknown", wind_low=3.3, wind_high=5.7)
     searches = ("wind>3", "wind>4", "wind<5", "wind<6", "wind:5", "wind:6")
@@ -343,6 +350,9 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     assert "may be of several vehicles" not in page
     served.add("by_id.ulg", "Known by id alone.")
     assert "may be of several vehicles" in served.get("/vehicle?name=ardupilotmega-1").text
+    page = served.get("/vehicles").text
+    assert "1 log of unnamed vehicles, to be named: " in page
+    assert '<a href="/vehicle?name=ardupilotmega-1" title="ardupilotmega-1">' in page
     weak = served.add("weak.ulg", "A weak motor.")
     for path in ("/vehicle?name=quad%207", "/"):
         page = served.get(path).text
@@ -603,6 +613,9 @@ def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
     assert guarded.upload(("b.ulg", log("Two.")), path=f"/{address}/upload").status == 302
     assert guarded.ask("DELETE", f"/api/flights/{id}", token=address).status == 401
     assert guarded.ask("DELETE", f"/api/flights/{id}", token=key).status == 204
+    # Whoever has not signed in learns how to see a flight that may be private; nothing says whether there is one.
+    assert 'If it is private, <a href="/enter">sign in</a>' in guarded.get(f"/f/{id}").text
+    assert "If it is private" not in guarded.get("/f/unknown", **cookie_header).text
     sign_out = guarded.ask("POST", "/leave", **cookie_header)
     assert sign_out.status == 303 and 'mavdem=""' in sign_out.headers["Set-Cookie"]
 

@@ -35,7 +35,11 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.stored_rows import brief_json, read_rows
 from mavdem.fleet.workers import KEY_HASH_DIGITS, Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
-from mavdem.report.pages.library_page import LINK_TO_FLEET_HTML, render_server_page
+from mavdem.report.pages.library_page import (
+    LINK_TO_FLEET_HTML,
+    render_server_page,
+    vehicle_of_page,
+)
 from mavdem.report.pages.page import PageLink, render_document
 from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.compared_motors import entry_compared_with_fleet, order_sql
@@ -671,6 +675,8 @@ def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library)
     assert [entry.id for entry in by_upload] == [ids[1], ids[0]] and total == 3
     by_flight, _ = library.find(*ALL, 3, order=ListingOrder.FLIGHT)
     assert [entry.id for entry in by_flight] == [ids[2], ids[0], ids[1]]
+    oldest_first, _ = library.find(*ALL, 3, order=ListingOrder.FLIGHT, is_reversed=True)
+    assert [entry.id for entry in oldest_first] == [ids[0], ids[2], ids[1]]
 
 
 @mark.slow
@@ -722,6 +728,8 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
     ):
         entries = library.find(*ALL, 4, order=order).entries
         assert [ids.index(entry.id) for entry in entries] == expected
+    shortest_first = library.find(*ALL, 4, order=ListingOrder.TIME, is_reversed=True).entries
+    assert [ids.index(entry.id) for entry in shortest_first] == [3, 0, 2, 1]
     for search, expected in (
         ("time>60", {0, 2, 3}),
         ("time>60 height<50", {2}),
@@ -765,6 +773,11 @@ def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(lib
     assert page.count('title="Not known: the log has no position of most of the flight."') == 1
     alone = replace(entry, flights=json.dumps([asdict(flights[0])]))
     assert "Flight 1" not in library_page([alone])
+    # So has one of several vehicles a line of each further one, which leads to its page.
+    shared = replace(alone, files="report.html,vehicle_3_1.html")
+    assert '<a href="/f/id?vehicle=3_1">Vehicle 3:1</a>' in library_page([shared])
+    page = "<p>Vehicle 2:1, one of 2 in the log: quadrotor.</p>"
+    assert vehicle_of_page(page) == "2:1" and vehicle_of_page("<p>Quadrotor.</p>") == ""
 
 
 @mark.slow

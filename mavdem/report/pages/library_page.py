@@ -20,6 +20,7 @@ from mavdem.assessment.time_history import TimeHistory
 from mavdem.containers import Names
 from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
+from mavdem.facts.serve import RefusalReason
 from mavdem.facts.vehicle import is_calibration_name
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows, Flights, group_by_vehicle, log_row
@@ -58,6 +59,9 @@ SCRIPT_ELEMENT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 TITLE = re.compile(r"<h1>(.*?)</h1>")
 """The title of a flight's page, which is the name of its log."""
+
+VEHICLE_OF_PAGE = re.compile(r"Vehicle (\d+:\d+), one of \d+ in the log")
+"""What a flight's page says of its vehicle where the log has several: system and component."""
 
 LINK_TO_FLEET_HTML = '<nav><a href="../index.html">← Fleet</a></nav>'
 """Link to the index of a fleet on a page that ``mavdem track`` has written; the server has no such index."""
@@ -305,6 +309,12 @@ def with_toolbar(
     return page.replace("<main>\n", f"<main>\n{bar}", 1)
 
 
+def vehicle_of_page(page: str) -> str:
+    """Returns system and component of the vehicle of a flight's page, as in "2:1"; empty if its log has no other."""
+    match = VEHICLE_OF_PAGE.search(page)
+    return "" if match is None else match[1]
+
+
 def without_last_position(page: str) -> str:
     """Returns the page of a flight without the sentence on where it was seen last, for visitors without its log."""
     return LAST_POSITION.sub("", page)
@@ -482,5 +492,10 @@ def refusal_page(fact: Fact, *, asks_for_token: bool, **values: Any) -> str:
         The page as HTML.
     """
     return render_server_page(
-        "message", sentence=fact.sentence, remedy=fact.remedy, asks=asks_for_token, **values
+        "message",
+        sentence=fact.sentence,
+        remedy=fact.remedy,
+        asks=asks_for_token,
+        may_be_private=fact.code is RefusalReason.NO_SUCH_FLIGHT,
+        **values,
     )

@@ -78,6 +78,8 @@
       dropArea?.classList.remove("first");
       document.querySelector("h1").textContent = document.title;
     }
+    // The count of vehicles.
+    document.querySelector(".top nav")?.replaceChildren(...page.querySelector(".top nav")?.childNodes ?? []);
     if ($("count")) $("count").textContent = page.getElementById("count").textContent;
     if ($("problems")) $("problems").replaceChildren(...page.getElementById("problems").children);
     if (query !== shownQuery) history.replaceState(null, "", address);
@@ -160,6 +162,12 @@
     item.status.className = `said ${level}`;
     item.status.textContent = marks[level] && state !== "working" ? `${marks[level]} ${text}` : text;
     if (state !== "working") item.bar.remove();
+    // What is not read stays listed until somebody has seen it.
+    if (state === "failed" && !item.querySelector("button")) {
+      const close = element("button", "×", item, "plain close");
+      Object.assign(close, { type: "button", title: "Remove this line" }).setAttribute("aria-label", `Remove the line of ${item.firstChild.textContent}`);
+      close.addEventListener("click", () => { item.remove(); summariseUploads(); });
+    }
     summariseUploads();
   };
   const addUploadItem = name => {
