@@ -242,6 +242,12 @@ def test_plots_have_one_order_whatever_the_alarm():
     alarmed = replace(sound, active_alarms=(low,), worst_lights={Light.POWER: low})
     assert plot_titles(alarmed) == plot_titles(sound)
     assert len(plot_titles(sound)) > 1
+    # What grey means stands with the plots; beside the map of a session that is over it would take their place.
+    history.learned_intervals.append((100.0, 102.0))
+    meaning = '<p class="soft grey">Grey: what the model was learned from.</p>'
+    for status, is_above in ((sound, False), (replace(sound, is_over=True), True)):
+        page = live_page("udp", "roll", history, status, account, None)
+        assert (page.index(meaning) < page.index('<div class="plots')) is is_above
 
 
 def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
@@ -291,6 +297,16 @@ def test_a_page_with_the_headline_of_an_earlier_flight_says_where_its_plots_are(
     assert note in page_at_end
     # That, and what shows the headline, stand above the lights and plots, which are of the latest flight.
     assert page_at_end.index(note) < page_at_end.index('<section id="flight"')
+    # Where the link was lost in the latest flight, that fault stands below, once.
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=12.0)
+    lost_in_air = replace(
+        status,
+        no_model_reason=silence,
+        is_flying=True,
+        verdicts=(first, first._replace(number=2)),
+    )
+    page_after_loss = live_page("udp", "roll", history, lost_in_air, account, None)
+    assert page_after_loss.replace("\N{NO-BREAK SPACE}", " ").count(first.fact.sentence) == 1
     assert "<strong>Flight 1, why:</strong> motor\N{NO-BREAK SPACE}3 works" in page_at_end
     # The lights are those of the latest flight, whose verdict stands below the headline.
     assert "<p>Flight 2: " in page_at_end

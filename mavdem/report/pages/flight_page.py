@@ -1479,10 +1479,12 @@ def _earlier_fault(status: SessionStatus) -> str:
         status: state of the session now, or at its end.
 
     Returns:
-        The sentence; empty without such a fault, and if the headline of the page is the same sentence.
+        The sentence; empty without such a fault, and if the top of the page has it already.
     """
     fault = status.unrepaired_fault
-    if fault is None or fault.sentence == headline(status.session_judgement.headline):
+    if fault is None or _sentences_on_earlier_fault(status):
+        return ""
+    if fault.sentence == headline(status.session_judgement.headline):
         return ""
     return fault.sentence
 
