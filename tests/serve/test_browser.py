@@ -48,6 +48,10 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         assert page.run(f"{listed}.map(item => item.firstChild.textContent)") == ["letter.txt"]
         page.run("document.getElementById('showuploads').click()")
         assert page.run(f"{listed}.length") == 22
+        # What was not read is listed until somebody removes it.
+        page.run("document.querySelector('#uploads .close').click()")
+        page.until(f"{counts} === '21 of 21 analysed'")
+        assert page.run("document.querySelectorAll('#uploads .close').length") == 0
         assert page.run("document.title") == "Flights"
 
         page.open(f"{server.address}/")
