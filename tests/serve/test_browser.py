@@ -44,6 +44,8 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         page.until("document.getElementById('uploadprogress').hidden")
         counts = "document.getElementById('uploadcount').textContent"
         page.until(f"{counts} === '21 of 22 analysed, 1 not read'")
+        # The links at the top count the vehicles that came meanwhile.
+        page.until("document.querySelector('.top nav').textContent.includes('Vehicles (')")
         listed = "[...document.querySelectorAll('#uploads li:not(.hidden)')]"
         assert page.run(f"{listed}.map(item => item.firstChild.textContent)") == ["letter.txt"]
         page.run("document.getElementById('showuploads').click()")

@@ -78,8 +78,9 @@
       dropArea?.classList.remove("first");
       document.querySelector("h1").textContent = document.title;
     }
-    // The count of vehicles.
-    document.querySelector(".top nav")?.replaceChildren(...page.querySelector(".top nav")?.childNodes ?? []);
+    // The links at the top have the count of vehicles; unchanged ones keep the focus.
+    const links = document.querySelector(".top nav"), newLinks = page.querySelector(".top nav");
+    if (links && newLinks && links.textContent !== newLinks.textContent) links.replaceChildren(...newLinks.childNodes);
     if ($("count")) $("count").textContent = page.getElementById("count").textContent;
     if ($("problems")) $("problems").replaceChildren(...page.getElementById("problems").children);
     if (query !== shownQuery) history.replaceState(null, "", address);
