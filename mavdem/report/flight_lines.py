@@ -107,7 +107,7 @@ class Column(NamedTuple):
     """Width of the column on a wide screen; the notes take what is left."""
 
     area: str = ""
-    """Place of the cell in the three lines that a flight has on a phone; empty where it is left out."""
+    """Place of the cell in the lines that a flight has on a phone; empty where it is left out."""
 
 
 def file_name(flight: AxisRows) -> str:
