@@ -125,6 +125,7 @@ class StepResponseFact(Code):
     """Of the closed loops as measured, and beside the predicted ones."""
 
     STEP_MEASURED = "step_measured"
+    STEP_DOUBTED = "step_doubted"
     PREDICTION_AGREES = "prediction_agrees"
     PREDICTION_DOUBTED = "prediction_doubted"
     MEASUREMENT_DOUBTED = "measurement_doubted"

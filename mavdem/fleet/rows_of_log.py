@@ -387,11 +387,13 @@ def step_columns(response: LoopResponse | None) -> JsonValues:
 
     Returns:
         The source of the step response, and overshoot and rise time (s) with half widths of their 90 % intervals, by
-        the names of their columns. Empty without a response, or if it was not measurable.
+        the names of their columns. Empty without a response, or if it was not measurable, or is doubtful.
     """
     if response is None or isinstance(response.measured, Fact):
         return {}
     step_response = response.measured
+    if step_response.is_doubtful:
+        return {}
     source = "identified_loop" if step_response.is_identified else "measured"
     columns: JsonValues = {"rate_step_source": source}
     # Each is the estimate with both ends of its 90 % interval.

@@ -174,7 +174,7 @@ def _midpoints(highest: float) -> Array:
     return np.arange(FREQUENCY_STEP / 2, highest, FREQUENCY_STEP)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _sine_kernel(highest: float, time: tuple[float, ...]) -> Array:
     """Computes the kernel sin(2πft) / f of the integral that gives a step response from a frequency response.
 

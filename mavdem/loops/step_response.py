@@ -31,7 +31,11 @@ from mavdem.facts.loops import StepResponseFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.identified_step import STEP_SECONDS, identified_steps
+from mavdem.loops.identified_step import (
+    STEP_SECONDS,
+    identified_steps,
+    steps_from_frequency_responses,
+)
 from mavdem.loops.impulse_response import (
     STEADY_STATE_ERROR,
     ImpulseResponse,
@@ -156,6 +160,17 @@ class StepResponse(ImmutableResult):
     """Coherence of setpoint and response at that frequency."""
     is_identified: bool = False
     """Whether the step is computed from the identified loop, because the rate is too fast for deconvolution."""
+    unseen_part: float = 0.0
+    """Largest part of the deconvolved step, at any time, that is made of frequencies above ``max_frequency``."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the shape of the step is made of frequencies at which the flight does not show the response.
+
+        Such a step may begin backwards or ring, as no vehicle does. It is no more certain than one with a band of
+        ``MAX_STEP_HALF_WIDTH``, which is not reported. The frequency response up to ``max_frequency`` is measured.
+        """
+        return not self.is_identified and self.unseen_part >= MAX_STEP_HALF_WIDTH
 
     @property
     def gain(self) -> Array:
@@ -174,8 +189,14 @@ class StepResponse(ImmutableResult):
         A fact is a code with figures by name, and with a subject that it is about, here the loop, such as "roll rate".
         Each of ``CHARACTERISTICS`` (overshoot, rise time and so on) has the name and the unit of its attribute.
         Overshoot and peak also come with their 90 % intervals; ``highest`` is the highest frequency at which the loop
-        was measured, Hz.
+        was measured, Hz. Of a doubtful step only that frequency is stated.
         """
+        if self.is_doubtful:
+            return Fact(
+                StepResponseFact.STEP_DOUBTED,
+                subject=f"{self.axis} {self.loop}",
+                highest=self.max_frequency,
+            )
         estimates = {name: getattr(self, name).value for name in CHARACTERISTICS}
         return Fact(
             StepResponseFact.STEP_MEASURED,
@@ -748,8 +769,26 @@ def _described_response(
         windows=estimate.windows,
         coherence=np.interp(peak_frequency, spectra.frequency, coherence),
         is_identified=is_identified,
+        unseen_part=_unseen_part(estimate, responses, frequency[-1]),
         **characteristics,
     )
+
+
+def _unseen_part(estimate: ImpulseResponse, responses: _Responses, max_frequency: float) -> float:
+    """Returns the largest part of a step, at any time, that is made of frequencies above the highest known one.
+
+    The part up to that frequency is 2/π ∫ Re(T) sin(2πft) / f df (:func:`steps_from_frequency_responses`).
+
+    Args:
+        estimate: the impulse response.
+        responses: its step response, in the first row.
+        max_frequency: highest frequency at which the flight shows the response, Hz.
+    """
+    # Frequencies above 0, at which the transform is defined.
+    frequency = np.linspace(max_frequency / STEP_POINTS, max_frequency, STEP_POINTS)
+    response = estimate.frequency_responses(estimate.values[None], frequency)
+    (known_part,) = steps_from_frequency_responses(frequency, response, responses.time)
+    return float(abs(responses.steps[ESTIMATE] - known_part).max())
 
 
 def _coherence_where_driven(spectra: WelchSpectra) -> Array:

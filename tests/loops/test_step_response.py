@@ -8,6 +8,7 @@ from hover import Hover, asking, changed, only
 from made_up_loop import made_up
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
+from partial_records import partial_record
 from pytest import approx, mark
 from scipy.signal import cont2discrete, freqz, lfilter, resample_poly
 
@@ -21,6 +22,9 @@ from mavdem.loops.attitude_response import predicted_attitude_response
 from mavdem.loops.identified_step import predicted_step, step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
 from mavdem.loops.step_response import (
+    StepResponse,
+    _Responses,
+    _unseen_part,
     attitude_step_response,
     decimated_pieces,
     rate_step_response,
@@ -193,6 +197,34 @@ def test_of_higher_gains_a_faster_step_with_more_overshoot_is_predicted():
 
 
 @mark.slow
+@mark.parametrize("highest, is_doubtful", [(40.0, False), (0.5, True)])
+def test_a_step_is_doubtful_where_the_setpoint_hardly_moves_at_its_frequencies(
+    highest, is_doubtful
+):
+    """A lag of 30 ms has its corner at 5 Hz."""
+    lag = 0.03
+    time = np.linspace(0.0, 2.0, 201)
+    responses = _Responses(time, 1 - np.exp(-time[None] / lag), np.empty(0), np.empty(0))
+    estimate = Mock(
+        values=np.zeros(1),
+        frequency_responses=lambda _, hertz: 1 / (1 + 2j * np.pi * hertz[None] * lag),
+    )
+    unseen_part = _unseen_part(estimate, responses, highest)
+    step = partial_record(
+        StepResponse,
+        axis="yaw",
+        loop="attitude",
+        is_identified=False,
+        unseen_part=unseen_part,
+        max_frequency=highest,
+    )
+    assert step.is_doubtful == is_doubtful
+    if is_doubtful:
+        assert step.fact.sentence.startswith(
+            "The step of the yaw attitude is doubtful: the flight shows the response up to 0.5 Hz only"
+        )
+
+
 def test_a_step_response_begins_at_zero():
     numerator, denominator, _ = loop()
     rate_setpoint = steered()

@@ -130,6 +130,8 @@ def step_charts(
             step_lines = _step_lines(response, measured_response, advised_step)
             # The title says it, since a line that is alone has no legend.
             kind = "identified step" if measured_response.is_identified else "step"
+            if measured_response.is_doubtful:
+                kind = "doubtful step"
             charts.append(step_chart(f"{title}: {kind}", step_lines))
             if has_gain and loop_name == "rate":
                 charts.append(_gain_chart(title, response, measured_response))
@@ -166,7 +168,8 @@ def _step_lines(
     3. The response that the identified loop predicts with the present gains, dashed, so that the second one is seen
        where both are equal.
 
-    If the messages were too slow to measure a step, the third line takes the place of the first, with its 90 % band.
+    If the messages were too slow to measure a step, the third line takes the place of the first, with its 90 % band. A
+    doubtful step is dashed, and has no band.
 
     Args:
         response: the response with its prediction, if the loop is identified.
@@ -178,7 +181,10 @@ def _step_lines(
     step = measured_response.step
     half_width = measured_response.step_half
     lines = []
-    if not measured_response.is_identified:
+    if measured_response.is_doubtful:
+        # Its band is that of the estimate, which does not know of what the setpoint does not excite.
+        lines.append(Line("doubtful", MEASURED, time, step, style=LineStyle.DASHES))
+    elif not measured_response.is_identified:
         lines.append(
             Line.with_band("measured", MEASURED, time, step, half_width, style=LineStyle.WIDE)
         )

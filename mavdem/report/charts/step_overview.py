@@ -18,13 +18,13 @@ def step_overview_charts(responses: Responses) -> dict[str, Chart]:
         responses: responses by axis and loop.
 
     Returns:
-        The charts by loop; loops without a measured response are left out.
+        The charts by loop; loops without a measured response, or with a doubtful one, are left out.
     """
     colours = dict(zip(responses, cycle(DISTINCT), strict=False))
     steps_by_loop: dict[str, dict[str, StepResponse]] = {}
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
-            if isinstance(response.measured, StepResponse):
+            if isinstance(response.measured, StepResponse) and not response.measured.is_doubtful:
                 steps_by_loop.setdefault(loop_name, {})[axis] = response.measured
     charts = {}
     for loop_name, step_by_axis in steps_by_loop.items():

@@ -135,7 +135,7 @@ def _step_figure_rows(responses: Responses) -> list[list[str]]:
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
             step_response = response.measured
-            if isinstance(step_response, StepResponse):
+            if isinstance(step_response, StepResponse) and not step_response.is_doubtful:
                 name = f"{axis} {loop_name}"
                 if step_response.is_identified:
                     name += " (step: identified loop)"
@@ -145,7 +145,7 @@ def _step_figure_rows(responses: Responses) -> list[list[str]]:
 
 
 def sentences_without_response(responses: Responses) -> list[Sentence]:
-    """Returns why step responses could not be measured; loops without one for the same reason share a sentence.
+    """Returns why steps could not be measured, or are doubtful; loops with the same reason share a sentence.
 
     Args:
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
@@ -153,9 +153,11 @@ def sentences_without_response(responses: Responses) -> list[Sentence]:
     names_by_reason = dict[Fact, list[str]]()
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
-            if isinstance(response.measured, Fact):
+            measured = response.measured
+            if isinstance(measured, Fact) or measured.is_doubtful:
                 # Without their subject, such as "roll rate", equal reasons are equal facts.
-                reason = response.measured.replace(subject="")
+                reason = measured if isinstance(measured, Fact) else measured.fact
+                reason = reason.replace(subject="")
                 names_by_reason.setdefault(reason, []).append(f"{axis} {loop_name}")
     sentences = []
     for reason, names in names_by_reason.items():

@@ -66,7 +66,7 @@ STEP_CAPTION = "Response to a step of the setpoint."
 """What stands below the charts of the steps, before the meaning of the colours that are drawn."""
 
 COLOUR_MEANINGS = {
-    MEASURED: "“Measured” is of this flight, with its 90 % band.",
+    MEASURED: "“Measured” is of this flight, with its 90 % band; “doubtful” without one.",
     PREDICTED: "“Predicted”, “identified” and “now” are of the identified loop with the gains that flew; with a 90 % "
     "band where the rate rises too fast for its messages to show it.",
     PHYSICAL: "“New” is of the identified loop with the new gains.",
@@ -311,7 +311,7 @@ def fast_step_sentences(responses: Responses, assessment: Assessment) -> list[Se
             continue
         step = response.measured
         message_rate = min(rate_between_outages(series) for series in rate_and_setpoint)
-        if isinstance(step, StepResponse) and not step.is_identified:
+        if isinstance(step, StepResponse) and not step.is_identified and not step.is_doubtful:
             if step.rise_time.value < MIN_RISE_MESSAGES / message_rate:
                 names.append(f"{axis} rate")
     if not names:
@@ -333,7 +333,9 @@ def rate_disagreement_sentences(responses: Responses) -> list[Sentence]:
         if response is None or response.predicted_step is None:
             continue
         step = response.measured
-        if not isinstance(step, StepResponse) or step.is_identified or response.contradiction:
+        if not isinstance(step, StepResponse) or step.is_identified or step.is_doubtful:
+            continue
+        if response.contradiction is not None:
             continue
         measured_end, half_width = step.step[-1], step.step_half[-1]
         predicted_end = response.predicted_step[-1]
@@ -373,7 +375,7 @@ def attitude_fit_sentences(responses: Responses) -> list[Sentence]:
         response = responses_of_axis.get("attitude")
         if response is None or not isinstance(response.measured, StepResponse):
             continue
-        if response.predicted_step is not None:
+        if not response.measured.is_doubtful and response.predicted_step is not None:
             agreements[axis] = _step_agreement(response.measured, response.predicted_step)
     return render_section("step_agreement", steps=agreements) if agreements else []
 

@@ -169,6 +169,15 @@ def test_a_step_of_the_identified_loop_is_not_called_measured():
     assert "step of the identified loop" in chapter.groups[0].caption
 
 
+def test_a_doubtful_step_has_no_band_and_no_figures():
+    loop_response = LoopResponse(replace(response(), unseen_part=0.4))
+    chapter = responses_chapter({"roll": {"rate": loop_response}})
+    [reason] = chapter.blocks
+    assert reason.text.startswith("The step of the roll rate is doubtful")
+    step, _ = chapter.groups[0].columns[0]
+    assert step.title == "Roll rate: doubtful step" and step.lines[0].lower_edge is None
+
+
 @mark.slow
 def test_spectra_have_their_lines_and_the_filters_over_them():
     """The noise before and after the filters is drawn with the motor line and the gain of the filters.
