@@ -376,29 +376,34 @@ def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
     return words
 
 
-def expected_margins(tuning: Tuning) -> list[Table]:
-    """Returns a table of the margins now and with the gains to load, such as "29 (23 to 35) → 44", for a page.
+def margins_at_a_glance(tuning: Tuning) -> list[Table]:
+    """Returns a table of the margins now and with gains to load, such as "29 (23 to 35) → 44", for the top of a page.
 
-    Each loop of an axis whose gains are to be loaded has a row. A phone shows the same without intervals.
+    Each loop of an axis whose gains are to be loaded or kept has a row. A phone shows the same without intervals.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
 
     Returns:
-        A list with the table; empty if no gains are to be loaded.
+        A list with the table; empty if no gains are to be loaded or kept.
     """
+    outcomes_shown = (GainOutcome.NEW, GainOutcome.KEEP, GainOutcome.KEEP_UNSURE)
+    has_new_gains = False
     rows = []
     rows_on_phone = []
     for axis, advice in tuning.axes.items():
-        is_new = _gain_outcome(tuning, axis) is GainOutcome.NEW
-        if isinstance(advice, Advice) and is_new and not tuning.waits(advice):
-            rows += _overview_rows(advice)
-            for row in _overview_rows(advice, has_intervals=False):
+        outcome = _gain_outcome(tuning, axis)
+        is_shown = outcome in outcomes_shown
+        if isinstance(advice, Advice) and is_shown and not tuning.waits(advice):
+            has_new_gains |= outcome is GainOutcome.NEW
+            rows += _overview_rows(advice, names_axis=True)
+            for row in _overview_rows(advice, has_intervals=False, names_axis=True):
                 # Without spaces all columns have room, and no line breaks between a value and its arrow.
                 rows_on_phone.append([cell.replace(" → ", "→") for cell in row])
     if not rows:
         return []
-    headers = ["now → new", *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
+    first_header = "now → new" if has_new_gains else "now"
+    headers = [first_header, *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
     return [Table(headers, rows, phone_tables=[Table(headers, rows_on_phone)])]
 
 
@@ -490,20 +495,23 @@ def _overview_header(tuning: Tuning, axis: str) -> str:
     return "now"
 
 
-def _overview_rows(advice: Advice, *, has_intervals: bool = True) -> list[list[str]]:
+def _overview_rows(
+    advice: Advice, *, has_intervals: bool = True, names_axis: bool = False
+) -> list[list[str]]:
     """Returns the rows of the overview's table for the rate loop and the attitude loop of one axis.
 
     Args:
         advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
         has_intervals: whether ``FIGURES_WITH_INTERVAL`` have their intervals.
+        names_axis: whether the row of the attitude names the axis, too, as on a page, whose rows may be read alone.
 
     Returns:
-        For each loop its name and a cell for each of ``TUNED_FIGURES`` (:func:`_overview_cell`). Only the rate loop,
-        whose row comes first, names the axis.
+        For each loop its name and a cell for each of ``TUNED_FIGURES`` (:func:`_overview_cell`).
     """
     rows = []
     for loop_name in LOOP_NAMES:
-        first_cell = f"{advice.before.axis} rate" if loop_name == "rate" else f"  {loop_name}"
+        has_axis = names_axis or loop_name == "rate"
+        first_cell = f"{advice.before.axis} {loop_name}" if has_axis else f"  {loop_name}"
         row = [first_cell]
         for figure_name in TUNED_FIGURES:
             has_interval = has_intervals and figure_name in FIGURES_WITH_INTERVAL

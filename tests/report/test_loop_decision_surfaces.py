@@ -51,10 +51,10 @@ from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.charts.timeline import assessment_timeline
 from mavdem.report.loops import (
-    expected_margins,
     is_about_loops,
     level_of_summary,
     margin_tables,
+    margins_at_a_glance,
     tune_blocks,
     tune_overview,
     tune_summary,
@@ -470,12 +470,14 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert [row[0] for row in overview.rows] == ["roll rate", "  attitude"]
     phase_margin = overview.rows[0][1]
     assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
-    # A page has the same of the gains to load, a phone without intervals and spaces.
-    [expected] = expected_margins(tuning)
-    assert expected.rows == overview.rows
+    # A page has the same of gains to load or to keep, a phone without intervals and spaces.
+    [kept] = margins_at_a_glance(tunings["sound"])
+    assert kept.header[0] == "now" and kept.rows[1][0] == "roll attitude"
+    [expected] = margins_at_a_glance(tuning)
+    assert [row[1:] for row in expected.rows] == [row[1:] for row in overview.rows]
     [on_phone] = expected.phone_tables
     assert re.fullmatch(r"\d+→\d+", on_phone.rows[0][1])
-    assert not expected_margins(tuning._replace(axes={"roll": NOT_STEERED}))
+    assert not margins_at_a_glance(tuning._replace(axes={"roll": NOT_STEERED}))
 
 
 def test_what_the_flight_warns_of_stands_beside_new_gains_and_colours_their_card(tunings):

@@ -31,12 +31,12 @@ from mavdem.report.gain_changes import GainChanges, gain_changes, gains_in_table
 from mavdem.report.gain_overview import GainOverview, gain_overview
 from mavdem.report.loops import (
     compared_loops,
-    expected_margins,
     field_sentences,
     forbids_flight,
     goal_sentences,
     is_headline_of_tuning,
     level_of_summary,
+    margins_at_a_glance,
     measured_margins,
     outcome_by_axis,
     outcome_sentences,
@@ -73,13 +73,16 @@ COLOUR_MEANINGS = {
 }
 """What the lines of step responses are, by their colours, in the order of the caption."""
 
+NAMES_OF_NEW_GAINS = ("new", "new gains")
+"""Names of the lines of new gains in charts."""
+
 GAIN_MEANING = "|T| is the gain of the closed rate loop, shown where flight and prediction differ."
 """What the caption adds if the gain of a rate loop is drawn, too."""
 
 GAIN_PANEL = "gain"
 """Name of the chart of that gain among those of the loops, which have the names of these."""
 
-TRIED_GAINS_MEANING = "Where these were tried and are not to be loaded, the tables say so."
+TRIED_GAINS_MEANING = "“Tried” is of such gains that another flight is to confirm."
 """What the caption adds if another flight is to confirm some of the advised gains."""
 
 
@@ -138,7 +141,7 @@ def _render_tune_page(
     ]
     # A chapter that only points to the headline says nothing.
     chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
-    summary: Blocks = [*tune_summary(tuning, result), *expected_margins(tuning)]
+    summary: Blocks = [*tune_summary(tuning, result), *margins_at_a_glance(tuning)]
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
     gains = gains_of_tuning(tuning, evidence, changes)
@@ -426,7 +429,27 @@ def _step_panels(
             panels[loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     if gain_charts:
         panels[GAIN_PANEL] = gain_charts
+    if isinstance(advice, Advice) and not advice.is_sound:
+        return {name: _with_tried_gains(charts) for name, charts in panels.items()}
     return panels
+
+
+def _with_tried_gains(panels: Sequence[Panel]) -> list[Panel]:
+    """Returns charts whose lines of new gains are called "tried", as in the table of gains that are not to be loaded.
+
+    Args:
+        panels: charts and notes of one axis.
+    """
+    renamed: list[Panel] = []
+    for panel in panels:
+        if isinstance(panel, Chart):
+            lines = []
+            for line in panel.lines:
+                is_new = line.name in NAMES_OF_NEW_GAINS
+                lines.append(line._replace(name="tried") if is_new else line)
+            panel = panel._replace(lines=tuple(lines))
+        renamed.append(panel)
+    return renamed
 
 
 def _with_notes(
@@ -571,10 +594,13 @@ def _open_loops_chapter(
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         is_headline_on_sensitivity: whether the headline is that the maximum sensitivity is too large.
     """
-    charts = {}
+    charts: dict[str, dict[str, Sequence[Panel]]] = {}
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             loops = compared_loops(advice)
-            charts[axis] = {name: loop_charts(loops, name, advice.target) for name in LOOP_NAMES}
+            charts[axis] = {}
+            for name in LOOP_NAMES:
+                panels = loop_charts(loops, name, advice.target)
+                charts[axis][name] = panels if advice.is_sound else _with_tried_gains(panels)
     groups = _groups_of_columns(charts, assessment, LOOP_CAPTION)
     return Chapter("Open loops", (), groups, folded=not is_headline_on_sensitivity)
