@@ -69,7 +69,7 @@ COLOUR_MEANINGS = {
     MEASURED: "“Measured” is of this flight, with its 90 % band; “doubtful” without one.",
     PREDICTED: "“Predicted”, “identified” and “now” are of the identified loop with the gains that flew; with a 90 % "
     "band where the rate rises too fast for its messages to show it.",
-    PHYSICAL: "“New” is of the identified loop with the new gains.",
+    PHYSICAL: "“New” is of the identified loop with new gains; “tried” with such that another flight is to confirm.",
 }
 """What the lines of step responses are, by their colours, in the order of the caption."""
 
@@ -81,9 +81,6 @@ GAIN_MEANING = "|T| is the gain of the closed rate loop, shown where flight and 
 
 GAIN_PANEL = "gain"
 """Name of the chart of that gain among those of the loops, which have the names of these."""
-
-TRIED_GAINS_MEANING = "“Tried” is of such gains that another flight is to confirm."
-"""What the caption adds if another flight is to confirm some of the advised gains."""
 
 
 def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
@@ -235,20 +232,19 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     reasons += fast_step_sentences(responses, assessment)
     reasons += rate_disagreement_sentences(responses)
     reasons += attitude_fit_sentences(responses)
-    caption = _caption_of_step_chapter(charts_and_notes, responses, tuning)
+    caption = _caption_of_step_chapter(charts_and_notes, responses)
     groups = _groups_of_columns(charts_and_notes, assessment, caption)
     return Chapter("Step response", reasons, groups)
 
 
 def _caption_of_step_chapter(
-    panels: Mapping[str, Mapping[str, Sequence[Panel]]], responses: Responses, tuning: Tuning
+    panels: Mapping[str, Mapping[str, Sequence[Panel]]], responses: Responses
 ) -> str:
     """Returns the caption below the charts of step responses: what their lines mean, and what limits them.
 
     Args:
         panels: charts by axis, and then by loop.
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
-        tuning: the advice for each axis, with new gains that are to be loaded or, if they are not sound, only tried.
     """
     caption = _step_caption(panels) + feedforward_remark(responses)
     rate_responses = [loops["rate"] for loops in responses.values() if "rate" in loops]
@@ -256,9 +252,6 @@ def _caption_of_step_chapter(
     has_gain_chart = any(response.contradiction is not None for response in rate_responses)
     if has_gain_chart:
         caption = f"{caption} {GAIN_MEANING}"
-    has_tried_gains = any(advice.parameters and not advice.is_sound for advice in tuning.advice)
-    if has_tried_gains:
-        caption = f"{caption} {TRIED_GAINS_MEANING}"
     return caption
 
 
