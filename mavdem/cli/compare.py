@@ -33,7 +33,7 @@ from mavdem.report.comparison import comparison_report, plan_report
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section
 
-SECONDS_BETWEEN_LINES = 30.0
+SECONDS_BETWEEN_LINES = 10.0
 """Time between two lines of progress in a file or a pipe, s; a choice. A shorter run prints none."""
 
 

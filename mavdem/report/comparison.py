@@ -127,10 +127,7 @@ def comparison_report(
     yield _rmse_table(comparison, kinds)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
-    for kind in kinds:
-        yield from _error_blocks(comparison, kind)
-    for flight in comparison.flights:
-        yield from _failure_sentences(comparison, flight)
+    # The key of the tables comes before them.
     yield from render_section(
         "comparison_legend",
         reference=comparison.methods[0],
@@ -139,6 +136,10 @@ def comparison_report(
         several=len(comparison.flights) > 1,
         significance=SIGNIFICANCE,
     )
+    for kind in kinds:
+        yield from _error_blocks(comparison, kind)
+    for flight in comparison.flights:
+        yield from _failure_sentences(comparison, flight)
     if planned_windows is None and len(comparison.methods) > 1:
         yield from _advice_on_pairs(comparison.windows)
 
@@ -253,7 +254,33 @@ def _summary_of_kinds(comparison: Comparison, results: Sequence[_MethodResults])
         is_default=reference == DEFAULT_METHOD,
         results=results,
         error_ratios=[_short_number(result.error_ratios[reference]) for result in results],
+        is_trivial=reference in TRIVIAL_METHODS,
+        useful_horizons=[_longest_useful_horizon(comparison, result.kind) for result in results],
     )
+
+
+def _longest_useful_horizon(comparison: Comparison, kind: ForecastKind) -> str:
+    """Returns up to which horizon the first method is useful, with its error there: "0.5 s (RMSE of roll 1.3°)".
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+
+    Returns:
+        The text; empty if the method is not useful at the shortest horizon.
+    """
+    reference = comparison.methods_of(kind)[0]
+    summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
+    squared_errors = summaries[reference]["horizons_mspe"]
+    train = comparison.windows[0].train
+    text = ""
+    for index, use in enumerate(horizon_uses(comparison, reference, kind)):
+        if not use.is_useful:
+            break
+        # The first output is the angle, which pilots compare with their own.
+        error = with_unit(sqrt(squared_errors[index][0]), display_unit(train.output_units[0]))
+        text = f"{_seconds_text(use.seconds)} (RMSE of {train.output_names[0]} {error})"
+    return text
 
 
 def _result_sentences(
