@@ -133,10 +133,13 @@ def _signed_rank_p_value(log_ratios: Array) -> float:
 
 @lru_cache(maxsize=1000)
 def _p_value_of_ranks(signed_ranks: tuple[float, ...]) -> float:
-    """Returns the two-sided p-value of Wilcoxon's test of signed ranks.
+    """Returns the two-sided p-value of Wilcoxon's signed-rank test, from a cache if the same ranks were tested before.
 
-    With ties SciPy tries all signs, which takes tens of milliseconds, and a comparison has the same ranks at many
-    horizons.
+    With ties SciPy tries all combinations of signs, which takes tens of milliseconds, and a comparison often has the
+    same ranks at many forecast horizons.
+
+    Args:
+        signed_ranks: rank of the magnitude of each difference, with its sign, such as (2.0, -1.0, 3.0); none is 0.
     """
     from scipy.stats import wilcoxon
 

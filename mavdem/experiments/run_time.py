@@ -25,7 +25,7 @@ class RunTimeEstimate:
     """
 
     def __init__(self, methods: Sequence[Method], windows: Sequence[Window], workers: int) -> None:
-        """Starts with the typical times.
+        """Takes the typical time of each method in a window of this length, before any time is measured.
 
         Args:
             methods: methods to compare.
@@ -50,12 +50,10 @@ class RunTimeEstimate:
         self._measured_seconds[outcome.method].append(outcome.elapsed_seconds)
 
     def seconds_left(self, elapsed_seconds: float) -> float:
-        """Returns the expected time until the end, s; at least 0.
+        """Returns the expected time until the end, s; at least 0. Before the start it may be wrong by a factor of two.
 
-        Before the start it may well be wrong by a factor of two.
-
-        Results come in the order of the trials, while other processes are ahead of them. So the time left is not that
-        of the trials without a result, but the time of all trials minus the time that has passed.
+        It is the expected time of all trials minus the time that has passed. The time of the trials without a result
+        would be too long: results come in the order of the trials, and other processes have done more by then.
 
         Args:
             elapsed_seconds: time since the start of the trials, s.

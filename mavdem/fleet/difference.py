@@ -4,7 +4,7 @@ The compared quantities and their estimates from a flight are in ``quantities``,
 ``random_effects``. What other conditions of flight can do widens the interval of a difference (``flight_conditions``).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from mavdem.confidence import CONFIDENCE_LEVEL
@@ -48,6 +48,9 @@ from mavdem.fleet.trims_without_lean import trims_without_lean
 from mavdem.motors.effort import EffortChange
 
 Value = TypeVar("Value")
+
+FlightEstimates = Sequence[Mapping[Quantity, Estimate]]
+"""Estimates of the compared quantities in each flight of a state."""
 
 
 class BeforeAfter(NamedTuple, Generic[Value]):
@@ -214,13 +217,11 @@ def vehicle_difference(
     changes = []
     quantities = set().union(*estimates_before)
     for quantity in quantities:
-        # A quantity may be missing in some flights of a state: those that have it are compared.
-        values_before = [flight.get(quantity) for flight in estimates_before]
-        values_after = [flight.get(quantity) for flight in estimates_after]
-        is_known_in_both = any(values_before) and any(values_after)
-        if quantity.kind in comparable_kinds and is_known_in_both:
+        if quantity.kind in comparable_kinds:
             allowance = condition_allowance(quantity.kind, conditions_before, conditions_after)
-            changes.append(quantity_change(quantity, values_before, values_after, allowance))
+            change = _change_if_known(quantity, estimates_before, estimates_after, allowance)
+            if change is not None:
+                changes.append(change)
 
     effort = None
     if _vehicle_names(flights_before) == _vehicle_names(flights_after):
@@ -252,8 +253,29 @@ def vehicle_difference(
     )
 
 
+def _change_if_known(
+    quantity: Quantity,
+    before: FlightEstimates,
+    after: FlightEstimates,
+    allowance: float,
+) -> QuantityChange | None:
+    """Estimates how a quantity changed between two states; None unless at least one flight of each state has it.
+
+    Args:
+        quantity: the quantity, such as the trim of motor 2. It may be missing in some flights of a state.
+        before: estimates of each flight of the first state.
+        after: estimates of each flight of the second state.
+        allowance: standard deviation of what other conditions may do to the difference.
+    """
+    values_before = [flight.get(quantity) for flight in before]
+    values_after = [flight.get(quantity) for flight in after]
+    if any(values_before) and any(values_after):
+        return quantity_change(quantity, values_before, values_after, allowance)
+    return None
+
+
 def _common_spins(rows: FlightRows) -> tuple[int, ...]:
-    """Returns the directions in which the motors turn, if all flights have the same; otherwise empty.
+    """Returns in which direction each motor turns (1 counterclockwise, -1 clockwise), if all flights agree; else empty.
 
     Args:
         rows: the first row of each flight of both states.
@@ -265,7 +287,7 @@ def _common_spins(rows: FlightRows) -> tuple[int, ...]:
 def _with_changes_without_lean(
     changes: Sequence[QuantityChange], before: Flights, after: Flights
 ) -> list[QuantityChange]:
-    """Adds to the changes of trims what is left of them without the part that the vehicle's lean makes.
+    """Adds to each change of a motor's trim (``without_lean``) what the vehicle's lean, as in wind, does not explain.
 
     The effect of lean is estimated from the flights of both states together, which must be of one vehicle.
 
@@ -275,20 +297,18 @@ def _with_changes_without_lean(
         after: flights of the second state.
 
     Returns:
-        The changes in their order; those of other quantities, and of trims that are not known without lean, unchanged.
+        The changes in their order. Those of other quantities, and of trims that are not known without lean, are as
+        before.
     """
     estimates = _trim_estimates_without_lean([*before, *after])
     estimates_before = estimates[: len(before)]
     estimates_after = estimates[len(before) :]
     extended_changes = []
     for change in changes:
-        quantity = change.quantity
-        values_before = [flight.get(quantity) for flight in estimates_before]
-        values_after = [flight.get(quantity) for flight in estimates_after]
-        if any(values_before) and any(values_after):
-            without_lean = quantity_change(quantity, values_before, values_after, allowance=0.0)
-            change = change._replace(without_lean=without_lean)
-        extended_changes.append(change)
+        without_lean = _change_if_known(
+            change.quantity, estimates_before, estimates_after, allowance=0.0
+        )
+        extended_changes.append(change._replace(without_lean=without_lean))
     return extended_changes
 
 

@@ -16,7 +16,9 @@ from mavdem.motors.effort import EffortChange, change_between_efforts
 def effort_difference(
     before: Flights, after: Flights, parameters: Sequence[ParameterChange] = ()
 ) -> EffortChange | None:
-    """Returns the change of the mean motor output at equal voltage, as the judgement of the motors compares it.
+    """Estimates by how much the mean motor output at equal battery voltage differs between two states of a vehicle.
+
+    It uses the same statistics as the judgement of a vehicle's motors (:func:`change_between_efforts`).
 
     Args:
         before: flights of the first state of a vehicle, each as the list of its rows.
@@ -24,8 +26,8 @@ def effort_difference(
         parameters: parameters of the autopilot that changed.
 
     Returns:
-        The change from the first to the second state. None if output or voltage is not known in both, and if the range
-        of the outputs was set anew: its fractions then mean another throttle.
+        The change from the first to the second state. None if output or voltage is not known in one of them, and if the
+        parameters of the output range changed: the same fraction of the range is then another throttle.
     """
     efforts_before = _efforts(before)
     efforts_after = _efforts(after)
@@ -36,7 +38,11 @@ def effort_difference(
 
 
 def _efforts(flights: Flights) -> list[float]:
-    """Returns the effort of each flight in which it is known: mean motor output times measured voltage, V."""
+    """Returns the effort of each flight in which it is known: mean motor output (0 to 1) times measured voltage, V.
+
+    Args:
+        flights: the flights, each as the list of its rows.
+    """
     efforts = []
     for flight in flights:
         row = log_row(flight)

@@ -128,20 +128,24 @@ def mean_conditions(flights: Flights) -> Conditions:
 
 
 def _mean_vibration_of_imus(flight_rows: FlightRows) -> tuple[float, ...]:
-    """Returns the mean vibration of each IMU over some flights, m/s²; empty unless all have it of equally many IMUs.
+    """Returns the mean vibration of each IMU over some flights, m/s², such as (9.4, 15.7) for two IMUs.
 
     Args:
         flight_rows: one row of each flight.
+
+    Returns:
+        The means; empty if the flights have vibrations of different numbers of IMUs, or of none.
     """
-    vibrations = [row.vibration_imus or () for row in flight_rows]
-    imu_counts = {len(vibrations_of_flight) for vibrations_of_flight in vibrations}
+    vibrations_by_flight = [row.vibration_imus or () for row in flight_rows]
+    imu_counts = {len(vibrations) for vibrations in vibrations_by_flight}
     if len(imu_counts) != 1:
         return ()
-    return tuple(fmean(vibrations_of_imu) for vibrations_of_imu in zip(*vibrations, strict=True))
+    vibrations_by_imu = zip(*vibrations_by_flight, strict=True)
+    return tuple(fmean(vibrations) for vibrations in vibrations_by_imu)
 
 
 def _wind_speeds(flight_rows: FlightRows) -> tuple[WindSpeed, ...]:
-    """Returns the mean wind speed in each flight in which it is known, the smallest first.
+    """Returns the mean wind speed of each flight in which it is known, with its interval, the smallest first.
 
     Args:
         flight_rows: one row of each flight.

@@ -270,7 +270,11 @@ class StateEstimates(NamedTuple):
 
     @classmethod
     def from_known(cls, estimates: Sequence[Estimate | None]) -> "StateEstimates":
-        """Returns the estimates of the flights that have one as arrays."""
+        """Collects values and variances of the flights that have an estimate.
+
+        Args:
+            estimates: estimate of each flight; None for a flight without one, which is left out.
+        """
         known = [estimate for estimate in estimates if estimate is not None]
         values = np.array([estimate.value for estimate in known])
         variances = np.array([estimate.sd**2 for estimate in known])
@@ -344,30 +348,47 @@ def quantity_change(
     half_width = coverage_factor(freedom=freedom) * sd
     mean_before, mean_after = (mean.value for mean in state_means)
     difference = mean_after - mean_before
-    flights_before = [nan if estimate is None else estimate.value for estimate in before]
-    flights_after = [nan if estimate is None else estimate.value for estimate in after]
     # Two-sided probability of such a difference if nothing changed.
     p_value = float(2 * scipy.special.stdtr(freedom, -abs(difference) / sd))
-    if quantity.kind in LOGARITHMIC_KINDS:
-        # A motor's value is its ratio to the median motor, shown as its deviation from 1. The mean effect is shown
-        # itself.
-        reference = 1.0 if quantity.is_of_motor else 0.0
-        mean_before = exp(mean_before) - reference
-        mean_after = exp(mean_after) - reference
-        flights_before = [exp(value) - reference for value in flights_before]
-        flights_after = [exp(value) - reference for value in flights_after]
     return QuantityChange(
         quantity,
-        before=mean_before,
-        after=mean_after,
+        before=_shown_value(quantity, mean_before),
+        after=_shown_value(quantity, mean_after),
         tested_difference=difference,
         tested_half_width=half_width,
         p=p_value,
         allowance=allowance,
         freedom=freedom,
-        flights_before=tuple(flights_before),
-        flights_after=tuple(flights_after),
+        flights_before=_shown_estimates(quantity, before),
+        flights_after=_shown_estimates(quantity, after),
     )
+
+
+def _shown_value(quantity: Quantity, tested_value: float) -> float:
+    """Returns a value of a quantity as it is shown: 0.05 for a motor whose tested logarithm is log(1.05).
+
+    Args:
+        quantity: the quantity. A motor's value is its ratio to the median motor, shown as the deviation from 1. The
+            mean effect of all motors is shown itself.
+        tested_value: the value that is tested, a logarithm for ``LOGARITHMIC_KINDS``; others are shown unchanged.
+    """
+    if quantity.kind not in LOGARITHMIC_KINDS:
+        return tested_value
+    reference = 1.0 if quantity.is_of_motor else 0.0
+    return exp(tested_value) - reference
+
+
+def _shown_estimates(quantity: Quantity, estimates: Sequence[Estimate | None]) -> tuple[float, ...]:
+    """Returns the value of a quantity in each flight as it is shown (:func:`_shown_value`); NaN where it has none.
+
+    Args:
+        quantity: the quantity.
+        estimates: its estimate in each flight, None where it has none.
+    """
+    values = []
+    for estimate in estimates:
+        values.append(nan if estimate is None else _shown_value(quantity, estimate.value))
+    return tuple(values)
 
 
 def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedom: int) -> float:

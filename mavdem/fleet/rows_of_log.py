@@ -306,26 +306,12 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
     Returns:
         By name of the column:
 
-        - ``wind_speed``, m/s, with both ends of its 90 % interval, if the speed is identifiable. In calm air, where the
-          velocity may have been 0, the speed is None, and the interval is that of the speed of the mean wind vector. If
-          the speed is not identifiable, it is None too, and the interval has the bounds that the light of the wind
-          states;
+        - ``wind_speed``, m/s, with both ends of its 90 % interval (:func:`_wind_speed_columns`);
         - ``wind_direction``, rad, with the half width of its interval, if the direction is identifiable;
         - ``drag``, four coefficients with the half widths of their intervals: linear along body x and y, 1/s, then
           quadratic, 1/m.
     """
-    columns = JsonValues()
-    if wind.speed_identifiable:
-        if wind.calm:
-            columns["wind_speed"] = None
-            columns["wind_speed_interval"] = wind.speed_interval
-        else:
-            columns["wind_speed"] = wind.mean_speed
-            columns["wind_speed_interval"] = wind.mean_speed_interval
-    else:
-        bounds = wind.reasons["speed"].figures
-        columns["wind_speed"] = None
-        columns["wind_speed_interval"] = (bounds["low"], bounds["high"])
+    columns = _wind_speed_columns(wind)
     if wind.direction_identifiable:
         columns["wind_direction"] = np.radians(wind.direction)
         columns["wind_direction_interval"] = np.radians(wind.direction_interval)
@@ -336,6 +322,28 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
     quadratic_half_widths = np.ptp(drag.interval("quadratic"), axis=0) / 2
     columns["drag_interval"] = np.ravel([linear_half_widths, quadratic_half_widths])
     return columns
+
+
+def _wind_speed_columns(wind: WindVelocity) -> JsonValues:
+    """Returns the columns of the mean wind speed and of both ends of its 90 % interval, m/s.
+
+    In calm air, where the velocity may have been 0, the speed is None, and the interval is that of the speed of the
+    mean wind vector. If the speed is not identifiable, it is None too, and the interval has the bounds that the fact
+    about it states.
+
+    Args:
+        wind: estimate of the wind.
+    """
+    speed = None
+    if not wind.speed_identifiable:
+        bounds = wind.reasons["speed"].figures
+        interval = (bounds["low"], bounds["high"])
+    elif wind.calm:
+        interval = wind.speed_interval
+    else:
+        speed = wind.mean_speed
+        interval = wind.mean_speed_interval
+    return {"wind_speed": speed, "wind_speed_interval": interval}
 
 
 def decision_columns(decision: LoopDecision | None) -> JsonValues:

@@ -112,10 +112,10 @@ def steady_run(
 def run_around(
     signals: Signals, motors: MotorOutputs, boot: int, time: float, interval: TimeInterval
 ) -> SteadyRun | None:
-    """Collects motor commands and lean around a time, from the settled flight that contains it.
+    """Collects motor commands and the vehicle's lean from the settled flight around a time.
 
-    Unlike in :func:`steady_run`, the flight within the interval need not be steady, and messages may be missing for up
-    to ``MAX_GAP``: means over seconds need no closer samples.
+    The result ends where motor messages are missing for more than ``MAX_GAP``: means over seconds need no closer
+    samples. Unlike in other runs (:func:`steady_run`), the flight in between need not be steady.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.

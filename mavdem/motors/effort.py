@@ -94,17 +94,7 @@ def change_between_efforts(
     # The errors of both means.
     variance = variance_between * (1 / len(before) + 1 / len(after))
     log_change = logs_after.mean() - logs_before.mean()
-
-    mixture = student_t_mixture(CHANGE_SCALE)
-    prior = np.append(1 - PRIOR_CHANGE_PROBABILITY, PRIOR_CHANGE_PROBABILITY * mixture.weights)
-    if previous is not None:
-        prior = PERSISTENCE * previous.posterior + (1 - PERSISTENCE) * prior
-    # Row 0 is "no change", of standard deviation 0; the others are the components of the mixture.
-    change_sds = np.append(0.0, mixture.standard_deviations)
-    scale = np.sqrt(variance + change_sds**2)
-    likelihood = np.exp(student_t_log_density(log_change / scale, freedom))
-    posterior = prior * likelihood / scale
-    posterior /= posterior.sum()
+    posterior = _posterior_of_change(log_change, variance, freedom, previous)
     half_width = coverage_factor(freedom=freedom) * np.sqrt(variance)
     return EffortChange(
         float(np.expm1(log_change)),
@@ -115,3 +105,27 @@ def change_between_efforts(
             float(np.expm1(log_change + half_width)),
         ),
     )
+
+
+def _posterior_of_change(
+    log_change: float, variance: float, freedom: float, previous: EffortChange | None
+) -> Array:
+    """Returns the probabilities (1 + s,) of no change of the effort, and of changes of s sizes, by Bayes' rule.
+
+    Args:
+        log_change: Measured difference of the mean logarithms.
+        variance: Variance of its error.
+        freedom: Degrees of freedom of that variance.
+        previous: Result of the vehicle's flight before, which persists with the probability ``PERSISTENCE``; None
+            without one.
+    """
+    mixture = student_t_mixture(CHANGE_SCALE)
+    prior = np.append(1 - PRIOR_CHANGE_PROBABILITY, PRIOR_CHANGE_PROBABILITY * mixture.weights)
+    if previous is not None:
+        prior = PERSISTENCE * previous.posterior + (1 - PERSISTENCE) * prior
+    # The first entry is "no change", of standard deviation 0; the others are the components of the mixture.
+    change_sds = np.append(0.0, mixture.standard_deviations)
+    scale = np.sqrt(variance + change_sds**2)
+    likelihood = np.exp(student_t_log_density(log_change / scale, freedom)) / scale
+    posterior = prior * likelihood
+    return posterior / posterior.sum()

@@ -187,14 +187,11 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
         """Returns the standard error of a flight's balance: the root sum of squares over roll, pitch and yaw."""
         return float(np.linalg.norm(flight.known_balance.error))
 
-    def start_time(flight: HealthFigures) -> float:
-        """Returns when a flight began, by which the flights that are kept are sorted."""
-        return flight.start_time
-
+    # Sorted by start. They do not overlap each other, so that only the one before and the one after may overlap a
+    # further one.
     kept_flights: list[HealthFigures] = []
     for flight in sorted(flights, key=balance_error):
-        # The flights that are kept do not overlap, so that only the one before and the one after may overlap this one.
-        index = bisect_left(kept_flights, flight.start_time, key=start_time)
+        index = bisect_left(kept_flights, flight.start_time, key=lambda kept: kept.start_time)
         neighbours = kept_flights[max(index - 1, 0) : index + 1]
         is_second_record = any(flight.overlaps(neighbour) for neighbour in neighbours)
         if not is_second_record:

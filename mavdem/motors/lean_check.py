@@ -46,10 +46,10 @@ def without_shifts_by_lean(
     signatures: MotorSignatures,
     run_around: Callable[[MotorChange, TimeInterval], SteadyRun | None],
 ) -> list[MotorChange]:
-    """Removes the changes of the motors' balance that the lean against the wind may explain.
+    """Removes the changes of the motors' balance that the vehicle's lean against the wind may explain.
 
-    Only changes that name no motor are removed. Each is judged by the settled flight around it, from the change before
-    it to the one after.
+    Changes that name a motor are kept. Each of the others is judged by the settled flight around it, from the change
+    before it to the one after.
 
     Args:
         changes: all changes of the motors' balance in one boot, in the order of time.
@@ -66,7 +66,7 @@ def without_shifts_by_lean(
             remaining.append(change)
             continue
         run = run_around(change, _interval_between_neighbours(change, changes))
-        # Without settled flight on both sides of the change nothing shows more than the lean explains.
+        # Without settled flight around the change, nothing shows that it is more than the lean explains.
         if run is not None and is_beyond_lean(run, signatures, change.onset_time):
             remaining.append(change)
     return remaining
@@ -75,11 +75,14 @@ def without_shifts_by_lean(
 def _interval_between_neighbours(
     change: MotorChange, changes: Sequence[MotorChange]
 ) -> TimeInterval:
-    """Returns the interval around a change in which nothing else changed, s since boot; infinite without neighbours.
+    """Returns the interval from the change of the motors' balance before a given one to the change after it.
 
     Args:
         change: the change.
-        changes: all changes of the motors' balance in the boot.
+        changes: all changes of the motors' balance in the boot, in any order.
+
+    Returns:
+        Both ends, s since boot; -inf or inf without a change before or after.
     """
     previous_onset, next_onset = -inf, inf
     for other_change in changes:

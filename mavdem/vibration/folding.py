@@ -17,35 +17,41 @@ from mavdem.vibration.spectral_lines import (
 
 
 def folded_frequency(frequency: float, nyquist_frequency: float) -> float:
-    """Returns the frequency, Hz, at which motion appears in a spectrum that ends at ``nyquist_frequency``, Hz."""
+    """Returns at which frequency a vibration appears in a spectrum that may end below it: 70 Hz at 30 Hz of 50 Hz.
+
+    Args:
+        frequency: frequency of the vibration, Hz.
+        nyquist_frequency: highest frequency of the spectrum, Hz: half of the sampling rate.
+    """
     sampling_rate = 2 * nyquist_frequency
     return abs(frequency - sampling_rate * round(frequency / sampling_rate))
 
 
 def faster_frequencies(frequency: float, nyquist_frequency: float) -> tuple[float, float, float]:
-    """Returns the three lowest frequencies, Hz, beyond a spectrum that appear in it at a frequency.
+    """Returns the three lowest frequencies above a spectrum's end that appear in it at a given one (aliasing), Hz.
+
+    A peak at 30 Hz in a spectrum that ends at 50 Hz may thus be a vibration of 70, 130 or 170 Hz.
 
     Args:
-        frequency: where they appear, Hz.
+        frequency: frequency in the spectrum at which they appear, Hz.
         nyquist_frequency: highest frequency of the spectrum, Hz: half of the sampling rate.
     """
     sampling_rate = 2 * nyquist_frequency
     return sampling_rate - frequency, sampling_rate + frequency, 2 * sampling_rate - frequency
 
 
-def slow_peak(spectrum: Spectrum, axis: int) -> float | None:
-    """Returns the frequency of the highest peak of an axis that may be folded, and that is no spectral line, Hz.
+def possibly_folded_peak(spectrum: Spectrum, axis: int) -> float | None:
+    """Returns the frequency of the highest peak below ``MIN_LINE_FREQUENCY`` that may be folded (aliased), Hz.
 
-    Spectral lines begin at ``MIN_LINE_FREQUENCY``, since vehicles are steered below it. In a spectrum that ends within
-    the frequencies of control loops, a peak below it may as well be vibration, or an oscillation, of a higher
-    frequency.
+    Vehicles are steered below that frequency, so that such a peak is no spectral line. But in a spectrum that ends
+    within the frequencies of control loops, it may as well be a vibration, or an oscillation, of a higher frequency.
 
     Args:
         spectrum: spectrum of one sensor.
         axis: number of the axis, from 0.
 
     Returns:
-        The frequency; None without such a peak, and for a spectrum that reaches beyond the loops.
+        The frequency; None without such a peak, and for a spectrum that reaches beyond the control loops.
     """
     if spectrum.nyquist_frequency > MAX_LOOP_FREQUENCY:
         return None

@@ -224,7 +224,7 @@ def largest_of_first_kind(changes: Sequence[QuantityChange]) -> QuantityChange |
 
 
 def _is_below_weak_motor(change: QuantityChange) -> bool:
-    """Returns whether the change is one of a trim that is smaller than that of a motor which counts as weak."""
+    """Returns whether a motor's trim changed by less than that of a weak motor would; False for other quantities."""
     return change.quantity.kind == SHARE and abs(change.difference) < FAULT_RISE
 
 
@@ -268,12 +268,7 @@ def result_sentences(
     causes = changes_by_cause(difference, changes)
     unexplained_changes = causes.unexplained
     by_lean = trims_explained_by_lean(reviewed)
-    all_doubtful = doubtful_changes(reviewed)
-    doubtful = []
-    for change in all_doubtful:
-        is_in_verdict = bool(reviewed.motors.suspects) and change.quantity.kind == SHARE
-        if not is_in_verdict:
-            doubtful.append(change)
+    doubtful = _doubtful_changes_to_name(reviewed)
     # The sentence names one of these, and says how many others there are. Doubtful changes take the place of
     # confirmed ones if there are none.
     candidates = unexplained_changes or doubtful
@@ -282,22 +277,15 @@ def result_sentences(
     doubtful_text = ""
     if largest_doubtful is not None and unexplained_changes:
         doubtful_text = change_text(largest_doubtful, difference)
-    # Outcomes of all figures, and of those for which it was tested whether they changed. Figures of a motor that is
-    # named as weak and what lean explains have sentences of their own.
-    stated_elsewhere = [*reviewed.motors.evidence, *by_lean]
-    stated_elsewhere += [change for change in difference.changes if reviewed.motors.covers(change)]
-    outcomes = Counter(
-        change.outcome for change in difference.changes if change not in stated_elsewhere
-    )
-    tested_outcomes = Counter(
-        change.outcome for change in difference.tested if change not in stated_elsewhere
-    )
+    outcomes = _outcome_counts(difference.changes, reviewed)
+    # Of some figures it was not tested whether they changed.
+    tested_outcomes = _outcome_counts(difference.tested, reviewed)
     return render_section(
         "difference_conclusion",
         change="" if main_change is None else change_text(main_change, difference),
         further_count=len(candidates) - 1,
         is_doubtful=not unexplained_changes,
-        has_doubt=bool(all_doubtful),
+        has_doubt=bool(doubtful_changes(reviewed)),
         doubtful=doubtful_text,
         fault_rise=FAULT_RISE,
         by_lean=[_text_with_lean(change, difference) for change in by_lean],
@@ -321,8 +309,42 @@ def result_sentences(
     )
 
 
+def _doubtful_changes_to_name(reviewed: ReviewedDifference) -> list[QuantityChange]:
+    """Returns the doubtful changes, without trims if a motor is named as weak: that was found by all trims together.
+
+    Args:
+        reviewed: comparison of two states, with the judgement of their motors.
+    """
+    is_motor_weak = bool(reviewed.motors.suspects)
+    doubtful = []
+    for change in doubtful_changes(reviewed):
+        is_trim = change.quantity.kind == SHARE
+        if not (is_motor_weak and is_trim):
+            doubtful.append(change)
+    return doubtful
+
+
+def _outcome_counts(
+    changes: Iterable[QuantityChange], reviewed: ReviewedDifference
+) -> Counter[QuantityOutcome]:
+    """Counts how many of some compared quantities changed, stayed the same, or are uncertain.
+
+    Those of a motor that is named as weak and trims that lean explains do not count: they have their own sentences.
+
+    Args:
+        changes: changes of compared quantities.
+        reviewed: comparison of two states, with the judgement of their motors.
+    """
+    with_own_sentence = [*reviewed.motors.evidence, *trims_explained_by_lean(reviewed)]
+    outcomes = Counter[QuantityOutcome]()
+    for change in changes:
+        if change not in with_own_sentence and not reviewed.motors.covers(change):
+            outcomes[change.outcome] += 1
+    return outcomes
+
+
 def _limits_of_detection(reviewed: ReviewedDifference) -> list[str]:
-    """Returns from which size on a change of each kind of tested quantity is found, such as "17 % (relative trim)".
+    """Returns the smallest change that would be found, of each kind of quantity, such as "17 % (relative trim)".
 
     Args:
         reviewed: comparison of two states, quantity by quantity.

@@ -76,7 +76,9 @@ def condition_table(reviewed: ReviewedDifference) -> list[Table]:
     if not rows:
         return []
     flight_counts = reviewed.difference.flights
-    sides = [side_title(*state) for state in zip(STATE_NAMES, flight_counts, strict=True)]
+    sides = []
+    for side, flight_count in zip(STATE_NAMES, flight_counts, strict=True):
+        sides.append(side_title(side, flight_count))
     title = "flown with (mean)" if max(flight_counts) > 1 else "flown with"
     return [Table([title, *sides], rows)]
 
@@ -124,13 +126,13 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
 
 
 def effort_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
-    """Returns the row of the mean motor output at equal battery voltage, relative to that in A.
+    """Returns the row of the mean motor output at equal battery voltage, in percent of A, such as "100" and "104.2".
 
     Args:
         reviewed: comparison of two states.
 
     Returns:
-        A list with the row; empty where output or voltage is not known, and of two vehicles.
+        A list with the row; empty where output or voltage is not known, and for two different vehicles.
     """
     effort = reviewed.difference.effort
     if effort is None or reviewed.are_two_vehicles:
@@ -175,13 +177,15 @@ def _wind_speed_range(winds: Sequence[WindSpeed], flight_count: int) -> str:
         flight_count: number of all flights.
 
     Returns:
-        The range, with the number of flights if it is not known of all; a dash if it is known of none. A single speed
-        has its 90 % interval, as in "1.9 (0.9 to 3.4; 1 of 2 flights)".
+        The range, with the number of flights if some have no wind speed; a dash if none has one. A single speed has its
+        90 % interval, as in "1.9 (0.9 to 3.4; 1 of 2 flights)".
     """
     if not winds:
         return UNKNOWN_FIGURE
     slowest, fastest = winds[0], winds[-1]
-    speed_range = " to ".join(dict.fromkeys((f"{slowest.speed:.1f}", f"{fastest.speed:.1f}")))
+    speed_range = f"{slowest.speed:.1f}"
+    if f"{fastest.speed:.1f}" != speed_range:
+        speed_range += f" to {fastest.speed:.1f}"
     remarks = []
     if len(winds) == 1 and slowest.interval is not None:
         low, high = slowest.interval
@@ -192,14 +196,11 @@ def _wind_speed_range(winds: Sequence[WindSpeed], flight_count: int) -> str:
 
 
 def vibration_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
-    """Returns the mean vibration in flight of each IMU that both logs have, along its axis that vibrates most.
+    """Returns a row for each IMU that both logs have: its mean vibration in flight, along the axis that vibrates most.
 
     Args:
-        reviewed: comparison of two states.
-
-    Returns:
-        A row for each IMU. Where the reviews have none in common, as of fleets, the rows have the means over flights;
-        one row of the first IMU if those of the others are not known.
+        reviewed: comparison of two states. Where the reviews of their logs have no IMU in common, as those of fleets,
+            the rows have the means over the flights.
     """
     lights_by_side = {}
     for side in STATE_NAMES:
@@ -207,25 +208,34 @@ def vibration_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         lights_by_side[side] = value_at(review, "lights.vibration") or {}
     vibrations_by_imu = vibrations_of_same_imu(lights_by_side)
     if not vibrations_by_imu:
-        # Reviews without a common IMU, as of fleets, still have the vibration among the conditions.
-        before, after = reviewed.difference.conditions
-        if before.vibration_of_imus and len(before.vibration_of_imus) == len(
-            after.vibration_of_imus
-        ):
-            levels = zip(before.vibration_of_imus, after.vibration_of_imus, strict=True)
-            return [
-                ConditionRow(
-                    f"vibration of IMU {number}", "m/s²", (rounded(first), rounded(second))
-                )
-                for number, (first, second) in enumerate(levels, start=1)
-            ]
-        cells = (_rounded_cell(before.vibration), _rounded_cell(after.vibration))
-        return [ConditionRow("vibration of IMU 1", "m/s²", cells)]
+        return _mean_vibration_rows(*reviewed.difference.conditions)
     rows = []
     for imu, (first_vibration, second_vibration) in vibrations_by_imu.items():
-        cells = (rounded(first_vibration), rounded(second_vibration))
-        rows.append(ConditionRow(f"vibration of {imu}", "m/s²", cells))
+        rows.append(_vibration_row(imu, first_vibration, second_vibration))
     return rows
+
+
+def _mean_vibration_rows(before: Conditions, after: Conditions) -> list[ConditionRow]:
+    """Returns a row for each IMU with its mean vibration over the flights of A and over those of B.
+
+    Args:
+        before, after: mean conditions of the flights of A and of B. If they have different numbers of IMUs, or the
+            vibration of the first IMU alone, there is one row.
+    """
+    first_vibrations, second_vibrations = before.vibration_of_imus, after.vibration_of_imus
+    if not first_vibrations or len(first_vibrations) != len(second_vibrations):
+        return [_vibration_row("IMU 1", before.vibration, after.vibration)]
+    rows = []
+    vibrations = zip(first_vibrations, second_vibrations, strict=True)
+    for number, (first_vibration, second_vibration) in enumerate(vibrations, start=1):
+        rows.append(_vibration_row(f"IMU {number}", first_vibration, second_vibration))
+    return rows
+
+
+def _vibration_row(imu: str, before: float | None, after: float | None) -> ConditionRow:
+    """Returns the row of the vibration of an IMU, such as "IMU 2", in A and in B, m/s²; None for an unknown one."""
+    cells = (_rounded_cell(before), _rounded_cell(after))
+    return ConditionRow(f"vibration of {imu}", "m/s²", cells)
 
 
 def _cell(value: float | None, decimals: int) -> str:

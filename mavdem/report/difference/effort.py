@@ -10,48 +10,49 @@ from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.templates import render_section
 
 
-def stated_effort_change(reviewed: ReviewedDifference) -> EffortChange | None:
-    """Returns the change of the mean motor output at equal voltage, if a comparison states it as a difference.
+def unexplained_effort_change(reviewed: ReviewedDifference) -> EffortChange | None:
+    """Returns the change of the mean motor output at equal voltage, if it is significant and nothing else explains it.
 
     Args:
         reviewed: comparison of two states.
 
     Returns:
-        The change, whose 90 % interval excludes "no change". None without one, of two vehicles, where a motor that is
-        named as weak explains it, and where the light of the motors states it already.
+        The change; None if its 90 % interval includes 0, if a motor that is named as weak explains it, if the status
+        light of the motors (their judgement) warns of it already, and for two different vehicles.
     """
     effort = reviewed.difference.effort
-    is_explained = bool(reviewed.motors.suspects) or _is_stated_by_light(reviewed)
+    is_explained = bool(reviewed.motors.suspects) or _does_light_warn_of_effort(reviewed)
     if effort is None or is_explained or reviewed.are_two_vehicles:
         return None
     low, high = effort.interval
     return None if low <= 0 <= high else effort
 
 
-def _is_stated_by_light(reviewed: ReviewedDifference) -> bool:
-    """Returns whether the motors of a side are judged by a changed effort, which the sentence on them then states."""
+def _does_light_warn_of_effort(reviewed: ReviewedDifference) -> bool:
+    """Returns whether the judgement of the motors of A or B is that all of them work harder or less hard."""
     codes = {value_at(review, "motor_health.code") for review in reviewed.reviews.values()}
     return MotorsBetween.EFFORT_CHANGED in codes
 
 
 def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the next step where all motors work harder or less hard than in A or in earlier flights; else none.
+    """Returns what to check if all motors work harder or less hard than before; empty if they do not.
 
     Args:
         reviewed: comparison of two states of one vehicle.
     """
-    if stated_effort_change(reviewed) is None and not _is_stated_by_light(reviewed):
+    has_changed = unexplained_effort_change(reviewed) is not None
+    if not has_changed and not _does_light_warn_of_effort(reviewed):
         return []
     return render_section("effort_next")
 
 
 def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentence on motors that all work harder or less hard in B; empty where none is stated.
+    """Returns the sentence that says how much harder or less hard all motors work in B; empty if they do not.
 
     Args:
         reviewed: comparison of two states.
     """
-    effort = stated_effort_change(reviewed)
+    effort = unexplained_effort_change(reviewed)
     if effort is None:
         return []
     _, later_name = STATE_NAMES

@@ -101,13 +101,7 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
     lights = bad_lights(reviewed.reviews)
-    light_sentences = _sentences_on_bad_lights(lights, reviewed)
-    is_motors_light_bad = any(light.name == Light.MOTORS for light in lights)
-    if reviewed.motors.differs and not is_motors_light_bad:
-        light_sentences.append(_sentence_on_motors(reviewed.reviews))
-    # Means over flights with and without the fault agree with neither.
-    if not mixed_sides(reviewed):
-        light_sentences = with_evidence(light_sentences, reviewed.motors, difference)
+    light_sentences = _sentences_on_lights(lights, reviewed)
     bad_axes = {light.axis for light in lights if light.name == Light.MARGINS}
     changes = changes_by_relevance(difference, bad_axes, reviewed.motors.evidence)
     changed_axes = {
@@ -134,8 +128,27 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     return [*sentences, *gain_sentences, *watched, *result]
 
 
+def _sentences_on_lights(
+    lights: Sequence[BadLight], reviewed: ReviewedDifference
+) -> list[Sentence]:
+    """Returns a sentence on each bad light, and on the motors if they are judged differently, with measured evidence.
+
+    Args:
+        lights: the lights (judgements of one subject each) that are bad in at least one of the states.
+        reviewed: comparison of the two states, with the reviews of both logs.
+    """
+    sentences = _sentences_on_bad_lights(lights, reviewed)
+    is_motors_light_bad = any(light.name == Light.MOTORS for light in lights)
+    if reviewed.motors.differs and not is_motors_light_bad:
+        sentences.append(_sentence_on_motors(reviewed.reviews))
+    # Means over flights with and without the fault agree with neither.
+    if mixed_sides(reviewed):
+        return sentences
+    return with_evidence(sentences, reviewed.motors, reviewed.difference)
+
+
 def _do_gains_come_first(lights: Sequence[BadLight], reviewed: ReviewedDifference) -> bool:
-    """Returns whether changed gains are stated before bad lights: they are sure, and lights may follow from them.
+    """Returns whether changed gains are stated before bad lights (judgements): they are sure, and may be the cause.
 
     A light that is bad in B alone, or motors that are judged differently, matter more than gains. Gains of two vehicles
     are no change.
@@ -146,8 +159,8 @@ def _do_gains_come_first(lights: Sequence[BadLight], reviewed: ReviewedDifferenc
     """
     has_changed_gains = bool(changed_rate_gains(reviewed.parameters, ()))
     _, second_side = STATE_NAMES
-    is_some_worse = any(light.bad_sides == (second_side,) for light in lights)
-    is_worse = is_some_worse or reviewed.motors.differs
+    is_light_worse = any(light.bad_sides == (second_side,) for light in lights)
+    is_worse = is_light_worse or reviewed.motors.differs
     return bool(lights) and has_changed_gains and not is_worse and not reviewed.are_two_vehicles
 
 
@@ -156,12 +169,12 @@ def headline_in_two_sizes(
 ) -> list[Sentence]:
     """Returns the sentences at the top of page and terminal, the important ones with large letters.
 
-    - A sentence on a status light that warns has what it warns of above it in large letters.
-    - Of any other difference the first sentence is in large letters. Two vehicles differ in much, so that of theirs
-      only the first difference is.
+    - A sentence on a status light (the judgement of one subject, such as the motors) that warns has a heading above it.
+    - Of any other difference the first sentence is in large letters. Two vehicles differ in much, so that only their
+      first difference is.
     - That nothing else changed is in large letters only if no difference is above it.
     - Of the lights that are only to be watched, the first has a heading, if nothing is above it.
-    - Cautions, such as that the flights are of two vehicles, stay usual text.
+    - Cautions, such as that the flights are of two vehicles, stay in usual text.
 
     Args:
         reviewed: comparison of both flights.
@@ -184,9 +197,7 @@ def headline_in_two_sizes(
             continue
         if sentence in watched_lights:
             if is_first_difference:
-                name = sentence.lead.removesuffix(":").lower()
-                lights_by_side = lights_of_both(reviewed.reviews)[name]
-                blocks.append(headline_sentence(watched_light_heading(lights_by_side)))
+                blocks.append(_heading_of_watched_light(sentence, reviewed))
             blocks.append(sentence)
         elif sentence.lead in headings:
             blocks += [headline_sentence(heading), sentence]
@@ -194,6 +205,17 @@ def headline_in_two_sizes(
             blocks += _large_sentence(sentence)
         is_first_difference = False
     return blocks
+
+
+def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+    """Returns the heading above the sentence on a light that is to be watched on one side and good on the other.
+
+    Args:
+        sentence: the sentence, whose lead names the light, such as "Vibration:".
+        reviewed: comparison of two states, with the reviews of their logs.
+    """
+    name = sentence.lead.removesuffix(":").lower()
+    return headline_sentence(watched_light_heading(lights_of_both(reviewed.reviews)[name]))
 
 
 def _large_sentence(sentence: Sentence) -> list[Sentence]:
@@ -262,7 +284,6 @@ def _sentences_on_gains(
         The sentence, and one on gains that both sides name differently, which are not compared; empty if no parameter
         changed and the names are the same.
     """
-    difference = reviewed.difference
     changed_parameters = []
     for parameter in reviewed.parameters:
         if not FLIGHT_INDEPENDENT_PARAMETERS.match(parameter.name):
@@ -273,17 +294,12 @@ def _sentences_on_gains(
         gains = changed_rate_gains(changed_parameters, ())
     shown_gains = sorted(gains[:MAX_HEADLINE_GAINS], key=_axis_and_term)
     further_parameters = [change for change in changed_parameters if change not in shown_gains]
-    axes_of_gains = set[str]()
-    for gain in gains:
-        axes_of_gains.update(axes_of_parameter(gain.name))
-    texts_above = " ".join(sentence.text for sentence in light_sentences)
-    effects = []
-    for change in changes:
-        is_of_same_axis = change.quantity.axis in axes_of_gains
-        if is_of_same_axis and difference.follows_from_gains(change):
-            effect = change_text(change, difference)
-            if effect not in texts_above:
-                effects.append(effect)
+    text_on_lights = " ".join(sentence.text for sentence in light_sentences)
+    effects = [
+        effect
+        for effect in _effects_of_gains(gains, changes, reviewed.difference)
+        if effect not in text_on_lights
+    ]
     other_parameters = []
     if not gains and len(changed_parameters) <= MAX_HEADLINE_GAINS:
         other_parameters = [parameter_text(parameter) for parameter in changed_parameters]
@@ -297,6 +313,29 @@ def _sentences_on_gains(
         renamed_gain=reviewed.renamed_gain,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
+
+
+def _effects_of_gains(
+    gains: Iterable[ParameterChange],
+    changes: Iterable[QuantityChange],
+    difference: VehicleDifference,
+) -> list[str]:
+    """Returns the changes of loops that follow from changed gains of the same axis, such as "phase margin 38 → 52°".
+
+    Args:
+        gains: the changed gains.
+        changes: the changed quantities, the most relevant first.
+        difference: comparison of the two states.
+    """
+    axes_of_gains = set[str]()
+    for gain in gains:
+        axes_of_gains.update(axes_of_parameter(gain.name))
+    effects = []
+    for change in changes:
+        is_of_same_axis = change.quantity.axis in axes_of_gains
+        if is_of_same_axis and difference.follows_from_gains(change):
+            effects.append(change_text(change, difference))
+    return effects
 
 
 def _axis_and_term(gain: ParameterChange) -> tuple[int, int]:

@@ -296,10 +296,12 @@ def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
 
 
 def _heading_clause(sentence: str) -> str:
-    """Returns what the sentence of a light warns of, as a clause that is never cut within itself.
+    """Returns the first clause of a light's sentence for a heading, such as "motor 3 lost about 25 % of its thrust".
+
+    A clause that is too long for a heading loses its figures in brackets, and then what follows a semicolon.
 
     Args:
-        sentence: sentence of the light.
+        sentence: sentence of the light, which says what it warns of.
     """
     clause = as_clause(first_clause(first_sentence(sentence)))
     if len(clause) > MAX_HEADING_LENGTH:
@@ -431,11 +433,11 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
 
 
 def lights_of_side(review: Review) -> dict[str, JsonValues]:
-    """Returns the status lights of one side of a comparison, by name; of a fleet with the levels in all its flights.
+    """Returns the status lights (judgements of motors, vibration and others) of one side of a comparison, by name.
 
     Args:
-        review: review document of a log, with its lights; or that of a fleet, which has a sentence on its motors alone,
-            and of the other lights the levels (``light_levels``).
+        review: review document of a log, with its lights; or that of a fleet, with the levels of each light in all its
+            flights (``light_levels``), and a sentence only on the motors. The level of a fleet's light is the last.
     """
     lights = {}
     for name, levels in (review.get("light_levels") or {}).items():
@@ -512,19 +514,16 @@ def _light_cell(light: JsonValues, remark: str = "") -> Rated:
     Returns:
         The cell; of a fleet with the worst level, the number of flights with each level, and the sentence of the last.
     """
-    counts = Counter(levels_in_flights(light))
-    if counts.total() == 1:
+    levels = levels_in_flights(light)
+    if len(levels) == 1:
         return Rated(light["level"], Level(light["level"]), light["sentence"] + remark)
-    worst_level = next(level for level in LEVELS_WORST_FIRST if level in counts)
+    counts = Counter(levels)
+    worst_level, *other_levels = [level for level in LEVELS_WORST_FIRST if level in counts]
     [explanation] = render_section(
         "difference_light_of_flights",
         worst_count=counts[worst_level],
-        count=counts.total(),
-        other_counts={
-            level: counts[level]
-            for level in LEVELS_WORST_FIRST
-            if level in counts and level != worst_level
-        },
+        count=len(levels),
+        other_counts={level: counts[level] for level in other_levels},
         last_level=light["level"],
         sentence_on_last=light["sentence"],
     )

@@ -1,7 +1,7 @@
 """The motors of two states: the judgement of their reviews, the compared figures that agree with it, and a table."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
@@ -200,37 +200,60 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
             # All motors of a flight with a warning are listed, so that the sound ones can be compared.
             hover_motors = value_at(reviews[side], "condition.hover.motors") or ()
             motors.update(range(1, len(hover_motors) + 1))
-    columns: dict[str, dict[int, QuantityChange]] = {SHARE: {}, WITHOUT_LEAN: {}, EFFECT: {}}
-    for change in difference.changes:
-        motor = change.quantity.motor
-        if change.quantity.is_of_motor:
-            motors.add(motor)
-            columns[change.quantity.kind][motor] = change
-        if change.without_lean is not None:
-            columns[WITHOUT_LEAN][motor] = change.without_lean
-    # A quantity that was compared for no motor gets no column.
-    shown_columns = {name: changes for name, changes in columns.items() if changes}
+    columns = _changes_by_motor(difference)
+    for changes in columns.values():
+        motors.update(changes)
     rows = []
     for motor in sorted(motors):
         row = [motor_with_place(motor, difference)]
         for side in STATE_NAMES:
             row.append(_motor_cell(reviews[side], warnings_by_side[side].get(motor)))
-        for changes in shown_columns.values():
+        for changes in columns.values():
             change_of_motor = changes.get(motor)
             row.append("" if change_of_motor is None else change_with_interval(change_of_motor))
         rows.append(row)
+    return [Table(["", *_titles_of_motor_table(columns, difference)], rows)]
+
+
+def _changes_by_motor(difference: VehicleDifference) -> dict[str, dict[int, QuantityChange]]:
+    """Returns the columns of figures in the table of motors: the change of each motor, by its number.
+
+    Args:
+        difference: comparison of two states.
+
+    Returns:
+        By kind of quantity: changes of trims (``SHARE``), of trims without the part that the vehicle's lean makes
+        (``WITHOUT_LEAN``), and of control effectiveness (``EFFECT``). A kind that was compared for no motor is left
+        out.
+    """
+    columns: dict[str, dict[int, QuantityChange]] = {SHARE: {}, WITHOUT_LEAN: {}, EFFECT: {}}
+    for change in difference.changes:
+        motor = change.quantity.motor
+        if change.quantity.is_of_motor:
+            columns[change.quantity.kind][motor] = change
+        if change.without_lean is not None:
+            columns[WITHOUT_LEAN][motor] = change.without_lean
+    return {kind: changes for kind, changes in columns.items() if changes}
+
+
+def _titles_of_motor_table(columns: Iterable[str], difference: VehicleDifference) -> list[str]:
+    """Returns the titles of the columns beside the motors' names, such as "A", "B, last of 9 flights", "mean trim".
+
+    Args:
+        columns: kinds of the quantities in the columns after those of the two states.
+        difference: comparison of two states, with the numbers of their flights.
+    """
     # Warnings are those of one flight, and figures the means of all.
-    side_titles = [
-        last_flight_title(*state) for state in zip(STATE_NAMES, difference.flights, strict=True)
-    ]
     titles = []
-    for column in shown_columns:
+    for side, flight_count in zip(STATE_NAMES, difference.flights, strict=True):
+        titles.append(last_flight_title(side, flight_count))
+    for column in columns:
         if column == WITHOUT_LEAN:
             titles.append(column)
             continue
         name = SHOWN_QUANTITIES[column].name
         titles.append(f"mean {name}" if max(difference.flights) > 1 else name)
-    return [Table(["", *side_titles, *titles], rows)]
+    return titles
 
 
 def _motor_warnings(review: Review) -> dict[int, JsonValues]:

@@ -1,6 +1,6 @@
 """The next step after a comparison of two states."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
@@ -70,11 +70,22 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
     for change in doubtful_changes(reviewed):
         if not reviewed.motors.takes_precedence_over(change):
             doubtful.append(change)
-    if not doubtful:
-        return effort_steps(reviewed)
+    if doubtful:
+        return _step_of_doubtful_changes(doubtful, difference)
+    return effort_steps(reviewed)
+
+
+def _step_of_doubtful_changes(
+    doubtful: Iterable[QuantityChange], difference: VehicleDifference
+) -> list[Sentence]:
+    """Returns the step to fly again and, if a doubtful change shows a weaker motor, to inspect that motor.
+
+    Args:
+        doubtful: the doubtful changes, the most certain first.
+        difference: comparison of two states, with the names of the motors.
+    """
     motor = ""
     for change in doubtful:
-        # The changes are sorted: the most certain one of those that show a weaker motor counts.
         if change.shows_weaker_motor:
             motor = motor_name(change, difference)
             break

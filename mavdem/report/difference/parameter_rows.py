@@ -13,7 +13,7 @@ NUMBERED_NAME = re.compile(r"(?P<start>.*?)(?P<number>\d+)(?P<end>\D*)")
 
 
 class _SharedRow(NamedTuple):
-    """What parameters have in common that share a row, since only the number in their name differs."""
+    """What parameters of one row have in common: all but the number in their names."""
 
     start: str
     """Name up to the number; the whole name of a parameter without one."""
@@ -44,7 +44,7 @@ def parameter_rows(parameters: Sequence[ParameterChange]) -> list[list[str]]:
 
 
 def _shared_row(parameter: ParameterChange) -> _SharedRow:
-    """Returns what a parameter has in common with others of its row."""
+    """Returns what parameters of one row have in common: ("SERVO", "_MIN", "1100", "1000") for ``SERVO3_MIN``."""
     numbered = NUMBERED_NAME.fullmatch(parameter.name)
     start, end = (parameter.name, "") if numbered is None else numbered.group("start", "end")
     before = parameter_value_text(parameter.before)
@@ -59,19 +59,26 @@ def _names_of_runs(shared: _SharedRow, parameters: Sequence[ParameterChange]) ->
         shared: the parts of the name around the number.
         parameters: parameters with these parts and different numbers, or a single one without a number.
     """
+    numbers = _numbers(shared, parameters)
+    if not numbers:
+        return [shared.start]
+    names = []
+    for run in _consecutive_runs(numbers):
+        first, last = run[0], run[-1]
+        range_text = str(first) if first == last else f"{first}–{last}"
+        names.append(f"{shared.start}{range_text}{shared.end}")
+    return names
+
+
+def _consecutive_runs(numbers: Sequence[int]) -> list[list[int]]:
+    """Divides numbers into runs of consecutive ones, in rising order: [1, 2, 3], [9] from 9, 1, 3 and 2."""
     runs: list[list[int]] = []
-    for number in sorted(_numbers(shared, parameters)):
+    for number in sorted(numbers):
         if runs and runs[-1][-1] == number - 1:
             runs[-1].append(number)
         else:
             runs.append([number])
-    if not runs:
-        return [shared.start]
-    names = []
-    for run in runs:
-        numbers = f"{run[0]}–{run[-1]}" if len(run) > 1 else str(run[0])
-        names.append(f"{shared.start}{numbers}{shared.end}")
-    return names
+    return runs
 
 
 def _numbers(shared: _SharedRow, parameters: Sequence[ParameterChange]) -> list[int]:

@@ -111,10 +111,10 @@ def increase_with_interval(change: QuantityChange) -> str:
 
 
 def change_without_lean(change: QuantityChange) -> str:
-    """Returns what is left of the change of a trim without the part that lean makes: "without lean −0 % (−4 to 4 %)".
+    """Returns how a motor's trim changed apart from what the vehicle's lean explains: "without lean −0 % (−4 to 4 %)".
 
     Args:
-        change: change of one quantity. The text is empty where its change without lean is not known.
+        change: change of one quantity. If its change without lean is not known, the text is empty.
     """
     if change.without_lean is None:
         return ""
@@ -213,7 +213,7 @@ def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float)
 
 
 def detectable_change(kind: str, changes: Sequence[QuantityChange], significance: float) -> str:
-    """Returns the change of a kind of quantity that nine of ten such comparisons find, such as "38°".
+    """Returns the smallest change of a kind of quantity that nine of ten such comparisons would find, such as "38°".
 
     Args:
         kind: kind of the quantities, such as ``DAMPING``.

@@ -8,7 +8,7 @@ def side_title(side: str, flight_count: int) -> str:
 
     Args:
         side: name of the state, "A" or "B".
-        flight_count: number of its flights; of a single one the title is the name of the state alone.
+        flight_count: number of its flights. For a single one the title is the name of the state alone.
     """
     return side if flight_count == 1 else f"{side}, {counted(flight_count, 'flight')}"
 
@@ -18,6 +18,6 @@ def last_flight_title(side: str, flight_count: int) -> str:
 
     Args:
         side: name of the state, "A" or "B".
-        flight_count: number of its flights; of a single one the title is the name of the state alone.
+        flight_count: number of its flights. For a single one the title is the name of the state alone.
     """
     return side if flight_count == 1 else f"{side}, last of {counted(flight_count, 'flight')}"

@@ -8,24 +8,25 @@ from mavdem.report.templates import render_section
 
 
 def yaw_trim_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentence that names another yaw trim, with its causes, as what the trims of all motors show.
+    """Returns the sentence that all changed motor trims together are a change of the yaw trim, with possible causes.
 
     Args:
         reviewed: comparison of two states.
 
     Returns:
-        A list with the sentence; empty without this pattern, or if the judgement of the motors states what differs.
+        A list with the sentence; empty if the trims show no such change, or if the judgement of the motors says what
+        differs.
     """
-    direction = _direction_that_works_harder(reviewed.difference)
+    direction = _direction_of_harder_working_motors(reviewed.difference)
     if reviewed.motors.differs or not direction:
         return []
     return render_section("difference_yaw_trim", direction=direction)
 
 
-def _direction_that_works_harder(difference: VehicleDifference) -> int:
-    """Returns the direction of the motors whose relative trim is larger in B, if that of all others is smaller.
+def _direction_of_harder_working_motors(difference: VehicleDifference) -> int:
+    """Returns which motors work harder in B, by their direction, if all others work less hard: a change of yaw trim.
 
-    The yaw controller balances a twisted arm or motor in this way. The 90 % interval of each motor's change must
+    The yaw controller compensates a twisted arm or motor in this way. The 90 % interval of each motor's change must
     exclude "no change".
 
     Args:

@@ -24,7 +24,7 @@ from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import filter_sentences
 from mavdem.report.numbers import listed
 from mavdem.report.pages.page import Chapter, Section
-from mavdem.vibration.folding import faster_frequencies, folded_frequency, slow_peak
+from mavdem.vibration.folding import faster_frequencies, folded_frequency, possibly_folded_peak
 from mavdem.vibration.spectra import Spectrum
 
 ACCELEROMETER = "accelerometer"
@@ -229,7 +229,7 @@ def _folding_captions(noise: MeasuredNoise, oscillations: Mapping[str, float]) -
     axes_by_text: dict[str, list[str]] = {}
     for index, axis in enumerate(AXES):
         template = FOLDED_PEAK
-        frequency = slow_peak(spectrum, index)
+        frequency = possibly_folded_peak(spectrum, index)
         oscillation = oscillations.get(axis)
         if oscillation is not None and oscillation > nyquist:
             template = FOLDED_OSCILLATION
