@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.containers import Numbers
-from mavdem.ingest.telemetry import Columns
+from mavdem.ingest.telemetry import Columns, concatenated_columns, selected_rows
 from mavdem.live.messages import MESSAGE_FIELDS
 
 MAX_ROWS = 2048
@@ -36,7 +36,7 @@ class RecentMessages:
 
     Attributes:
         boot: number of the boot.
-        rows: messages by name, each in the order of time.
+        rows: messages by name, each in the order in which they came; only :meth:`add` changes them.
         changes: number of messages so far with other values than the one before, by name.
     """
 
@@ -44,6 +44,8 @@ class RecentMessages:
         self.boot = boot
         self.rows: dict[str, list[TimedValues]] = {}
         self.changes = Counter[str]()
+        # Columns of the messages in ``rows``, by name, up to the latest call of ``_all_columns``.
+        self._converted: dict[str, Columns] = {}
 
     def add(self, name: str, time: float, values: Numbers) -> None:
         """Adds a message, and counts it in ``changes`` if its values differ from the message before.
@@ -63,6 +65,8 @@ class RecentMessages:
         messages.append(TimedValues(time, values))
         if len(messages) > MAX_ROWS:
             self.rows[name] = _thinned_out(name, messages)
+            # These columns have the dropped messages too.
+            self._converted.pop(name, None)
 
     def names_since(self, start_time: float) -> set[str]:
         """Returns the names of the messages that have come since ``start_time``, s of the boot clock."""
@@ -80,11 +84,32 @@ class RecentMessages:
         """
         columns: dict[str, Columns] = {}
         for name in names:
-            all_messages = self.rows.get(name, ())
-            messages = [message for message in all_messages if message.time >= start_time]
-            if messages:
-                columns[name] = columns_from(MESSAGE_FIELDS[name], messages, self.boot)
+            if name not in self.rows:
+                continue
+            all_columns = self._all_columns(name)
+            is_recent = all_columns["time"] >= start_time
+            if is_recent.any():
+                columns[name] = selected_rows(all_columns, is_recent)
         return columns
+
+    def _all_columns(self, name: str) -> Columns:
+        """Returns all kept messages of one name as columns.
+
+        Messages do not change once they have come, so that each is converted only once.
+
+        Args:
+            name: name of a message in ``rows``.
+        """
+        tables = []
+        converted_count = 0
+        if name in self._converted:
+            tables.append(self._converted[name])
+            converted_count = len(self._converted[name]["time"])
+        new_messages = self.rows[name][converted_count:]
+        if new_messages:
+            tables.append(columns_from(MESSAGE_FIELDS[name], new_messages, self.boot))
+            self._converted[name] = concatenated_columns(tables)
+        return self._converted[name]
 
 
 def _are_equal(values: Numbers, other_values: Numbers) -> bool:

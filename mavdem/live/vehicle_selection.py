@@ -12,6 +12,7 @@ from typing import NamedTuple
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
+from mavdem.immutable import freeze
 from mavdem.ingest.mavlink.dialect import definitions_by_id, enum_name
 from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
@@ -505,4 +506,5 @@ def _decoded_parameters(vehicle: Component, store: Component | None) -> Paramete
     messages.update(vehicle.parameters)
     if not messages:
         return {}
-    return parameters_by_name(messages.values(), vehicle.autopilot)
+    # Each ``Telemetry`` of the vehicle has the same mapping: one that could be changed would be copied for each.
+    return freeze(parameters_by_name(messages.values(), vehicle.autopilot))

@@ -224,14 +224,9 @@ class Drag(ImmutableResult):
             The drag, with independent entries (a diagonal covariance), a lean of zero mean, and its source.
         """
         momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
-        configured = {
-            name: value
-            for name, value in parameters.items()
-            if round(value, PARAMETER_DECIMALS) not in FACTORY_VALUES.get(name, ())
-        }
-        momentum = configured.get(momentum_name, 0.0)
-        ballistic_x = configured.get(f"{ballistic_prefix}X", 0.0)
-        ballistic_y = configured.get(f"{ballistic_prefix}Y", 0.0)
+        momentum = _configured_value(momentum_name, parameters)
+        ballistic_x = _configured_value(f"{ballistic_prefix}X", parameters)
+        ballistic_y = _configured_value(f"{ballistic_prefix}Y", parameters)
         logarithms = POPULATION_MEAN.copy()
         sd = POPULATION_SD.copy()
         source = DragSource.POPULATION
@@ -470,6 +465,18 @@ class Drag(ImmutableResult):
             raise ValueError("no vehicle has such a drag")
         require_positive_definite(self.covariance, "covariance", DRAG_PARAMETERS)
         return self
+
+
+def _configured_value(name: str, parameters: Mapping[str, float]) -> float:
+    """Returns the value that a user has set a drag parameter to; 0 for factory values and where it is missing.
+
+    Args:
+        name: name of the parameter.
+        parameters: values of the autopilot's parameters by name.
+    """
+    value = parameters.get(name, 0.0)
+    is_factory_value = round(value, PARAMETER_DECIMALS) in FACTORY_VALUES.get(name, ())
+    return 0.0 if is_factory_value else value
 
 
 def air_speed(linear: Array, quadratic: Array, force: float) -> Array:

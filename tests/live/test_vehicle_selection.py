@@ -5,7 +5,7 @@ from dataclasses import replace
 from hover import Hover
 from live_hover import Flight, by_time, replay
 from mavlink_streams import heartbeat, message
-from pytest import mark
+from pytest import mark, raises
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RowsFact, VehicleFact
@@ -45,6 +45,8 @@ def test_parameters_are_decoded_again_only_when_another_comes():
     before = stream.parameters
     replay([(13.0, heartbeat())], stream)
     assert stream.parameters is before and before == {"A": 1.0}
+    with raises(TypeError):
+        before["A"] = 2.0
     # A value may change in flight, and MAVProxy may answer for the vehicle.
     values = {"param_id": b"B", "param_value": 3.0, "param_type": 9}
     of_store = message("PARAM_VALUE", 1, PARAMETER_STORE_COMPONENT, **values)

@@ -12,6 +12,7 @@ import numpy as np
 from hover import Hover
 from live_hover import Flight, by_time, replay, ticks
 from mavlink_streams import message
+from numpy.testing import assert_equal
 from pytest import approx, fixture, mark
 from rich.console import Console
 from rich.live import Live
@@ -46,13 +47,14 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import EstimatorRatio
-from mavdem.live import LiveStream
+from mavdem.live import LiveStream, recent_messages
 from mavdem.live import watchdog as watchdog_module
 from mavdem.live.active_alarms import CALM_SECONDS
 from mavdem.live.flight_lights import FlightLights
 from mavdem.live.history import LiveHistory
+from mavdem.live.messages import MESSAGE_FIELDS
 from mavdem.live.motor_limits import ALARMING_SHARE
-from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
+from mavdem.live.recent_messages import MAX_ROWS, RecentMessages, columns_from
 from mavdem.live.review import Review
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.live.session_status import Latency, SessionStatus
@@ -971,12 +973,32 @@ def test_every_vehicle_on_a_link_is_watched():
     )
 
 
-def test_what_is_kept_is_bounded():
+def test_what_is_kept_is_bounded_and_converted_once(monkeypatch):
+    converted_times = []
+
+    def columns_of_new(fields, messages, boot):
+        converted_times.extend(message.time for message in messages)
+        return columns_from(fields, messages, boot)
+
+    monkeypatch.setattr(recent_messages, "columns_from", columns_of_new)
     recent = RecentMessages()
-    for second in range(2049):
-        recent.add("SYS_STATUS", second, (12000, 100, 50, 0, 0, 0))
-    times = [time for time, _ in recent.rows["SYS_STATUS"]]
-    assert times == [*range(1, 1024, 2), *range(1024, 2049)]
+    for second in range(2048):
+        recent.add("SYS_STATUS", second, (12000 + second, 100, 50, 0, 0, 0))
+        if second % 256 == 0:
+            columns = recent.columns(["SYS_STATUS", "HEARTBEAT"], start_time=second - 9)
+            assert columns.keys() == {"SYS_STATUS"}
+            assert columns["SYS_STATUS"]["time"].tolist() == [
+                *range(max(second - 9, 0), second + 1)
+            ]
+    assert converted_times == [*range(1793)]
+    # Every second message of the older half is dropped now.
+    recent.add("SYS_STATUS", 2048, (12000 + 2048, 100, 50, 0, 0, 0))
+    kept_times = [*range(1, 1024, 2), *range(1024, 2049)]
+    assert [time for time, _ in recent.rows["SYS_STATUS"]] == kept_times
+    fields = MESSAGE_FIELDS["SYS_STATUS"]
+    expected = columns_from(fields, recent.rows["SYS_STATUS"], boot=0)
+    assert_equal(recent.columns(["SYS_STATUS"])["SYS_STATUS"], expected)
+    assert not recent.columns(["SYS_STATUS"], start_time=2049)
 
 
 @dataclass(frozen=True)
