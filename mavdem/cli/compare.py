@@ -210,7 +210,7 @@ class _ComparisonProgress:
         windows: Sequence[Window],
         show_bar: Callable[[float, str], None],
     ) -> None:
-        """Starts the clock.
+        """Estimates the run time by typical times, and measures the time to the first printed line from now on.
 
         Args:
             methods: methods to compare.

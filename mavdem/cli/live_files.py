@@ -127,7 +127,7 @@ def _with_number(paths: Sequence[Path | None], number: int) -> list[Path | None]
 def written_file_lines(
     paths: OutputPaths, frame_count: int, *, is_for_browser: bool = False
 ) -> list[str]:
-    """Returns a line for each file that a session has written: what it is, where, and what opens it.
+    """Returns a line for each file that a session has written, such as "Dashboard: a.rrd. Open it: `rerun a.rrd`".
 
     Args:
         paths: Paths of the written files; None for a file that was not written.

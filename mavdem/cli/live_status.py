@@ -286,11 +286,11 @@ class StatusLines:
             self.update_in_place(status)
 
     def show_if_new(self, status: SessionStatus) -> None:
-        """Updates the status on a terminal if it shows other alarms or another vehicle than there are now.
+        """Updates the status on a terminal if its alarms or its vehicle have changed since it was shown.
 
         This is called once a second, and just before an alarm or a vehicle is reported. Otherwise the report would
-        stand above a status that contradicts it, until the status is updated a second later. Where lines are printed, a
-        fault of an earlier flight is printed at the take-off.
+        stand above a status that contradicts it, until the status is updated a second later. Where lines are printed
+        instead, the fault of an earlier flight is printed at the take-off.
 
         Args:
             status: Present state of the live session.
@@ -543,7 +543,7 @@ class StatusLines:
         self._print_fault_of_earlier_flight(status)
 
     def _print_fault_of_earlier_flight(self, status: SessionStatus) -> None:
-        """Prints the fault of an earlier flight, with what to do about it, unless that was printed last.
+        """Prints the fault of an earlier flight, with what to do about it, unless the same was printed last.
 
         Args:
             status: State of the live session, with the fault, if there is one.
@@ -669,9 +669,9 @@ def _fault_of_earlier_flight(status: SessionStatus) -> str:
 
 
 def _watch_facts_to_print(status: SessionStatus) -> Facts:
-    """Returns the facts on watched quantities, without those that an alarm shows to be watched.
+    """Returns the facts that say since when each quantity, such as vibration, is watched for faults, or why it is not.
 
-    These are the oscillation and the thrust of the motors while an alarm says that one oscillates or is weak.
+    Left out are the oscillation and the motors while an alarm is on them, which shows that they are watched.
 
     Args:
         status: State of the session, with its active alarms.
@@ -731,7 +731,7 @@ def _unwatched_names(watch_facts: Facts) -> list[str]:
 
 
 def _status_block(status: SessionStatus) -> Group:
-    """Returns the lines that a terminal shows of a status, for Rich: vehicle, headline, lights, learning and problems.
+    """Returns the lines that a terminal shows of a session's status, for Rich: vehicle, headline, lights and learning.
 
     Args:
         status: State of the live session. Before a vehicle is found, there is no table of lights.
@@ -814,9 +814,9 @@ def _level_text(level: Level) -> Text:
 
 
 def _status_texts(status: SessionStatus) -> StatusTexts:
-    """Returns the status of a session in sentences, none of which repeats the headline or the next step.
+    """Returns the sentences of a session's status; none repeats the headline or the next step, which are among them.
 
-    A table of lights stands beside them, which has battery, wind and margins.
+    Battery, wind and margins are not in them: they are in the table of lights (judgements) that a terminal shows too.
 
     Args:
         status: The status. Its ``no_model_reason`` is the fact (coded finding) that says why no model is learned now,

@@ -177,7 +177,7 @@ def _print_tuning(
     *,
     verbose: bool,
 ) -> None:
-    """Prints the result of the tuning and the next step, as its page has them, margins and gains, and then reasons.
+    """Prints the tuning: its result and the next step in the words of its page, margins and gains, and then reasons.
 
     Args:
         tuning: The gains to set, and the judgement of the flight.
@@ -208,7 +208,7 @@ def _tuning_blocks(
     *,
     verbose: bool,
 ) -> Blocks:
-    """Returns the report of a tuning: result and next step, margins and gains, and then reasons.
+    """Returns the sentences and tables of a tuning: result and next step, margins and gains, and then reasons.
 
     Args:
         tuning: The gains to set, and the judgement of the flight.

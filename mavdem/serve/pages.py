@@ -49,7 +49,7 @@ from mavdem.report.pages.library_page import (
     render_server_page,
     script_hashes_of_page,
     server_script,
-    vehicle_of_page,
+    vehicle_id_on_page,
     vehicle_page,
     vehicles_page,
     with_server_script,
@@ -307,7 +307,7 @@ class Pages:
         if entry.other_vehicles:
             with refuse_missing_file():
                 first_page = self._page_path(entry, "").read_text("utf-8") if vehicle else html
-            first_vehicle = vehicle_of_page(first_page)
+            first_vehicle = vehicle_id_on_page(first_page)
         is_compared = True
         anomaly = None
         # The fleet judges the vehicle under which the log is listed, and not another one that the query names.

@@ -38,7 +38,7 @@ from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import (
     LINK_TO_FLEET_HTML,
     render_server_page,
-    vehicle_of_page,
+    vehicle_id_on_page,
 )
 from mavdem.report.pages.page import PageLink, render_document
 from mavdem.results import PAGE_FILE, REPORT_FILE
@@ -777,7 +777,7 @@ def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(lib
     shared = replace(alone, files="report.html,vehicle_3_1.html")
     assert '<a href="/f/id?vehicle=3_1">Vehicle 3:1</a>' in library_page([shared])
     page = "<p>Vehicle 2:1, one of 2 in the log: quadrotor.</p>"
-    assert vehicle_of_page(page) == "2:1" and vehicle_of_page("<p>Quadrotor.</p>") == ""
+    assert vehicle_id_on_page(page) == "2:1" and vehicle_id_on_page("<p>Quadrotor.</p>") == ""
 
 
 @mark.slow

@@ -613,7 +613,7 @@ class Group(NamedTuple):
         return cls(tuple(columns), caption)
 
     def folded_by_title(self) -> Group:
-        """Returns the group with its columns named by their first charts: a phone opens one and folds the others."""
+        """Returns the group with each column named by its first chart, so that a phone folds all columns but one."""
         return self._replace(names=tuple(column[0].title for column in self.columns))
 
 

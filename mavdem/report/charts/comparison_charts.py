@@ -265,6 +265,7 @@ def flight_series_charts(
                     values = values - values[0]
                 lines.append(Line(names[side], colours[side], times, values))
         if lines:
+            # Without limits the scale is that of all values.
             limits = None
             if title in MOTOR_OUTPUTS:
                 limits = motor_limits
@@ -278,15 +279,36 @@ def flight_series_charts(
 def _limits_without_ends(
     flights: Collection[FlightSeries], titles: Sequence[str]
 ) -> tuple[float, float] | None:
-    """Returns the limits of a vertical axis, if take-off and landing would take much of it.
+    """Returns limits of a vertical axis that leave out take-off and landing, if these would take much of the scale.
 
     Args:
         flights: time series of the flights.
         titles: titles of the series that share the axis.
 
     Returns:
-        The lowest and highest value between take-off and landing, with a margin of ``CLIP_SPANS`` of their distance;
+        The lowest and highest value between take-off and landing, with a margin of ``CLIP_SPANS`` of their distance.
         None if the scale of all values is less than ``MIN_WIDER_SCALE`` times as wide, or no value is known.
+    """
+    inner_values = _values_between_ends(flights, titles)
+    whole_limits = _whole_limits(flights, titles)
+    if not len(inner_values) or whole_limits is None:
+        return None
+    lowest, highest = float(inner_values.min()), float(inner_values.max())
+    # What stays the same between take-off and landing has no scale of its own.
+    if highest == lowest:
+        return None
+    margin = CLIP_SPANS * (highest - lowest)
+    limits = (lowest - margin, highest + margin)
+    is_much_wider = np.ptp(whole_limits) >= MIN_WIDER_SCALE * np.ptp(limits)
+    return limits if is_much_wider else None
+
+
+def _values_between_ends(flights: Collection[FlightSeries], titles: Sequence[str]) -> Array:
+    """Returns the finite values of some series of all flights, joined (N,), without take-off and landing.
+
+    Args:
+        flights: time series of the flights.
+        titles: titles of the series.
     """
     values_between = [np.zeros(0)]
     for flight in flights:
@@ -295,26 +317,15 @@ def _limits_without_ends(
             if title in flight:
                 times, values = flight[title]
                 values_between.append(values[(times >= start) & (times <= end)])
-    inner_values = np.concatenate(values_between)
-    inner_values = inner_values[np.isfinite(inner_values)]
-    if not len(inner_values):
-        return None
-    lowest, highest = float(inner_values.min()), float(inner_values.max())
-    margin = CLIP_SPANS * (highest - lowest)
-    limits = (lowest - margin, highest + margin)
-    whole_limits = _whole_limits(flights, titles)
-    # What stays the same between take-off and landing has no scale of its own.
-    if whole_limits is None or highest == lowest:
-        return None
-    is_much_wider = np.ptp(whole_limits) >= MIN_WIDER_SCALE * np.ptp(limits)
-    return limits if is_much_wider else None
+    joined_values = np.concatenate(values_between)
+    return joined_values[np.isfinite(joined_values)]
 
 
 def _ends_of_level_flight(flight: FlightSeries) -> tuple[float, float]:
-    """Returns between which times a flight is neither taking off nor landing, s from its start.
+    """Returns when the take-off of a flight ends and when its landing begins, s from its start, such as (3.0, 417.2).
 
-    Take-off and landing last ``TRANSIENT_SECONDS``, as for settled flight. An end with a tilt beyond ``MAX_TILT`` is no
-    landing but a crash, which belongs to what a chart shows.
+    Both last ``TRANSIENT_SECONDS``, as for settled flight. An end with a tilt beyond ``MAX_TILT`` is no landing but a
+    crash, which a chart must show: then the second time is that of the last sample.
 
     Args:
         flight: time series of the flight.
@@ -332,7 +343,12 @@ def _ends_of_level_flight(flight: FlightSeries) -> tuple[float, float]:
 def _whole_limits(
     flights: Collection[FlightSeries], titles: Sequence[str]
 ) -> tuple[float, float] | None:
-    """Returns the lowest and the highest value of some series in any of the flights; None if none is known."""
+    """Returns the lowest and the highest value of some series in any of the flights; None if no flight has them.
+
+    Args:
+        flights: time series of the flights.
+        titles: titles of the series.
+    """
     all_values = []
     for flight in flights:
         for title in titles:

@@ -251,8 +251,8 @@ def rose_of_flights(winds: Array) -> Plan:
     return _wind_rose(description, np.degrees(direction), speed, 1.0)
 
 
-def dots_of_flights(winds: Array) -> Plan:
-    """Draws the mean wind of each of a few flights as a dot: its direction from the centre, and its speed as distance.
+def wind_dots_of_flights(winds: Array) -> Plan:
+    """Draws the mean wind of each of a few flights as a dot, in its direction from the centre and as far as its speed.
 
     Args:
         winds: mean wind of each flight (N, 4): direction that it comes from, rad; speed, m/s; and both ends of the 90 %
@@ -265,8 +265,8 @@ def dots_of_flights(winds: Array) -> Plan:
     outer_speed = 2 * max(int(np.ceil(winds[:, 1:].max() / 2)), 1)
     rings = [(RADIUS / 2, f"{outer_speed // 2} m/s"), (RADIUS, f"{outer_speed} m/s")]
     dots = []
-    for direction, *speeds in winds.tolist():
-        radii = [round(RADIUS / outer_speed * speed, 1) for speed in speeds]
+    for direction, speed, low, high in winds.tolist():
+        radii = [round(RADIUS / outer_speed * value, 1) for value in (speed, low, high)]
         dots.append((round(degrees(direction), 1), *radii))
     subject = "The dot shows" if len(winds) == 1 else "Each dot shows"
     description = (

@@ -143,16 +143,7 @@ def vehicle_groups(
     charts = _charts_over_flights(flights, addresses, healthy_logs)
     if not charts:
         return []
-    caption = FLIGHTS_CAPTION
-    pauses = _long_pauses(flights)
-    if pauses:
-        months = [str(round(pause.duration.days / DAYS_OF_MONTH)) for pause in pauses]
-        caption += GAPS_CAPTION.format(f"{listed(months)} months")
-    if any(addresses):
-        caption += CLICK_CAPTION
-    healthy_flights = [flight for flight in flights if _is_of_log(flight, healthy_logs)]
-    if healthy_flights:
-        caption += HEALTHY_CAPTION.format(listed(map(file_name, healthy_flights)))
+    caption = _caption_of_flights(flights, healthy_logs, has_pages=any(addresses))
     if any(chart.title == ERROR_RATIO_TITLE for chart in charts):
         caption += ERROR_RATIO_CAPTION
     motor_charts = [chart for chart in charts if chart.title in TITLES_OF_DEVIATIONS]
@@ -166,18 +157,45 @@ def vehicle_groups(
     ]
 
 
-def _is_of_log(flight: AxisRows, logs: Collection[str]) -> bool:
-    """Returns whether a flight is of one of some logs, given by the hashes of their contents."""
+def _caption_of_flights(
+    flights: Sequence[AxisRows], healthy_logs: Collection[str], *, has_pages: bool
+) -> str:
+    """Returns the caption that explains the horizontal axis of charts over flights: pauses, clicks and healthy flights.
+
+    Args:
+        flights: rows of each flight in the fleet's table, in order of time.
+        healthy_logs: hashes of the contents of the logs whose flights are healthy.
+        has_pages: whether a click on a flight opens its page.
+    """
+    caption = FLIGHTS_CAPTION
+    pauses = _long_pauses(flights)
+    if pauses:
+        months = [str(round(pause.duration.days / DAYS_OF_MONTH)) for pause in pauses]
+        caption += GAPS_CAPTION.format(f"{listed(months)} months")
+    if has_pages:
+        caption += CLICK_CAPTION
+    healthy_flights = [flight for flight in flights if _is_in_logs(flight, healthy_logs)]
+    if healthy_flights:
+        caption += HEALTHY_CAPTION.format(listed(map(file_name, healthy_flights)))
+    return caption
+
+
+def _is_in_logs(flight: AxisRows, logs: Collection[str]) -> bool:
+    """Returns whether the log of a flight is one of the given ones.
+
+    Args:
+        flight: rows of the flight in the fleet's table.
+        logs: hashes of the contents of the logs.
+    """
     return content_hash(log_row(flight).key) in logs
 
 
 def _charts_over_flights(
     flights: Sequence[AxisRows], addresses: Sequence[str], healthy_logs: Collection[str]
 ) -> list[Chart]:
-    """Returns a chart for each quantity of the motors and the model, with 90 % intervals, over the flights.
+    """Returns a chart over the flights for each quantity of motors and model, such as the trims, with 90 % intervals.
 
-    Flights with a fault or a drift of the motors are marked in all charts, those with which they are compared, and
-    months without a flight.
+    All charts have the marks of :func:`_marks_of_flights`.
 
     Args:
         flights: rows of each flight in the fleet's table, one for each axis, in order of time.
@@ -188,16 +206,7 @@ def _charts_over_flights(
         The charts; a quantity that is known of fewer than two flights has none, since it shows no change.
     """
     flight_axis = _flight_axis(flights)._replace(addresses=tuple(addresses))
-    # The line of a pause is half-way between the flights before and after it.
-    marks = [Mark(pause.next_flight - 0.5) for pause in _long_pauses(flights)]
-    for number, flight in enumerate(flights):
-        health = worst_health(flight)
-        if health in HEALTH_MARKS:
-            symbol, colour = HEALTH_MARKS[health]
-            marks.append(Mark(float(number), symbol, colour))
-        elif _is_of_log(flight, healthy_logs):
-            symbol, colour = HEALTHY_MARK
-            marks.append(Mark(float(number), symbol, colour))
+    marks = _marks_of_flights(flights, healthy_logs)
     suspect_motor = _suspect_motor(flights)
     charts = []
     for title, estimates in _charted_quantities(flights):
@@ -214,6 +223,26 @@ def _charts_over_flights(
             Chart(title, flight_axis, unnamed_axis, tuple(lines), levels, marks=tuple(marks))
         )
     return charts
+
+
+def _marks_of_flights(flights: Sequence[AxisRows], healthy_logs: Collection[str]) -> list[Mark]:
+    """Returns marks of flights with a fault or a drift of the motors, of healthy flights, and of months without any.
+
+    Args:
+        flights: rows of each flight in the fleet's table, in order of time. The horizontal axis numbers them from 0.
+        healthy_logs: hashes of the contents of the logs with whose flights the motors of the others are compared.
+    """
+    # The line of a pause is half-way between the flights before and after it.
+    marks = [Mark(pause.next_flight - 0.5) for pause in _long_pauses(flights)]
+    for number, flight in enumerate(flights):
+        health = worst_health(flight)
+        if health in HEALTH_MARKS:
+            symbol, colour = HEALTH_MARKS[health]
+            marks.append(Mark(float(number), symbol, colour))
+        elif _is_in_logs(flight, healthy_logs):
+            symbol, colour = HEALTHY_MARK
+            marks.append(Mark(float(number), symbol, colour))
+    return marks
 
 
 class Pause(NamedTuple):
@@ -407,17 +436,22 @@ def _vibrations(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
 
 
 def _motor_output(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
-    """Returns the title and the line of the chart of the mean motor output, which all weak motors or a load raise.
+    """Returns the title of the chart of the mean motor output, and its line: the output of each flight.
 
     The output rises as the battery sags. So it is drawn at equal voltage, relative to the first flight, as the motors
-    are judged by it. Where fewer than two flights have a voltage, it is drawn as it was measured.
+    are judged by it: weaker motors or a load raise it. If fewer than two flights have a voltage, it is drawn as it was
+    measured.
 
     Args:
         flights: rows of the vehicle's flights, one for each axis, in the order of date.
+
+    Returns:
+        The title with the unit, and the line by its name (flights, 2): output, %, and half width of its interval.
     """
     (mean_output,) = _estimates_of_column(flights, "collective", 1)
     voltages = [measured_voltage(log_row(flight)) for flight in flights]
     voltage = np.array([np.nan if value is None else value for value in voltages])
+    # The first column has the outputs, the second the half widths of their intervals.
     efforts = mean_output[:, 0] * voltage
     known_efforts = efforts[np.isfinite(efforts)]
     if len(known_efforts) < 2:

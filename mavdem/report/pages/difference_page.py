@@ -217,13 +217,13 @@ def _chapters(
     headline: Sequence[Sentence],
     flights: tuple[FlightSeries | None, FlightSeries | None],
 ) -> list[Chapter]:
-    """Returns the chapters of the page: what changed, then the charts of motors and loops, if these changed.
+    """Returns the chapters of the page in their order: first what changed, with the charts of motors or loops that did.
 
-    Where gains changed the table of gains and filters stands before these.
+    If gains changed, the table of gains and filters stands before these charts.
 
     Args:
         reviewed: comparison of both flights.
-        headline: the sentences that head the comparison, which stand above.
+        headline: the sentences at the head of the comparison, which the chapters do not repeat.
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
     """
     reviews_by_side = reviewed.reviews
@@ -311,7 +311,7 @@ def _motor_chapter(
         series_charts: charts of the time series of both flights.
     """
     trims_caption = TRIMS_CAPTION
-    if any(_has_flight_dots(count) for count in reviewed.difference.flights):
+    if _has_trim_columns(reviewed.difference):
         trims_caption += FLIGHT_DOTS_CAPTION
     groups = [
         *_motor_groups(series_charts),
@@ -323,9 +323,9 @@ def _motor_chapter(
 def _step_chapter(reviewed: ReviewedDifference, legend: Mapping[str, str]) -> Chapter:
     """Returns the chapter on step responses: how the rate and the attitude follow a step of their setpoint.
 
-    Each axis has a column of charts: its rate loop, and below it its attitude loop. A chart shows the
-    responses that were measured in both flights. Axes without a measured response have no column; the chapter is empty
-    if no axis has one.
+    Each axis has a column of charts: its rate loop, and below it its attitude loop. A chart shows the responses that
+    were measured in both flights. Axes without a measured response have no column; the chapter is empty if no axis has
+    one.
 
     Args:
         reviewed: comparison of both flights, with the review documents of their logs.
@@ -340,6 +340,7 @@ def _step_chapter(reviewed: ReviewedDifference, legend: Mapping[str, str]) -> Ch
         return Chapter("Step response")
     return Chapter(
         "Step response",
+        # Of a fleet no steps are drawn, which a sentence says.
         [
             *_missing_step_sentences(reviewed.reviews),
             *render_section("difference_fleet_steps", sides=reviewed.fleet_sides),
@@ -650,19 +651,28 @@ def _parameter_chapters(reviewed: ReviewedDifference) -> list[Chapter]:
     rows = parameter_rows(listed_parameters)
     gains = [parameter for parameter in listed_parameters if _is_of_control(parameter)]
     if not gains or len(rows) <= MAX_OPEN_PARAMETERS:
-        chapter = _table_chapter(title, header, rows)
-        return [chapter._replace(folded=len(rows) > MAX_OPEN_PARAMETERS)]
+        return [_folded_if_long(_table_chapter(title, header, rows), rows)]
     others = [parameter for parameter in listed_parameters if not _is_of_control(parameter)]
     other_rows = parameter_rows(others)
     other_chapter = _table_chapter("Other parameters", "beside those of control", other_rows)
     return [
         _table_chapter(title, f"{header}, of control {len(gains)}", parameter_rows(gains)),
-        other_chapter._replace(folded=len(other_rows) > MAX_OPEN_PARAMETERS),
+        _folded_if_long(other_chapter, other_rows),
     ]
 
 
+def _folded_if_long(chapter: Chapter, rows: Sequence[Sequence[str]]) -> Chapter:
+    """Returns a chapter that is folded if its table has more than ``MAX_OPEN_PARAMETERS`` rows, and else open.
+
+    Args:
+        chapter: the chapter.
+        rows: rows of its table.
+    """
+    return chapter._replace(folded=len(rows) > MAX_OPEN_PARAMETERS)
+
+
 def _is_of_control(parameter: ParameterChange) -> bool:
-    """Returns whether a parameter belongs to the control of a multirotor, such as a gain, a filter or an output."""
+    """Returns whether a parameter is one of a multirotor's control: a gain, filter or output, such as MC_ROLLRATE_P."""
     return CONTROL_PARAMETERS.match(parameter.name) is not None
 
 
@@ -830,30 +840,16 @@ def _trim_chart(
         The chart, with motors on the horizontal axis and a line at 0; without dots if no trims were compared. Of
         several flights, each has a dot of its own beside their mean, and each motor a column for either side.
     """
-    has_columns = any(_has_flight_dots(flight_count) for flight_count in difference.flights)
+    has_columns = _has_trim_columns(difference)
     # Of all compared quantities, such as margins and motor time constants, the chart has the trims ("share").
     trim_changes = [change for change in difference.changes if change.quantity.kind == SHARE]
     motor_numbers = [change.quantity.motor for change in trim_changes]
-    lines = []
+    lines: list[Line] = []
     if trim_changes:
-        # The horizontal axis counts its names, one for each motor, from 0.
-        positions = np.array(motor_numbers) - 1.0
-        # Figures of a comparison are fractions of the median motor's output; the chart shows percent.
-        trims_by_side = {
-            "A": 100 * np.array([change.before for change in trim_changes]),
-            "B": 100 * np.array([change.after for change in trim_changes]),
-        }
-        half_widths_of_changes = 100 * np.array([change.half_width for change in trim_changes])
-        whiskers = half_widths_of_changes / sqrt(2)
-        flight_counts = dict(zip(STATE_NAMES, difference.flights, strict=True))
-        for side, trims in trims_by_side.items():
-            name = f"{legend[side]}, mean" if flight_counts[side] > 1 else legend[side]
-            means_at = _columns(side, motor_numbers) + MEAN_OFFSET if has_columns else positions
-            dots = Line.with_band(
-                name, SIDE_COLOURS[side], means_at, trims, whiskers, LineStyle.DOTS
-            )
-            lines.append(dots)
-            if _has_flight_dots(flight_counts[side]):
+        for side, flight_count in zip(STATE_NAMES, difference.flights, strict=True):
+            name = f"{legend[side]}, mean" if flight_count > 1 else legend[side]
+            lines.append(_trim_dots(side, name, trim_changes, has_columns=has_columns))
+            if _has_flight_dots(flight_count):
                 lines += _flight_dots(side, legend[side], trim_changes, reviews_by_side)
         if has_columns:
             lines = [*_with_common_abscissae(lines)]
@@ -863,6 +859,39 @@ def _trim_chart(
     motor_axis = Axis("motor", names=tuple(names))
     trim_axis = Axis("relative trim (%)")
     return Chart("Relative trim (%)", motor_axis, trim_axis, tuple(lines), levels=(0.0,))
+
+
+def _trim_dots(
+    side: str, name: str, trim_changes: Sequence[QuantityChange], *, has_columns: bool
+) -> Line:
+    """Returns the relative trim of each motor on a side, %, as dots with whiskers; of several flights the mean.
+
+    Args:
+        side: "A" or "B".
+        name: name of the dots in the legend.
+        trim_changes: the compared trims, at least one, as fractions of the median motor's output.
+        has_columns: whether each motor has a column for A and one for B.
+    """
+    motor_numbers = [change.quantity.motor for change in trim_changes]
+    # The horizontal axis counts its names from 0, and motors count from 1.
+    positions = np.array(motor_numbers) - 1.0
+    if has_columns:
+        positions = _columns(side, motor_numbers) + MEAN_OFFSET
+    values = [change.before if side == "A" else change.after for change in trim_changes]
+    half_widths_of_changes = np.array([change.half_width for change in trim_changes])
+    return Line.with_band(
+        name,
+        SIDE_COLOURS[side],
+        positions,
+        100 * np.array(values),
+        100 * half_widths_of_changes / sqrt(2),
+        LineStyle.DOTS,
+    )
+
+
+def _has_trim_columns(difference: VehicleDifference) -> bool:
+    """Returns whether each motor has a column for A and one for B in the chart of trims, to hold dots of flights."""
+    return any(_has_flight_dots(flight_count) for flight_count in difference.flights)
 
 
 def _flight_dots(
@@ -890,7 +919,7 @@ def _flight_dots(
     levels = np.array(_motor_levels(reviews_by_side.get(side, {}), len(trims[0])))
     lines = []
     for level, colour in LEVEL_COLOURS.items():
-        # (motors, flights of this level), motor after motor as one line.
+        # Positions and trims have a row for each motor and a column for each flight.
         x = np.array(positions)[:, levels == level].ravel()
         y = np.array(trims)[:, levels == level].ravel()
         if len(x):
@@ -899,7 +928,9 @@ def _flight_dots(
 
 
 def _columns(side: str, motor_numbers: Sequence[int]) -> Array:
-    """Returns the positions (motors,) of the columns of a side, where each motor has a column for A and one for B.
+    """Returns the positions (motors,) of a side's columns in a chart with a column for A and one for B of each motor.
+
+    Those of motors 1 and 2 are 0 and 2 for A, and 1 and 3 for B.
 
     Args:
         side: "A" or "B".
@@ -914,7 +945,9 @@ def _has_flight_dots(flight_count: int) -> bool:
 
 
 def _motor_levels(review: Review, flight_count: int) -> list[Level]:
-    """Returns the level of the motors in each flight of a side, in order of date; unknown where nothing judged them.
+    """Returns the level of the motors, such as "good", in each flight of a side, in order of date.
+
+    Without a judgement of the motors all are unknown.
 
     Args:
         review: review document of the side.

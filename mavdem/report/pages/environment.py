@@ -159,18 +159,18 @@ def _css_string(text: str) -> Markup:
 def _with_unbroken_dates(html: str) -> Markup:
     """Keeps dates such as "2026-11-28 09:15" in the text of a page on one line each.
 
-    A browser would break them after a hyphen.
+    A browser would otherwise break a line after one of the hyphens.
 
     Args:
         html: text of a page, with its tags; an address in a tag may have a date, too, and stays as it is.
     """
 
-    def unbroken(tag_or_date: re.Match[str]) -> str:
-        """Returns a tag as it is, and a date as an element that stays on one line."""
+    def wrap_date(tag_or_date: re.Match[str]) -> str:
+        """Returns a tag as it is, and a date within an element that stays on one line."""
         text = tag_or_date[0]
         return text if text.startswith("<") else f'<span class="date">{text}</span>'
 
-    return Markup(_TAG_OR_DATE.sub(unbroken, html))
+    return Markup(_TAG_OR_DATE.sub(wrap_date, html))
 
 
 def _with_unbroken_intervals(html: Markup) -> Markup:

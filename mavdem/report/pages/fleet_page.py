@@ -19,7 +19,7 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Block, Rated, Sentence, Table
 from mavdem.report.charts.chart import Plan
-from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_of_flights
+from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, rose_of_flights, wind_dots_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
@@ -188,7 +188,7 @@ def _table_of_scripts(
 
 
 def _is_unused(line: FlightLine) -> bool:
-    """Returns whether a line of the table is of a log without a flight that could be used."""
+    """Returns whether a line of the fleet's table is of a log that has no usable flight."""
     return line.cells[[*COLUMNS].index("health")] == NOT_USED
 
 
@@ -368,7 +368,7 @@ class VehicleSection:
 
     @property
     def is_line(self) -> bool:
-        """Whether its line has all that is known, so that there is nothing to unfold: it has flown once."""
+        """Whether the vehicle's line in the list says all that is known of it, so that there is nothing to unfold."""
         return self.flights == 1 and not (self.summary or self.changes or self.charts)
 
 
@@ -765,7 +765,7 @@ def _move_reasons(sections: Sequence[VehicleSection]) -> Table:
 
 
 def _wind_drawing(summaries: Sequence[VehicleSummary]) -> Plan | None:
-    """Returns a drawing of the mean winds of the flights of a fleet that count: of few as dots, of many as a wind rose.
+    """Draws the mean wind of each flight of a fleet: a dot for each of a few flights, a wind rose of many.
 
     Args:
         summaries: summary of the flights under each name, with the mean wind of each flight.
@@ -780,6 +780,6 @@ def _wind_drawing(summaries: Sequence[VehicleSummary]) -> Plan | None:
         return None
     winds_of_flights = np.array(winds, np.float64)
     if len(winds) < MIN_ROSE_FLIGHTS:
-        return dots_of_flights(winds_of_flights)
+        return wind_dots_of_flights(winds_of_flights)
     directions_and_speeds = winds_of_flights[:, :2]
     return rose_of_flights(directions_and_speeds)

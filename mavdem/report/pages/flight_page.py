@@ -1398,10 +1398,12 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
 
 
 def _judgement_beside_place(judgement: Judgement) -> Judgement:
-    """Returns a judgement whose headline leaves out where a vehicle with a lost link was: a card of the page has it.
+    """Returns a judgement whose headline, if it is a link lost in flight, does not say where the vehicle was.
+
+    A card of the page says that (:func:`mavdem.report.live.headline_reason`).
 
     Args:
-        judgement: the judgement of the vehicle in the session (the card is :func:`mavdem.report.live.headline_reason`).
+        judgement: the judgement of the vehicle in the session.
     """
     if judgement.headline.code is not LinkFact.LOST_IN_FLIGHT:
         return judgement
@@ -1473,24 +1475,25 @@ def _page_of_earlier_fault(status: SessionStatus) -> str:
 
 
 def _earlier_fault(status: SessionStatus) -> str:
-    """Returns the earlier flight and its fault that may not have been repaired, with all details.
+    """Returns the sentence on a fault of an earlier flight that may not have been repaired.
 
     Args:
         status: state of the session now, or at its end.
 
     Returns:
-        The sentence; empty without such a fault, and if the top of the page has it already.
+        The sentence, with all details; empty without such a fault, and if the top of the page has it already.
     """
     fault = status.unrepaired_fault
     if fault is None or _sentences_on_earlier_fault(status):
         return ""
-    if fault.sentence == headline(status.session_judgement.headline):
-        return ""
-    return fault.sentence
+    is_headline = fault.sentence == headline(status.session_judgement.headline)
+    return "" if is_headline else fault.sentence
 
 
 def _statement_of_repair(status: SessionStatus) -> str:
-    """Returns what a user states with the button that ends the warning of an earlier fault; empty without such a fault.
+    """Returns what a user confirms with the button that ends the warning of an earlier fault, such as its repair.
+
+    Empty without such a fault.
 
     Args:
         status: state of the session now, or at its end.
@@ -1514,11 +1517,12 @@ def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:
 
 
 def _judgement_with_reason(status: SessionStatus) -> Judgement:
-    """Returns the judgement that has the evidence (measurements of sensors) for the headline of a live page.
+    """Returns the judgement whose findings have the evidence (measurements of sensors) for the headline of a live page.
 
-    If the headline is on an earlier flight of the session, it is the judgement of that flight. After a flight the
-    headline is that of the recording, which comes as a text without evidence. If the session found the same in flight,
-    its own judgement has the evidence, and is returned.
+    - If the headline is on an earlier flight of the session, it is the judgement of that flight.
+    - After a flight the headline is the verdict of its recording, a text without evidence. If the session found the
+      same in flight, it is the judgement by the session.
+    - Otherwise it is the session's present judgement.
 
     Args:
         status: state of the session now, or at its end.
@@ -1536,7 +1540,7 @@ def _judgement_with_reason(status: SessionStatus) -> Judgement:
 
 
 def _verdict_of_headline(status: SessionStatus) -> FlightVerdict | None:
-    """Returns the verdict on an earlier flight that is the headline of a session's page; None for another headline.
+    """Returns the verdict on an earlier flight if it is the headline of a session's page; None for another headline.
 
     Args:
         status: state of the session now, or at its end.
@@ -1548,10 +1552,11 @@ def _verdict_of_headline(status: SessionStatus) -> FlightVerdict | None:
 
 
 def _reasons_of_headline(status: SessionStatus) -> list[Sentence]:
-    """Returns the sentences that say what shows the headline of a live page, and of which earlier flight it is, if so.
+    """Returns the sentences with the evidence for the headline of a live page.
 
     Args:
-        status: state of the session now, or at its end.
+        status: state of the session now, or at its end. If the headline is on an earlier flight, the sentences name
+            that flight.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import headline_reason
@@ -1567,14 +1572,15 @@ def _reasons_of_headline(status: SessionStatus) -> list[Sentence]:
 
 
 def _judgement_without_recording(status: SessionStatus) -> Judgement:
-    """Returns the judgement by what a session found in flight, also where its recording has been judged since."""
+    """Returns the judgement by what a session found in flight, as if its recording had not been judged afterwards."""
     return replace(status, recording_verdict=None).session_judgement
 
 
 def _headline_by_session(status: SessionStatus) -> Fact:
-    """Returns the finding of a session that the headline of its page states, by which events are matched with it.
+    """Returns the headline of a session's page as the session found it in flight, to find the events that report it.
 
-    The verdict of the recording, which is the headline after a flight, may give other figures for the same motor.
+    After a flight the headline is the verdict of the recording, which may give other figures for the same motor than
+    the events of the session.
 
     Args:
         status: state of the session now, or at its end.
@@ -1625,7 +1631,7 @@ def _live_timeline_title(status: SessionStatus) -> str:
 
 
 def _plots_of_worse_flight(status: SessionStatus, saved_flight: PageLink | None) -> Sentence | None:
-    """Returns a sentence for the top of the page of a session that is over, if its headline is on an earlier flight.
+    """Returns where the plots of the earlier flight are that the headline of a session's page is about, if it is.
 
     A session keeps the signals of its latest flight only; its recording has those of all flights.
 
@@ -1634,7 +1640,7 @@ def _plots_of_worse_flight(status: SessionStatus, saved_flight: PageLink | None)
         saved_flight: the page of the recording in the library of a server; None for none.
 
     Returns:
-        Where plots of the flight of the headline are; None if the plots are of that flight, or the session goes on.
+        The sentence; None if the headline is on the latest flight, or the session goes on.
     """
     verdict = _verdict_of_headline(status)
     if not status.is_over or verdict is None:

@@ -309,8 +309,12 @@ def with_toolbar(
     return page.replace("<main>\n", f"<main>\n{bar}", 1)
 
 
-def vehicle_of_page(page: str) -> str:
-    """Returns system and component of the vehicle of a flight's page, as in "2:1"; empty if its log has no other."""
+def vehicle_id_on_page(page: str) -> str:
+    """Returns the MAVLink system and component that the page of a flight names, such as "2:1".
+
+    Args:
+        page: HTML of the page. If the log has a single vehicle, the page does not name it, and the result is empty.
+    """
     match = VEHICLE_OF_PAGE.search(page)
     return "" if match is None else match[1]
 
@@ -357,13 +361,12 @@ def vehicle_page(
     Returns:
         The page as HTML.
     """
+    # Without flights nothing is judged.
+    texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
+    level = Level.UNKNOWN
     if flights:
         texts = vehicle_texts(flights)
         level = badge_level(flights)
-    else:
-        # Nothing is judged.
-        texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
-        level = Level.UNKNOWN
     changes = [*changes]
     charts: list[Group] = []
     if len(flights) > 1:

@@ -145,14 +145,14 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
 
 
 def _identity_of_fleet(flights: Flights) -> Mapping[str, Any]:
-    """Returns the part of a review document that says what a fleet's flights are: frame, dates, whether simulated.
+    """Returns what a fleet's flights have of a review document: frame, dates, levels of lights, whether simulated.
 
     Args:
         flights: flights of the fleet in order of date, at least one.
 
     Returns:
-        The document; ``date`` in it is that of the latest flight, ``first_date`` that of the first. It has the level of
-        each status light in each flight as ``light_levels``, in order of date.
+        The document. Of its ``identity``, ``first_date`` is the date of the first flight and ``date`` that of the
+        latest. Its ``light_levels`` have the level of each status light, such as the motors, in each flight.
     """
     first_row, last_row = log_row(flights[0]), log_row(flights[-1])
     identity: JsonValues = {"frame": last_row.frame}

@@ -139,7 +139,7 @@ def gyro_chapter(
 
 
 def _frequencies_of_oscillation(assessment: Assessment) -> dict[str, float]:
-    """Returns at which frequency each axis oscillates or resonates, Hz, without axes that do neither.
+    """Returns the frequency at which each axis oscillates or resonates, Hz, such as {"roll": 7.5}; others left out.
 
     Args:
         assessment: all results on a vehicle of the log, with the limit cycle and the measured margins of each axis.
@@ -217,33 +217,48 @@ def _spectra(
 
 
 def _folding_captions(noise: MeasuredNoise, oscillations: Mapping[str, float]) -> list[str]:
-    """Returns sentences on what the spectra of a slow gyro show at another frequency than its own (aliasing).
+    """Returns sentences on peaks in the spectra of a slowly logged gyro that may stand for a faster motion (aliasing).
 
     Args:
         noise: spectra of all sensors, the gyro's among them.
         oscillations: frequency at which an axis oscillates, Hz, by the axis.
+
+    Returns:
+        A sentence for all axes with the same peak, such as "Roll and pitch: …".
     """
     spectrum = _first_spectrum(noise, GYRO)
     assert spectrum is not None
-    nyquist = spectrum.nyquist_frequency
     axes_by_text: dict[str, list[str]] = {}
     for index, axis in enumerate(AXES):
-        template = FOLDED_PEAK
-        frequency = possibly_folded_peak(spectrum, index)
-        oscillation = oscillations.get(axis)
-        if oscillation is not None and oscillation > nyquist:
-            template = FOLDED_OSCILLATION
-            frequency = oscillation
-        if frequency is not None:
-            others = listed([f"{other:.2g}" for other in faster_frequencies(frequency, nyquist)])
-            text = template.format(
-                frequency=frequency,
-                rate=2 * nyquist,
-                folded=folded_frequency(frequency, nyquist),
-                others=others,
-            )
+        text = _folding_text(spectrum, index, oscillations.get(axis))
+        if text:
             axes_by_text.setdefault(text, []).append(axis)
     return [f"{listed(axes).capitalize()}: {text}" for text, axes in axes_by_text.items()]
+
+
+def _folding_text(spectrum: Spectrum, axis: int, oscillation: float | None) -> str:
+    """Returns where an oscillation beyond a spectrum appears in it, or what a slow peak may be; empty without either.
+
+    Args:
+        spectrum: spectrum of the gyro.
+        axis: number of the axis, from 0.
+        oscillation: frequency at which the axis oscillates, Hz; None if it does not.
+    """
+    nyquist = spectrum.nyquist_frequency
+    if oscillation is not None and oscillation > nyquist:
+        template, frequency = FOLDED_OSCILLATION, oscillation
+    else:
+        peak = possibly_folded_peak(spectrum, axis)
+        if peak is None:
+            return ""
+        template, frequency = FOLDED_PEAK, peak
+    others = [f"{other:.2g}" for other in faster_frequencies(frequency, nyquist)]
+    return template.format(
+        frequency=frequency,
+        rate=2 * nyquist,
+        folded=folded_frequency(frequency, nyquist),
+        others=listed(others),
+    )
 
 
 def _spectrograms(noise: MeasuredNoise, sensor: str, timeline: Timeline | None) -> list[Group]:

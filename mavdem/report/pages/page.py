@@ -523,10 +523,10 @@ class Head(NamedTuple):
 
     @property
     def newest_events(self) -> Sequence[PageEvent]:
-        """The events that the page of a live session shows at first: its ``MAX_NEWEST_EVENTS`` newest ones.
+        """The events that the page of a live session shows before its reader asks for all: the newest, newest first.
 
-        The newest alarm with a number and the event of the headline follow them if they are older, so that the plots
-        mark both: they have marks only for the events of a list that is in sight.
+        The newest alarm that is numbered in the plots and the first report of the headline follow the
+        ``MAX_NEWEST_EVENTS`` newest events if they are older: the plots mark only events that the page shows.
         """
         events = self.brief_events
         numbered_alarms = [
@@ -540,10 +540,11 @@ class Head(NamedTuple):
 
     @property
     def _first_report_of_headline(self) -> Sequence[PageEvent]:
-        """The event that reported the headline of a live session first, or none.
+        """The event that first reported what the headline of a live session states; a sequence of one, or empty.
 
-        An alarm may be repeated, and its end reported, so that it is the oldest one with a number in the plots. If the
-        headline is on an earlier flight, which the plots do not show, it is the oldest alarm that states it.
+        Several events may report it: an alarm is repeated, and its end is reported. It is the oldest one that is
+        numbered in the plots. If the headline is on an earlier flight, which the plots do not show, it is the oldest
+        alarm.
         """
         reports = [shown for shown in self.brief_events if shown.is_headline]
         numbered_reports = [shown for shown in reports if shown.number is not None]

@@ -111,7 +111,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
 def _render_tune_page(
     name: str, tuning: Tuning, assessment: Assessment, changes: GainChanges | None
 ) -> str:
-    """Renders the page of :func:`tune_page`, whose sentences refer to the table of the gains to load.
+    """Renders the page of ``mavdem tune`` as HTML, within a medium whose sentences refer to the table of gains.
 
     Args:
         name: name of the log.
@@ -177,7 +177,9 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
 def gains_of_tuning(
     tuning: Tuning, evidence: Evidence, changes: GainChanges | None
 ) -> GainOverview | None:
-    """Returns the gains of all axes in the log, with new values and what becomes of them; None if the log has none.
+    """Returns the gains of all axes: their values in the log, new values, and whether each axis is changed or kept.
+
+    None if the log has no gains.
 
     Args:
         tuning: the advice for each axis.

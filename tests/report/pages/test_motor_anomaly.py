@@ -306,7 +306,7 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     titles = ("A, last of 4 flights", "flown with (mean)", "<th>A, 4 flights</th>")
     for part in ("A, motors good", "A, motors bad", "A, mean", *titles):
         assert part in page
-    assert page.count("Dots without bars are single flights") == 1
+    assert page.count("Each motor has a column for A and one for B") == 1
     # Of a fleet each light is counted over its flights.
     lights, equal = light_blocks(reviewed.reviews)
     reasons = {name: fleet_cell.reason for name, fleet_cell, _ in lights.rows}
