@@ -6,8 +6,8 @@ other.
 
 from collections.abc import Sequence
 
-from mavdem.fleet.flight_conditions import measured_voltage
 from mavdem.fleet.flights import Flights, log_row
+from mavdem.fleet.health_figures import health_figures
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.ingest.vocabulary import OUTPUT_RANGE_PARAMETERS
 from mavdem.motors.effort import EffortChange, change_between_efforts
@@ -43,10 +43,5 @@ def _efforts(flights: Flights) -> list[float]:
     Args:
         flights: the flights, each as the list of its rows.
     """
-    efforts = []
-    for flight in flights:
-        row = log_row(flight)
-        voltage = measured_voltage(row)
-        if row.collective and voltage:
-            efforts.append(row.collective * voltage)
-    return efforts
+    efforts = [health_figures(log_row(flight)).effort for flight in flights]
+    return [effort for effort in efforts if effort is not None]

@@ -4,6 +4,9 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Numbers
+from mavdem.facts import Level
+from mavdem.facts.urgency import Urgency, urgency_of_headline
+from mavdem.fleet.flight_conditions import measured_voltage
 from mavdem.fleet.row import FlightRow
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.healthy_flights import HealthFigures
@@ -27,8 +30,9 @@ def health_figures(row: FlightRow) -> HealthFigures:
         - ``balance``: steady commands in roll, pitch and yaw (3,), the mean roll and pitch (2,), and the effect of roll
           and pitch on each command (3, 2);
         - ``signatures``: how the balance changes if one motor loses thrust, by the geometry of the motors;
-        - ``sound``: whether the flight may be a healthy one to compare with: it did not oscillate, and no motor was at
-          its upper limit for long.
+        - ``voltage``: mean of the battery's voltage, V, where it was measured: the constant of an autopilot without a
+          sensor says nothing of how empty the battery was;
+        - ``sound``: whether the flight may be a healthy one to compare with (:func:`_is_sound`).
     """
     motors = row.motors or ()
     balance = None
@@ -49,9 +53,6 @@ def health_figures(row: FlightRow) -> HealthFigures:
         geometry = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
         signatures = motor_signatures(geometry)
     name = f"{row.file} {row.system} {row.component}"
-    # The largest of the motors' fractions of time at a limit counts.
-    saturated_share = max(row.saturated or (0.0,))
-    is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
     return HealthFigures(
         name,
         motors=motors,
@@ -59,9 +60,26 @@ def health_figures(row: FlightRow) -> HealthFigures:
         balance=balance,
         date=row.date,
         collective=row.collective,
-        voltage=row.voltage_mean,
-        sound=is_sound,
+        voltage=measured_voltage(row),
+        sound=_is_sound(row),
     )
+
+
+def _is_sound(row: FlightRow) -> bool:
+    """Returns whether other flights of the vehicle may be compared with this one as a healthy flight.
+
+    It must show no fault by its own log: the vehicle was not lost, its motors are not bad and did not oscillate, and
+    none was at its upper limit for long.
+
+    Args:
+        row: any row of the flight.
+    """
+    is_lost = urgency_of_headline(row.headline_level, row.headline_rank) is Urgency.LOST
+    has_bad_motors = row.light_motors == Level.BAD
+    # Fractions of the time that each motor spends at its upper limit: the largest counts.
+    saturated_share = max(row.saturated or (0.0,))
+    is_at_limit = saturated_share >= MAX_SATURATED_SHARE
+    return not (is_lost or has_bad_motors or is_at_limit or row.oscillation is not None)
 
 
 def column_array(values: Numbers | None, count: int) -> Array:
