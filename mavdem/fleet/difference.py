@@ -4,7 +4,7 @@ The compared quantities and their estimates from a flight are in ``quantities``,
 ``random_effects``. What other conditions of flight can do widens the interval of a difference (``flight_conditions``).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from mavdem.confidence import CONFIDENCE_LEVEL
@@ -214,14 +214,11 @@ def vehicle_difference(
     states = [flights_before, flights_after]
     incomparability = incomparability_reason(states)
     comparable_kinds = _comparable_kinds(incomparability)
-    changes = []
-    quantities = set().union(*estimates_before)
-    for quantity in quantities:
-        if quantity.kind in comparable_kinds:
-            allowance = condition_allowance(quantity.kind, conditions_before, conditions_after)
-            change = _change_if_known(quantity, estimates_before, estimates_after, allowance)
-            if change is not None:
-                changes.append(change)
+    changes = _changes_of_known_quantities(
+        BeforeAfter(estimates_before, estimates_after),
+        BeforeAfter(conditions_before, conditions_after),
+        comparable_kinds,
+    )
 
     effort = None
     if _vehicle_names(flights_before) == _vehicle_names(flights_after):
@@ -251,6 +248,28 @@ def vehicle_difference(
         effort=effort,
         has_other_frame=has_other_frame(states),
     )
+
+
+def _changes_of_known_quantities(
+    estimates: BeforeAfter[list[dict[Quantity, Estimate]]],
+    conditions: BeforeAfter[Conditions],
+    kinds: Collection[str],
+) -> list[QuantityChange]:
+    """Estimates how each quantity that is known in both states of a vehicle changed.
+
+    Args:
+        estimates: estimates of each flight of a state, by quantity.
+        conditions: how the flights of both states were flown; where this differs, intervals are wider.
+        kinds: kinds of quantities, such as ``SHARE`` for trims, that mean the same in both states.
+    """
+    changes = []
+    for quantity in set().union(*estimates.before):
+        if quantity.kind in kinds:
+            allowance = condition_allowance(quantity.kind, *conditions)
+            change = _change_if_known(quantity, estimates.before, estimates.after, allowance)
+            if change is not None:
+                changes.append(change)
+    return changes
 
 
 def _change_if_known(

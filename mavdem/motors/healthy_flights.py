@@ -196,5 +196,6 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
         is_second_record = any(flight.overlaps(neighbour) for neighbour in neighbours)
         if not is_second_record:
             kept_flights.insert(index, flight)
-    kept_ids = {id(flight) for flight in kept_flights}
-    return [flight for flight in flights if id(flight) in kept_ids]
+    # The class compares records by identity, so that two equal ones are not confused.
+    kept_set = set(kept_flights)
+    return [flight for flight in flights if flight in kept_set]

@@ -59,6 +59,7 @@ def possibly_folded_peak(spectrum: Spectrum, axis: int) -> float | None:
         MIN_LINE_FREQUENCY, MAX_LINE_FREQUENCY_RATIO * spectrum.nyquist_frequency
     )
     log_density = np.log(np.maximum(spectrum.mean_density[axis], SMALLEST_POSITIVE))
+    # A peak is an index of the frequencies of the spectrum.
     peaks = [
         peak
         for peak in prominent_peaks(log_density, np.log(MIN_LINE_RATIO))
@@ -66,4 +67,5 @@ def possibly_folded_peak(spectrum: Spectrum, axis: int) -> float | None:
     ]
     if not peaks:
         return None
-    return float(spectrum.frequency[max(peaks, key=log_density.__getitem__)])
+    highest_peak = max(peaks, key=lambda peak: log_density[peak])
+    return float(spectrum.frequency[highest_peak])

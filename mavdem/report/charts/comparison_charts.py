@@ -261,9 +261,8 @@ def flight_series_charts(
         for side, series_of_flight in series.items():
             if title in series_of_flight:
                 times, values = series_of_flight[title]
-                if title == HEIGHT:
-                    values = values - values[0]
-                lines.append(Line(names[side], colours[side], times, values))
+                values_above_start = values - values[0] if title == HEIGHT else values
+                lines.append(Line(names[side], colours[side], times, values_above_start))
         if lines:
             # Without limits the scale is that of all values.
             limits = None

@@ -178,9 +178,9 @@ def evidence_of_weak_motors(
 def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) -> Blocks:
     """Returns a table that compares the motors of two flights one by one, for a page or the terminal.
 
-    Each row has the name of the motor, then for each flight the worst warning of its review about this motor, such as a
-    loss of thrust, and then the changes of the motor's relative trim, with and without the part that lean makes, and
-    control effectiveness from A to B, with their 90 % intervals.
+    Each row has the name of the motor, then for each flight the worst warning of its review about this motor, such as
+    "lost about 25 %". Then come the changes from A to B with their 90 % intervals: of the motor's relative trim, of the
+    trim without the part that the vehicle's lean makes, and of the control effectiveness.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -193,16 +193,16 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
     warnings_by_side = {side: _motor_warnings(reviews.get(side, {})) for side in STATE_NAMES}
     if not any(warnings_by_side.values()):
         return []
+    columns = _changes_by_motor(difference)
     motors = set[int]()
+    for changes in columns.values():
+        motors.update(changes)
     for side, warnings in warnings_by_side.items():
         motors.update(warnings)
         if warnings:
             # All motors of a flight with a warning are listed, so that the sound ones can be compared.
             hover_motors = value_at(reviews[side], "condition.hover.motors") or ()
             motors.update(range(1, len(hover_motors) + 1))
-    columns = _changes_by_motor(difference)
-    for changes in columns.values():
-        motors.update(changes)
     rows = []
     for motor in sorted(motors):
         row = [motor_with_place(motor, difference)]

@@ -62,7 +62,12 @@ from mavdem.report.charts.timeline import (
     rate_title,
 )
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.gain_changes import gain_changes, gains_in_tables, loading_sentences
+from mavdem.report.gain_changes import (
+    GainChanges,
+    gain_changes,
+    gains_in_tables,
+    loading_sentences,
+)
 from mavdem.report.heading import heading_of
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
@@ -238,25 +243,13 @@ def log_page(
     """
     is_full = contents is not None
     advice = assessment.advised_gains if is_full else {}
-    changes = None
-    gains_to_lower = lowered_gains(assessment.next_step)
-    if assessment.evidence is not None:
-        vehicle = assessment.evidence.signals.telemetry
-        # A next step that lowers gains comes before new ones.
-        advice_to_load = {} if gains_to_lower else advice
-        changes = gain_changes(
-            name,
-            vehicle,
-            advice_to_load,
-            gains_to_lower,
-            is_after_check=forbids_flight(assessment.next_step),
-        )
+    changes = _gains_to_load(name, assessment, advice)
     # Sentences refer to parts of the page, where those of the terminal name commands.
     medium = Medium(
         has_terminal=False, has_gain_table=changes is not None, table_gains=gains_in_tables(changes)
     )
     with sentences_for(medium):
-        if changes is not None and not gains_to_lower:
+        if changes is not None and not lowered_gains(assessment.next_step):
             changes = changes._replace(loading=loading_sentences(advice))
         evidence = headline_evidence(assessment.headline, assessment.lights)
         timeline = assessment_timeline(assessment, has_all_flights=True)
@@ -271,6 +264,26 @@ def log_page(
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
         summary = _summary_sentences(assessment, evidence)
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
+
+
+def _gains_to_load(name: str, assessment: Assessment, advice: AdviceByAxis) -> GainChanges | None:
+    """Returns the table of the gains to set after a flight, with files to download; None if there are none.
+
+    Args:
+        name: title of the page.
+        assessment: all results on a vehicle of the log, with its next step.
+        advice: advised gains of each axis. If the next step lowers gains, it comes first, and they are left out.
+    """
+    if assessment.evidence is None:
+        return None
+    gains_to_lower = lowered_gains(assessment.next_step)
+    return gain_changes(
+        name,
+        assessment.evidence.signals.telemetry,
+        {} if gains_to_lower else advice,
+        gains_to_lower,
+        is_after_check=forbids_flight(assessment.next_step),
+    )
 
 
 def _log_events(
