@@ -57,11 +57,12 @@ def motor_alarms(signals: Signals) -> tuple[MotorChange, ...]:
 def _sudden_changes_of_boot(
     signals: Signals, motors: MotorOutputs, boot: int, commands: TimeSeries, headings: Array
 ) -> list[MotorChange]:
-    """Returns the lasting changes of one boot that the detector of live sessions finds in its settled flight.
+    """Returns the lasting changes of the motors' balance that began in the settled flight of one boot.
 
-    A live session detects the end of the climb-out half a second late, and a landing only after it, so that its times
-    differ by as much. So it also knows whether a shift of the trims that began in settled flight lasts in the descent:
-    such shifts are included. Those that name no motor are left out if the lean against the wind explains them.
+    The detector of live sessions finds them. It also sees the descent, so that a shift of the trims that began before
+    it, and lasts, is confirmed there. Shifts of no single motor are left out if the lean against the wind explains
+    them. A live session detects the end of the climb-out half a second late, and a landing only after it, so that its
+    times differ by as much.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -94,7 +95,8 @@ def _sudden_changes_of_boot(
             settled_end = time
             changes += new_changes
             continue
-        # In a descent only what began before it counts, and no single motor is judged by the disturbed air.
+        # In a descent the vehicle sinks through its own wake, which disturbs single motors. Only shifts of no single
+        # motor that began before the descent count.
         for change in new_changes:
             if change.motor is None and change.onset_time < settled_end:
                 changes.append(change)

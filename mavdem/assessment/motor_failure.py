@@ -355,15 +355,19 @@ def _start_of_climb(usual: TimeSeries, until_failure: TimeSeries, motor: int) ->
 
 
 def _max_excess_before_climb(usual: TimeSeries, until_failure: TimeSeries) -> float:
-    """Returns up to which excess the command of a motor has not begun to climb to its value at the failure.
+    """Returns the largest excess of a motor's command that still counts as usual: above it, the climb has begun.
 
-    It is the larger of two levels: the ``USUAL_QUANTILE`` of the excess in the flight before; and its median there plus
-    ``START_OF_RISE`` of the rise to the highest excess of the last ``AVERAGING_SECONDS``. By the first alone, a little
-    more lean in the wind, seconds before a sudden failure, would be the beginning of a slow one.
+    The excess of a command is how much it is above the mean of the other motors' commands. The limit is the larger of
+    two levels: the ``USUAL_QUANTILE`` of the excess in the flight before; and its median there plus ``START_OF_RISE``
+    of the rise to the highest excess of the last ``AVERAGING_SECONDS``. By the first alone, a little more lean in the
+    wind, seconds before a sudden failure, would be the beginning of a slow one.
 
     Args:
         usual: excess (N,) in the flight before, as a fraction of the range.
-        until_failure: excess (M,) of the boot until the failure, at least one.
+        until_failure: excess (M,) of the boot until the failure, at least one sample, as a fraction of the range.
+
+    Returns:
+        The limit, as a fraction of the range.
     """
     usual_means = moving_average(usual)
     median = np.median(usual_means)

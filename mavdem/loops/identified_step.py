@@ -109,18 +109,19 @@ _predicted_steps: WeakKeyDictionary[OpenLoop, dict[float, PredictedStep | None]]
 
 
 def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
-    """Returns overshoot and rise time of the step response that an identified loop predicts, with 90 % intervals.
+    """Returns overshoot and times of the step response that an identified loop predicts, with 90 % intervals.
 
-    Both are computed with the estimated plant and with each draw from its posterior. The intervals follow from the
-    draws; those with an unstable loop, whose step response grows without limit, are left out. Tables and sentences of a
-    report need them of the same loop, so they are computed once.
+    They are computed with the estimated plant and with each draw from its posterior. The intervals follow from the
+    draws; those with an unstable loop, whose step response grows without limit, are left out. Each result is kept, as
+    tables and sentences of a report need it several times.
 
     Args:
         loop: the rate or attitude loop, with the estimated plant first, then with draws.
         duration: duration of the step response, s.
 
     Returns:
-        Overshoot and rise time, each with its interval; None if the loop with the estimated plant is unstable.
+        Overshoot, rise time (10 to 90 %) and response time (to 63 %); None if the loop with the estimated plant is
+        unstable.
     """
     steps_by_duration = _predicted_steps.setdefault(loop, {})
     if duration not in steps_by_duration:
@@ -129,7 +130,15 @@ def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
 
 
 def _computed_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
-    """Computes what :func:`predicted_step` returns."""
+    """Computes overshoot and times of the predicted step, which :func:`predicted_step` keeps for the next call.
+
+    Args:
+        loop: the rate or attitude loop, with the estimated plant first, then with draws.
+        duration: duration of the step response, s.
+
+    Returns:
+        Each with its 90 % interval; None if the loop with the estimated plant is unstable.
+    """
     if not loop.is_stable:
         return None
     time = np.linspace(0.0, duration, PREDICTED_POINTS)

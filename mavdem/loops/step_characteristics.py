@@ -63,9 +63,9 @@ def rise_times(time: Array, steps: Array) -> Array:
 
 
 def response_times(time: Array, steps: Array) -> Array:
-    """Returns the times in which responses reach ``RESPONSE_LEVEL`` of a step, delay included.
+    """Returns the times from a step until the responses to it reach ``RESPONSE_LEVEL`` (63 %) of it.
 
-    Unlike the rise time to 90 %, they do not jump where a response creeps over the last tenth by its integral term.
+    Unlike the rise time to 90 %, such a time does not jump if the integral term takes long for the last tenth.
 
     Args:
         time: times after the step (K,), s.

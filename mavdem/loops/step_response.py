@@ -165,10 +165,11 @@ class StepResponse(ImmutableResult):
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the shape of the step is made of frequencies at which the flight does not show the response.
+        """Whether much of the step is made of frequencies at which the flight does not show the response.
 
-        Such a step may begin backwards or ring, as no vehicle does. It is no more certain than one with a band of
-        ``MAX_STEP_HALF_WIDTH``, which is not reported. The frequency response up to ``max_frequency`` is measured.
+        Such a step may begin backwards or ring, as no vehicle does. From a part of ``MAX_STEP_HALF_WIDTH`` on it is as
+        uncertain as a step with a 90 % band of that half width, which is not reported. The frequency response up to
+        ``max_frequency`` is measured.
         """
         return not self.is_identified and self.unseen_part >= MAX_STEP_HALF_WIDTH
 
@@ -775,13 +776,14 @@ def _described_response(
 
 
 def _unseen_part(estimate: ImpulseResponse, responses: _Responses, max_frequency: float) -> float:
-    """Returns the largest part of a step, at any time, that is made of frequencies above the highest known one.
+    """Returns how much of a step response is made of frequencies at which the flight does not show the response.
 
-    The part up to that frequency is 2/π ∫ Re(T) sin(2πft) / f df (:func:`steps_from_frequency_responses`).
+    For example, 0.3 says that at some time 0.3 of a step of 1 comes from frequencies above ``max_frequency``. What
+    comes from the frequencies below it is 2/π ∫ Re(T) sin(2πft) / f df (:func:`steps_from_frequency_responses`).
 
     Args:
         estimate: the impulse response.
-        responses: its step response, in the first row.
+        responses: its step response, and those of draws.
         max_frequency: highest frequency at which the flight shows the response, Hz.
     """
     # Frequencies above 0, at which the transform is defined.

@@ -198,7 +198,11 @@ class _MethodResults(NamedTuple):
     """Methods that made no forecast in any window."""
 
     def methods_with(self, result: TestResult) -> list[str]:
-        """Returns the other methods for which the test of the first method had a result."""
+        """Returns the methods whose error differs from the first method's in one way, such as significantly higher.
+
+        Args:
+            result: result of the paired test; ``TestResult.HIGHER`` says that the first method's error is higher.
+        """
         return [method for method, test in self.tests.items() if test.result is result]
 
     @property
@@ -229,17 +233,17 @@ def _method_results(comparison: Comparison, kind: ForecastKind) -> _MethodResult
 
 
 def _summary_of_kinds(comparison: Comparison, results: Sequence[_MethodResults]) -> list[Sentence]:
-    """Returns the headline of a method that forecasts both with and without knowledge of the inputs.
+    """Returns one headline on both kinds of forecasts, with and without knowledge of the inputs.
 
-    Only the first method has a summary, and only if it made forecasts of both kinds: otherwise each kind of forecast
-    has a headline of its own.
+    It is about the first method, which the others are compared with, if that made forecasts of both kinds. Otherwise
+    each kind of forecast has a headline of its own.
 
     Args:
         comparison: errors and tests of all methods.
         results: the results of each kind of forecast.
 
     Returns:
-        The sentence with the error ratio of each kind, and the methods that are better; none without a summary.
+        A list with the sentence, which has the error ratio of each kind and the methods that are better; or empty.
     """
     reference = comparison.methods[0]
     for result in results:
@@ -260,7 +264,9 @@ def _summary_of_kinds(comparison: Comparison, results: Sequence[_MethodResults])
 
 
 def _longest_useful_horizon(comparison: Comparison, kind: ForecastKind) -> str:
-    """Returns up to which horizon the first method is useful, with its error there: "0.5 s (RMSE of roll 1.3°)".
+    """Returns how far ahead forecasts of the first method are useful, and their error there, as text.
+
+    For example: "0.5 s (RMSE of roll 1.3°)". A horizon counts only if the method is useful at all shorter ones, too.
 
     Args:
         comparison: errors of all methods.
@@ -296,7 +302,7 @@ def _result_sentences(
     Args:
         comparison: errors and tests of all methods.
         result: the results of a kind of forecast.
-        is_detail: whether a headline on all kinds stands above.
+        is_detail: whether these sentences follow a headline on both kinds, and so do not repeat it.
     """
     reference = result.reference
     benchmarks = []

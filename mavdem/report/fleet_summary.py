@@ -460,7 +460,10 @@ def _urgent_text(vehicle: _LabelledVehicle) -> str:
 
 
 def _watched_text(vehicles: Sequence[_LabelledVehicle]) -> str:
-    """Returns the labels of vehicles that are only to be watched, the first with what was found; empty without any."""
+    """Returns a list, in words, of vehicles whose latest flight had a warning; the first with what was found.
+
+    For example: "quad 1 (motor 3 works 12 % harder), quad 2"; empty without vehicles.
+    """
     texts = []
     for number, vehicle in enumerate(vehicles):
         finding = vehicle.flights.last.headline

@@ -251,7 +251,7 @@ def _flight_time(flight: AxisRows) -> str:
 
 
 def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> str:
-    """Returns the speed of a wind, m/s, as an interval where that is known.
+    """Returns the speed of a wind, m/s, as text: its 90 % interval if that is known, and otherwise the estimate.
 
     Args:
         speed: the speed; None if still air is likely too, or if the speed is not identifiable.

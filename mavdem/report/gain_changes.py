@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.lowered_gains import NO_GAINS, gains_by_axis
+from mavdem.assessment.axis.lowered_gains import NO_GAINS, gain_names_by_axis
 from mavdem.assessment.axis.parameter_sets import (
     LOWERED_GAINS_SUFFIX,
     ParameterSet,
@@ -145,7 +145,7 @@ def gain_changes(
         stage = _stage_of_set(parameter_set, parameter_sets_to_fly)
         tables.append(_table_of_set(parameter_set, stage, gains, vehicle))
     log_stem = PurePath(log_name).stem
-    lowered_axes = gains_by_axis(gains_to_lower, vehicle.parameters)
+    lowered_axes = gain_names_by_axis(gains_to_lower, vehicle.parameters)
     return GainChanges(
         tables=tuple(tables),
         downloads=tuple(
@@ -161,7 +161,13 @@ def gain_changes(
 
 
 def gains_in_tables(changes: GainChanges | None) -> frozenset[str]:
-    """Returns the names of the gains in the tables that set them, those that were only tried left out."""
+    """Returns the names of the gains that a page lists in its tables of gains to load, so that texts need not.
+
+    Gains that another flight has to confirm, so that they are not to be loaded, are left out.
+
+    Args:
+        changes: the tables; None if no gain changes.
+    """
     if changes is None:
         return frozenset()
     return frozenset(name for name, value in changes.new_values.items() if not value.is_tried)
@@ -235,20 +241,31 @@ def _downloads_of_sets(
     changed_names: list[str] = []
     for parameter_set in sets:
         changed_names += parameter_set.parameters
-        suffix, label = "", ""
-        if parameter_set.stage is not None:
-            # Files on a disk are still recognised by their names, as those that the command writes.
-            suffix = parameter_set.suffix
-            label = f"Gains of stage {parameter_set.stage:d}:"
-        elif parameter_set.suffix == LOWERED_GAINS_SUFFIX:
-            label = "Lower gains:"
-        if is_after_check:
-            label = f"After the check: {label[:1].lower()}{label[1:]}"
+        # Of several sets, a file on a disk is recognised by its name, as those that the command writes.
+        suffix = "" if parameter_set.stage is None else parameter_set.suffix
+        label = _label_of_set(parameter_set, is_after_check=is_after_check)
         files = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
         yield from parameter_downloads(files, log_stem + suffix, label)
     if changed_names:
         present_files = present_parameter_files(changed_names, vehicle)
         yield from parameter_downloads(present_files, log_stem, "To go back:")
+
+
+def _label_of_set(parameter_set: ParameterSet, *, is_after_check: bool) -> str:
+    """Returns what stands before the downloads of a set, such as "After the check: lower gains:"; empty without need.
+
+    Args:
+        parameter_set: the parameters to load at once.
+        is_after_check: whether something is to be checked or repaired before they are loaded.
+    """
+    label = ""
+    if parameter_set.stage is not None:
+        label = f"Gains of stage {parameter_set.stage:d}:"
+    elif parameter_set.suffix == LOWERED_GAINS_SUFFIX:
+        label = "Lower gains:"
+    if is_after_check:
+        return f"After the check: {label[:1].lower()}{label[1:]}"
+    return label
 
 
 def _new_values(

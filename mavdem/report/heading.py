@@ -61,7 +61,7 @@ def heading_of(fact: Fact, text: str) -> Heading:
 
 
 def listed_headline(text: str) -> str:
-    """Shortens the headline of a flight for its row in a list, which must show cause, size and probability at a glance.
+    """Shortens the headline of a flight for its row in a list of flights.
 
     A headline that is too long loses its remarks in brackets first, such as intervals and limits. What is still too
     long ends with its first clauses or sentences: the rest states the evidence, or what to check.
@@ -122,7 +122,7 @@ def _with_ending(fact: Fact, ending: Fact) -> str:
 
 
 def _divided(text: str, ends: Sequence[str]) -> Heading:
-    """Divides a long text after a clause or a sentence, so that its beginning is as long as a heading may be at most.
+    """Divides a long text after the last clause or sentence that still ends within ``MAX_HEADING_LENGTH`` characters.
 
     It is not divided within brackets.
 

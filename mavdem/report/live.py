@@ -455,7 +455,9 @@ def unrepaired_fault_beside_next_step(status: SessionStatus) -> str:
 
 
 def verdict_on_present_flight(status: SessionStatus) -> str:
-    """Returns the headline of the latest flight as a sentence where that of the session is a fault of an earlier one.
+    """Returns what was found in the latest flight, if the headline of the session is a fault of an earlier flight.
+
+    Without it, a reader would take the fault above for one of the present flight.
 
     Args:
         status: state of the session.
@@ -471,8 +473,8 @@ def verdict_on_present_flight(status: SessionStatus) -> str:
         flight = "This flight"
     else:
         return ""
-    own_headline = status.overall_judgement.headline
-    statement = statement_of_headline(own_headline.sentence, own_headline)
+    headline_of_flight = status.overall_judgement.headline
+    statement = statement_of_headline(headline_of_flight.sentence, headline_of_flight)
     return f"{flight}: {as_clause(statement)}."
 
 
@@ -486,10 +488,10 @@ def states_unrepaired_fault(next_step: Fact) -> bool:
 
 
 def statement_of_repair(unrepaired_fault: Fact) -> str:
-    """Returns what a user states with the button that ends the warning of a fault of an earlier flight.
+    """Returns the statement by which a user ends the warning of a fault of an earlier flight, shown beside a button.
 
-    It names the flight and, for a fault of one motor, that motor, as in "Motor 3 was repaired or inspected after the
-    flight of 2026-11-28 09:15 UTC".
+    For example: "Motor 3 was repaired or inspected after the flight of 2026-11-28 09:15 UTC". Only the fault of a
+    single motor names the motor.
 
     Args:
         unrepaired_fault: the fact that the fault may not have been repaired; its ``reason`` is the fault itself.
@@ -527,15 +529,16 @@ def closing_lines(status: SessionStatus) -> list[str]:
 def _next_step_of_verdict(
     verdict: FlightVerdict, status: SessionStatus, *, must_not_fly: bool
 ) -> str:
-    """Returns what to do after one of several flights: one with a fault or, if the vehicle may fly, the latest one.
+    """Returns what to do about one of several flights of a session, as a sentence.
 
     Args:
-        verdict: the verdict on the flight.
+        verdict: the verdict on the flight (its headline), with its next step.
         status: state of the session at its end.
-        must_not_fly: whether the fault of another flight forbids to fly.
+        must_not_fly: whether the worst fault of the session forbids to fly: then no flight is advised.
 
     Returns:
-        The advice; empty without any. A vehicle that is still in the air is to land in any case.
+        The next step of a flight with a fault, and of the latest flight if the vehicle may fly; otherwise empty. If a
+        fault may not have been repaired, that comes first. A vehicle that is still in the air is to land in any case.
     """
     unrepaired_fault = status.unrepaired_fault
     if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:

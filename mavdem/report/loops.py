@@ -165,10 +165,12 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
 
 
 def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> list[Sentence]:
-    """Returns the flight from which gains of more axes follow, in a sentence, unless the next step states it.
+    """Returns a sentence that advises a flight with doublets, whose log gives gains for more axes.
+
+    It is needed only where the next step does not advise this flight already.
 
     Args:
-        tuning: the flight for gains, a coded finding, and the judgement with the next step.
+        tuning: the advised flight (``Tuning.flight_for_gains``, a coded finding), and the judgement with the next step.
         is_after_repair: whether the next step, such as a repair, comes before this flight.
 
     Returns:
@@ -179,9 +181,9 @@ def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> lis
     next_step = tuning.judgement.next_step
     if flight is None or next_step.code is NextStep.FLY_FOR_GAINS:
         return []
-    lead = (
-        "To tune then:" if is_after_repair else f"For margins of {listed(flight.figures['axes'])}:"
-    )
+    lead = f"For margins of {listed(flight.figures['axes'])}:"
+    if is_after_repair:
+        lead = "To tune then:"
     if next_step.code in STEPS_WITH_DOUBLETS:
         flight = flight.replace(is_flight_stated=True)
     return [Sentence(flight.sentence, lead)] if flight.sentence else []
@@ -229,16 +231,17 @@ def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
 
 
 def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
-    """Returns what to do about one axis besides the flight from which its gains follow (``Tuning.flight_for_gains``).
+    """Returns what to do about one axis, such as a parameter to set, without the flight that would give its gains.
 
-    There may be two remedies: one towards gains, and one against another fault of the loops.
+    That flight (``Tuning.flight_for_gains``) serves several axes and is stated once. There may be remedies of two
+    kinds: towards gains, and against another fault of the loops.
 
     Args:
         tuning: for each axis the advice on its gains, or the finding that says why there is none.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        Up to two texts, of which some may be empty.
+        The remedies, one or several sentences each; some may be empty.
     """
     advice = tuning.axes[axis]
     advice_on_gains = advice if isinstance(advice, Fact) else _advice_on_gains(tuning, advice)
@@ -250,7 +253,8 @@ def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
     # An axis that keeps its gains has no reasons against other ones.
     reasons = advice_on_gains.figures.get("reasons", ())
     other_reasons = [reason for reason in reasons if not is_removed_by_flight(reason)]
-    return [*[reason.remedy for reason in other_reasons], *remedies]
+    remedies_towards_gains = [reason.remedy for reason in other_reasons]
+    return [*remedies_towards_gains, *remedies]
 
 
 def _without_texts(text: str, texts_beside: Iterable[str]) -> str:
@@ -288,9 +292,12 @@ def _sentences_towards_gains(
 
 
 def _has_next_step_on_loops(judgement: Judgement) -> bool:
-    """Returns whether the next step leads to gains: it is about the control loops, and not about a repair, say.
+    """Returns whether the next step is about the control loops and leads to new gains, so that nothing comes before.
 
-    To lower gains is such a repair: margins are known only from a flight after it.
+    A repair comes before, and so do gains to lower: the margins that they lead to are known only from a later flight.
+
+    Args:
+        judgement: judgement of the flight, with its headline and next step.
     """
     next_step = judgement.next_step
     if lowered_gains(next_step) or judgement.headline.code is MarginsLight.OSCILLATES:
@@ -345,7 +352,7 @@ def _sluggish_axes(tuning: Tuning) -> list[str]:
 
 
 def axes_with_kept_gains(tuning: Tuning) -> list[str]:
-    """Returns the axes whose gains stay, surely or not; not those for which none could be computed.
+    """Returns the axes whose loop is known and whose gains stay, whether their margins are sure or not.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
@@ -398,7 +405,7 @@ def margins_at_a_glance(tuning: Tuning) -> list[Table]:
             has_new_gains |= outcome is GainOutcome.NEW
             rows += _overview_rows(advice, names_axis=True)
             for row in _overview_rows(advice, has_intervals=False, names_axis=True):
-                # Without spaces all columns have room, and no line breaks between a value and its arrow.
+                # The spaces around an arrow are left out, so that all columns fit and no line breaks there.
                 rows_on_phone.append([cell.replace(" → ", "→") for cell in row])
     if not rows:
         return []
@@ -776,10 +783,13 @@ def _unshown_remedies(
 
 
 def _remedies_until_flight(advice: Advice | Fact) -> list[str]:
-    """Returns by what to judge the loop of an axis until the next flight, if its predicted response is doubtful.
+    """Returns which measurement to trust until the next flight, if the response that a loop predicts is doubtful.
 
     Args:
         advice: the advice on the axis, or the fact (coded finding) that says why its loop is not known.
+
+    Returns:
+        The remedies against the doubt, without the advice to fly anew; empty if there is no such doubt.
     """
     if isinstance(advice, Fact):
         return []
@@ -1161,7 +1171,10 @@ class _SlowerResponse(NamedTuple):
 
     @property
     def figures(self) -> dict[str, Figure]:
-        """Figures of a fact on the slower response. Its factor is only stated if the intervals do not overlap."""
+        """Figures of a fact (coded finding): both times, with their intervals, now first.
+
+        By which factor the loop becomes slower is stated only if the intervals do not overlap (``is_factor_sure``).
+        """
         return {
             "response_times": (self.now.value, self.new.value),
             "response_time_intervals": (self.now.interval, self.new.interval),
@@ -1170,7 +1183,9 @@ class _SlowerResponse(NamedTuple):
 
 
 def _slower_response(advice: Advice, loop_name: str) -> _SlowerResponse | None:
-    """Returns how fast a loop responds now and with the new gains, by the predicted steps, if it becomes slower.
+    """Returns the times in which a loop responds to a step now and with new gains, if these make it slower.
+
+    Both are times until the predicted step response reaches 63 %.
 
     Args:
         advice: advice on the gains of an axis.
@@ -1195,10 +1210,10 @@ def _slower_response(advice: Advice, loop_name: str) -> _SlowerResponse | None:
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns what to do with the gains of an axis, why the new ones are no others, and what limits or costs them.
+    """Returns facts (coded findings) on the gains of an axis: what to do with them first, then why and at what cost.
 
-    Only what to do is returned if a measured response contradicts the loop that the new gains follow from. Otherwise
-    the further facts (coded findings) may be that the basis of the gains is weak, and that they make a loop slower.
+    The further facts say why the gains are no higher or lower, that their basis is weak, or that they make a loop
+    slower. They are left out if a measured response contradicts the loop from which the gains were computed.
 
     Args:
         tuning: advice on the gains of each axis; its loop is identified.

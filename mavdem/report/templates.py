@@ -610,7 +610,12 @@ def first_and_further_sentences(text: str) -> tuple[str, str]:
 
 
 def changes_are_in(changes: Iterable[Sequence[object]], names: Container[str]) -> bool:
-    """Returns whether all changes of gains, each with the name of its gain first, are of the gains with these names."""
+    """Returns whether all gains that a fact changes are among some names: then a table shows them already.
+
+    Args:
+        changes: the changes; each begins with the name of the gain.
+        names: the names, such as those in the table.
+    """
     return all(str(change[0]) in names for change in changes)
 
 

@@ -11,7 +11,7 @@ from math import inf
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision
 from mavdem.assessment.axis.lowered_gains import LOWERING, fact_and_contained_facts
 from mavdem.assessment.evidence import Evidence
-from mavdem.dataset.rate_advice import rate_advice
+from mavdem.dataset.rate_advice import FAST_ATTITUDE_BIT, rate_advice
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.learnability import NotLearnableReason, Remedy
@@ -55,6 +55,9 @@ REMOVED_BY_LOGGING = (
 SETTINGS_ON_BOARD = (Remedy.LOG_FAST_ATTITUDE, Remedy.LOG_HIGH_RATE)
 """Advice on what autopilots log on board: ArduPilot's RATE and PX4's high rate have the setpoint of the rate, too."""
 
+HIGH_RATE_BIT = 16
+"""Bit of PX4's SDLOG_PROFILE that logs attitude and motor outputs at a high rate."""
+
 
 def flight_for_gains(
     evidence: Evidence,
@@ -64,9 +67,10 @@ def flight_for_gains(
     *,
     is_after_repair: bool,
 ) -> Fact | None:
-    """Returns the flight from which gains follow for the axes that get none now, or keep them by a biased estimate.
+    """Returns the advice to fly doublets about the axes for which this log gives no gains, or only doubtful ones.
 
-    Axes are left out whose gains are to be lowered first.
+    For example: fly doublets about roll and pitch, with the attitude logged at 100 Hz. Axes are left out whose gains
+    are to be lowered first.
 
     Args:
         evidence: the log with its signals, and the loops that were identified, or why they are not known.
@@ -84,14 +88,15 @@ def flight_for_gains(
     """
     reasons_by_axis: dict[str, Facts] = {}
     for axis, advice in advice_by_axis.items():
-        reasons = _reasons_for_no_gains(evidence, axis, advice)
-        if not reasons or axis in axes_without_controller or _lowers_gains(decisions.get(axis)):
+        if axis in axes_without_controller or _lowers_gains(decisions.get(axis)):
             continue
-        if is_after_repair or any(is_removed_by_flight(reason) for reason in reasons):
+        reasons = _reasons_for_no_gains(evidence, axis, advice)
+        is_flight_useful = is_after_repair or any(map(is_removed_by_flight, reasons))
+        if reasons and is_flight_useful:
             reasons_by_axis[axis] = reasons
     if not reasons_by_axis:
         return None
-    all_reasons = _with_contained_facts(reasons_by_axis.values())
+    all_reasons = _facts_and_contained_facts(reasons_by_axis.values())
     logging_steps = _logging_steps(evidence, all_reasons)
     slowest = None if logging_steps else _slowest_messages(all_reasons)
     return Fact(
@@ -106,19 +111,23 @@ def flight_for_gains(
 def is_removed_by_flight(reason: Fact) -> bool:
     """Returns whether a flight with doublets, logged fast enough, removes a reason why an axis gets no gains.
 
+    It does so if the commands moved the vehicle too little, or if messages were missing or too slow. It does not if the
+    vehicle is to be repaired, for example.
+
     Args:
         reason: the reason, or an action on it; a coded finding that may contain others as its figures.
     """
     for fact in fact_and_contained_facts(reason):
         if fact.code in REMOVED_BY_DOUBLETS or _advises_to_log(fact) or _has_slow_messages(fact):
             return True
+        # Margins that stay uncertain although the axis was steered do not become sure by more doublets.
         if fact.code is LoopFact.MARGIN_UNCERTAIN and not fact.figures["is_steered"]:
             return True
     return False
 
 
-def _with_contained_facts(groups: Iterable[Facts]) -> list[Fact]:
-    """Returns the facts of some groups, each once, with the facts among their figures."""
+def _facts_and_contained_facts(groups: Iterable[Facts]) -> list[Fact]:
+    """Returns all facts (coded findings) of some groups, and the facts that these contain as figures, each once."""
     facts: list[Fact] = []
     for reason in chain.from_iterable(groups):
         for fact in fact_and_contained_facts(reason):
@@ -128,7 +137,9 @@ def _with_contained_facts(groups: Iterable[Facts]) -> list[Fact]:
 
 
 def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) -> Facts:
-    """Returns why an axis gets no gains, or keeps them by an estimate that wind biases, as facts (coded findings).
+    """Returns why this log gives no gains for an axis, or only doubtful ones, as facts (coded findings).
+
+    Doubtful are gains that stay because of an estimate of the motors' effect that wind biases.
 
     Args:
         evidence: the identified loops, or why they are not known.
@@ -144,8 +155,10 @@ def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) 
         cautions = advice.before.cautions
         return tuple(caution for caution in cautions if caution.code is LoopFact.EFFECT_BIASED)
     loop_or_reason = evidence.loops[axis]
-    # A vehicle that must be repaired has that as the only reason in place of the advice.
-    return (advice, loop_or_reason) if isinstance(loop_or_reason, Fact) else (advice,)
+    if isinstance(loop_or_reason, Fact):
+        return (advice, loop_or_reason)
+    # The loop is identified, but the vehicle must be repaired first, which the fact in place of the advice says.
+    return (advice,)
 
 
 def _lowers_gains(decision: LoopDecision | None) -> bool:
@@ -154,7 +167,11 @@ def _lowers_gains(decision: LoopDecision | None) -> bool:
 
 
 def _advises_to_log(fact: Fact) -> bool:
-    """Returns whether the remedy of a fact (coded finding) is to log more or faster messages, such as the setpoint."""
+    """Returns whether the remedy of a fact (coded finding) is to log more or faster messages, such as the setpoint.
+
+    Args:
+        fact: a reason why an axis gets no gains.
+    """
     if fact.code is LoopFact.NO_RATE_SETPOINT:
         return not fact.figures["is_logged"]
     if fact.code is LoopFact.CROSSOVER_UNSEEN:
@@ -164,7 +181,11 @@ def _advises_to_log(fact: Fact) -> bool:
 
 
 def _has_slow_messages(fact: Fact) -> bool:
-    """Returns whether a fact (coded finding) advises another flight of which this one was logged too slowly."""
+    """Returns whether a fact about a loop (a coded finding) states rates of messages that are below the advised one.
+
+    Args:
+        fact: a reason why an axis gets no gains. Its figure ``rates``, if any, has the rates in this log, Hz.
+    """
     rates: tuple[float, ...] = fact.figures.get("rates", ())
     return isinstance(fact.code, LoopFact) and min(rates, default=inf) < ADVISED_STREAM_RATE
 
@@ -177,38 +198,56 @@ def _logging_steps(evidence: Evidence, reasons: Iterable[Fact]) -> Facts:
         reasons: why axes get no gains.
 
     Returns:
-        Facts whose remedy, or else sentence, is what to set. Their texts do not name the flight after that.
+        Facts whose remedy, or else sentence, is what to set, such as a bit of LOG_BITMASK. Their texts do not
+        say to fly anew, which the advice on the flight says already.
     """
     advice = rate_advice(evidence.signals.telemetry, components=evidence.log.components)
+    names_setting = _names_setting(advice)
     steps = []
     for fact in reasons:
         if _advises_to_log(fact):
             steps.append(fact)
-        lacks_setpoint = fact.code is LoopFact.NO_RATE_SETPOINT and _advises_to_log(fact)
-        is_set_on_board = advice.code in SETTINGS_ON_BOARD and lacks_setpoint
-        if _names_setting(advice) and (_has_slow_messages(fact) or is_set_on_board):
+        if names_setting and (_has_slow_messages(fact) or _adds_setpoint(advice, fact)):
             steps.append(advice)
     return tuple(_with_flight_stated(step) for step in steps)
 
 
+def _adds_setpoint(advice: Fact, reason: Fact) -> bool:
+    """Returns whether advice on faster messages also brings the setpoint of the rate into the log, which lacks it.
+
+    Args:
+        advice: the advice (:func:`rate_advice`).
+        reason: a reason why an axis gets no gains, a coded finding.
+    """
+    lacks_setpoint = reason.code is LoopFact.NO_RATE_SETPOINT and _advises_to_log(reason)
+    return lacks_setpoint and advice.code in SETTINGS_ON_BOARD
+
+
 def _names_setting(advice: Fact) -> bool:
-    """Returns whether advice on faster messages names what to change, and not only that the log does not show it.
+    """Returns whether advice on faster messages names a setting to change.
+
+    It names none if the autopilot was set already to log on board as fast as it can, and lost nothing.
 
     Args:
         advice: the advice (:func:`rate_advice`).
     """
     figures = advice.figures
     if advice.code is Remedy.LOG_FAST_ATTITUDE:
-        is_bit_set = figures["bitmask"] is not None and figures["bitmask"] % 2 == 1
-        return not is_bit_set or bool(figures["names"]) or bool(figures["dropouts"])
+        is_set = figures["bitmask"] is not None and bool(figures["bitmask"] & FAST_ATTITUDE_BIT)
+        # The names are those of parameters that limit the rates of messages.
+        return not is_set or bool(figures["names"]) or bool(figures["dropouts"])
     if advice.code is Remedy.LOG_HIGH_RATE:
-        is_bit_set = figures["profile"] is not None and figures["profile"] // 16 % 2 == 1
-        return not is_bit_set or bool(figures["dropouts"])
+        is_set = figures["profile"] is not None and bool(figures["profile"] & HIGH_RATE_BIT)
+        return not is_set or bool(figures["dropouts"])
     return True
 
 
 def _with_flight_stated(fact: Fact) -> Fact:
-    """Returns advice on a log as a fact whose text, also that of the remedy in it, does not say to fly anew."""
+    """Returns advice on a log without the sentence that says to fly anew, which the reader has beside it already.
+
+    Args:
+        fact: the advice, a coded finding. The sentence is also left out of its figure ``remedy``, if that is a fact.
+    """
     remedy = fact.figures.get("remedy")
     if isinstance(remedy, Fact):
         fact = fact.replace(remedy=_with_flight_stated(remedy))
@@ -216,6 +255,10 @@ def _with_flight_stated(fact: Fact) -> Fact:
 
 
 def _slowest_messages(reasons: Iterable[Fact]) -> Fact | None:
-    """Returns the fact (coded finding) with the slowest of the messages that were logged too slowly; None without."""
+    """Returns the reason with the slowest messages of all; None if no reason is that messages were logged too slowly.
+
+    Args:
+        reasons: why axes get no gains, as facts (coded findings). The figure ``rates`` has the rates of messages, Hz.
+    """
     slow_facts = [fact for fact in reasons if _has_slow_messages(fact)]
     return min(slow_facts, key=lambda fact: min(fact.figures["rates"]), default=None)

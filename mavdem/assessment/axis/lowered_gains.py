@@ -65,20 +65,21 @@ def reductions_by_a_third(decisions: Iterable[LoopDecision]) -> list[Fact]:
 
 
 class LimitedJudgement(NamedTuple):
-    """A judgement that lowers only gains of the requested axes."""
+    """The judgement of a flight that lowers only gains of the requested axes, and the axes that were left out."""
 
     judgement: Judgement
-    """The judgement, whose facts name no gains of other axes."""
+    """The judgement, whose facts (coded findings) lower no gains of other axes."""
     other_axes: Names
-    """The other axes whose gains the flight advises to lower, too."""
+    """The other axes whose gains should be lowered, too."""
 
 
 def limited_to_axes(
     judgement: Judgement, axes: Container[str], parameters: Parameters
 ) -> LimitedJudgement:
-    """Leaves out the gains to lower of axes that were not requested, if it lowers some of requested ones.
+    """Removes from a judgement the advice to lower gains of axes that were not requested.
 
-    A vehicle that oscillates has the gains of all axes that oscillate lowered, in one fact (a coded finding).
+    If several axes oscillate, one fact (coded finding) advises to lower the gains of all of them. A pilot who asks for
+    the gains of roll alone should get only these.
 
     Args:
         judgement: the judgement of a flight, whose headline, next step, lights and decisions may lower gains.
@@ -86,9 +87,10 @@ def limited_to_axes(
         parameters: parameters of the log, which show how the autopilot names the gains of each axis.
 
     Returns:
-        The judgement without these gains, and their axes; unchanged, and no axes, if all or none were requested.
+        The judgement without these gains, and their axes. It is unchanged, with no axes, if only gains of requested
+        axes are to be lowered. So it is if only gains of other axes are: without them the next step would say nothing.
     """
-    names_by_axis = gains_by_axis(lowered_gains(judgement.next_step), parameters)
+    names_by_axis = gain_names_by_axis(lowered_gains(judgement.next_step), parameters)
     other_axes = tuple(axis for axis in names_by_axis if axis not in axes)
     if not other_axes or len(other_axes) == len(names_by_axis):
         return LimitedJudgement(judgement, ())
@@ -112,34 +114,37 @@ def limited_to_axes(
     return LimitedJudgement(limited, other_axes)
 
 
-def gains_by_axis(names: Iterable[str], parameters: Parameters) -> dict[str, list[str]]:
-    """Groups gains by the axis whose rate or attitude controller has them; other parameters are left out.
+def gain_names_by_axis(names: Iterable[str], parameters: Parameters) -> dict[str, list[str]]:
+    """Groups the names of gains by the axis whose rate or attitude controller has them.
 
     Args:
-        names: names of the parameters.
+        names: names of the gains, such as "ATC_RAT_RLL_P". Names of other parameters are left out.
         parameters: parameters of the log, which show how the autopilot names the gains of each axis.
+
+    Returns:
+        The names by axis, such as "roll"; without the axes that have none of them.
     """
     all_names = [*names]
     names_by_axis = {}
     for axis in AXES:
-        axis_names = gain_names(parameters, axis)
-        if axis_names is None:
+        controller = gain_names(parameters, axis)
+        if controller is None:
             continue
-        of_axis = [
+        names_of_axis = [
             name
             for name in all_names
-            if name.startswith(axis_names.rate_prefix) or name == axis_names.angle_gain
+            if name.startswith(controller.rate_prefix) or name == controller.angle_gain
         ]
-        if of_axis:
-            names_by_axis[axis] = of_axis
+        if names_of_axis:
+            names_by_axis[axis] = names_of_axis
     return names_by_axis
 
 
 def _without_gains(figure: Figure, names: Container[str]) -> Figure:
-    """Returns a figure of a fact (coded finding) in which no fact lowers the gains of these names.
+    """Returns a fact (coded finding) without the advice to lower some gains, in it and in the facts it contains.
 
     Args:
-        figure: a fact, a tuple of figures, or any other value, which is returned unchanged.
+        figure: the fact, or a tuple of facts. Any other value, such as a number in a fact, is returned unchanged.
         names: names of the gains.
     """
     if isinstance(figure, tuple):

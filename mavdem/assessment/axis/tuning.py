@@ -92,7 +92,7 @@ class Tuning(NamedTuple):
 
     @property
     def axes_to_fly_for_gains(self) -> Names:
-        """The axes about which doublets are flown so that their gains can be computed; empty if no axis needs that."""
+        """The axes about which doublets are to be flown, so that the next log gives their gains; empty without any."""
         if self.flight_for_gains is None:
             return ()
         axes: Names = self.flight_for_gains.figures["axes"]
@@ -116,7 +116,9 @@ class Tuning(NamedTuple):
         return any(name in self.gains_to_lower for name in names_of_changed_gains)
 
     def lowers_gains_on_trial(self, axis: str) -> bool:
-        """Returns whether gains of an axis are lowered for one hover, which shows the cause of a peak of its rate.
+        """Returns whether the next step is a hover with lower gains of an axis, which shows why its rate has a peak.
+
+        It is False if another step, such as a repair, comes before that hover.
 
         Args:
             axis: "roll", "pitch" or "yaw".
@@ -125,10 +127,10 @@ class Tuning(NamedTuple):
         if decision is None or decision.action is None:
             return False
         is_advised = decision.action.code is LOWERING_ON_TRIAL
-        # Another step may come before that hover.
-        return is_advised and LOWERING_ON_TRIAL in [
+        codes_in_next_step = [
             fact.code for fact in fact_and_contained_facts(self.judgement.next_step)
         ]
+        return is_advised and LOWERING_ON_TRIAL in codes_in_next_step
 
     @property
     def refusal(self) -> Fact | None:

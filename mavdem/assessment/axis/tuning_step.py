@@ -119,23 +119,23 @@ def judgement_with_tuning_step(
 
 
 def _is_repair(judgement: Judgement) -> bool:
-    """Returns whether the next step after a flight mends something on the ground, which comes before any other flight.
+    """Returns whether something must be repaired or set on the ground before the next flight.
 
     Args:
-        judgement: the headline, from which the next step follows. It asks for a repair if it is watch or bad, and not
-            about the control loops.
+        judgement: judgement of the flight. Its headline asks for a repair if it is a fault (watch or bad) other than of
+            the control loops, and has a remedy that is not a flight.
     """
     headline = judgement.headline
-    is_mended_on_ground = bool(headline.without_flight_advice.remedy)
-    return headline in faults_besides_loops(judgement) and is_mended_on_ground
+    is_fault_besides_loops = headline in faults_besides_loops(judgement)
+    return is_fault_besides_loops and bool(headline.without_flight_advice.remedy)
 
 
 def _step_to_lower_gains(judgement: Judgement, axes: Iterable[str]) -> Fact | None:
-    """Returns the next step if gains must be lowered before the next flight; None if none must.
+    """Returns the advice to lower gains before the next flight; None if no gains must be lowered.
 
     Args:
-        judgement: the next step after the flight, which stays if it lowers gains, and the decisions on the loops. These
-            may lower gains of an axis that the next step is not about.
+        judgement: judgement of the flight. Its next step is returned if it lowers gains. Otherwise the decisions on the
+            loops may lower gains of axes that lack stability margin.
         axes: the requested axes.
     """
     if lowered_gains(judgement.next_step):
@@ -149,7 +149,12 @@ def _step_to_lower_gains(judgement: Judgement, axes: Iterable[str]) -> Fact | No
 
 
 def _is_flight_with_doublets(next_step: Fact) -> bool:
-    """Returns whether the next step after a flight is to fly doublets, from which the loops can be identified."""
+    """Returns whether the next step after a flight is to fly doublets, from which the loops can be identified.
+
+    Args:
+        next_step: the next step, a fact (coded finding). It advises doublets by its figure ``reason``, or by the action
+            of that reason.
+    """
     reason = next_step.figures.get("reason")
     if next_step.code is not NextStep.DO_AS_ADVISED or not isinstance(reason, Fact):
         return False

@@ -120,13 +120,14 @@ def log_light(evidence: Evidence, margins: Fact | None = None) -> Fact:
 
 
 def _are_margins_lost_by_rates(margins: Fact | None) -> bool:
-    """Returns whether the margins are unknown because streams are too slow; True if their light is not judged.
+    """Returns whether slow messages are the reason why the stability margins of the control loops are not known.
 
-    They are not if they are known, or unknown for another reason, such as a flight that is too short or a firmware
-    without the needed parameters.
+    Margins may also be unknown for another reason, such as a flight that is too short, or a firmware without the needed
+    parameters: then a faster log would not help.
 
     Args:
-        margins: the fact of the light "margins"; None if that is not judged.
+        margins: the judgement of the margins, a coded finding. None if they were not judged: then the log is taken to
+            be too slow for them.
     """
     if margins is None:
         return True
