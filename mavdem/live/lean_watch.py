@@ -62,19 +62,24 @@ class LeanWatch:
             self._runs[-1].append(completed_block)
 
     def withdraw_since(self, time: float) -> None:
-        """Forgets the flight since a time, s of the boot clock, which turned out to be a landing or a loss."""
+        """Forgets the flight since a time, s of the boot clock, and lets the shifts be judged again without it.
+
+        It turned out to be a landing or a loss of control, in which the commands show nothing about the trims.
+        """
         self._runs = [[block for block in run if block.end <= time] for run in self._runs]
         self._judging_time = -inf
 
     def unexplained_shifts(self, changes: Sequence[MotorChange]) -> list[MotorChange]:
-        """Returns the lasting shifts of the trims that are beyond the lean, by the settled flight so far.
+        """Returns the lasting shifts of the trims that the lean does not explain, by the settled flight so far.
+
+        The same shifts are judged at most once in ``JUDGING_PERIOD``; in between the former judgement is returned.
 
         Args:
             changes: all changes of the motors' balance in this flight, in the order of time. Those that name a motor
-                limit the flight by which a shift beside them is judged.
+                are not judged, but the flight on their other side is not used for a shift beside them.
 
         Returns:
-            The shifts, which name no motor, in the same order. They are judged at most once in ``JUDGING_PERIOD``.
+            The shifts, which are the changes that name no motor, in the same order.
         """
         present_changes = lasting_changes(changes)
         if all(change.motor is not None for change in present_changes):
@@ -84,19 +89,28 @@ class LeanWatch:
             self._judge(present_changes)
         return self._unexplained_shifts
 
-    def _judge(self, lasting: list[MotorChange]) -> None:
-        """Judges the shifts among the lasting changes of this flight, and stores those that lean does not explain."""
-        self._judging_time = self._latest_time
-        self._judged_changes = lasting
-        remaining = without_shifts_by_lean(lasting, self._signatures, self._run_around)
-        self._unexplained_shifts = [change for change in remaining if change.motor is None]
-
-    def _run_around(self, change: MotorChange, interval: TimeInterval) -> SteadyRun | None:
-        """Returns the settled flight around a change, limited to an interval, s since boot; None without any.
+    def _judge(self, present_changes: list[MotorChange]) -> None:
+        """Judges the shifts of the trims anew, and stores those that the lean does not explain.
 
         Args:
-            change: the change, whose onset the run must contain.
-            interval: the interval, in which nothing else changed.
+            present_changes: the lasting changes of the motors' balance in this flight, in the order of time; those that
+                name a motor are not judged.
+        """
+        self._judging_time = self._latest_time
+        self._judged_changes = present_changes
+        unexplained_changes = without_shifts_by_lean(
+            present_changes, self._signatures, self._run_around
+        )
+        self._unexplained_shifts = [
+            change for change in unexplained_changes if change.motor is None
+        ]
+
+    def _run_around(self, change: MotorChange, interval: TimeInterval) -> SteadyRun | None:
+        """Returns the settled flight before and after a change; None if the change is in no settled flight.
+
+        Args:
+            change: the change, at whose onset the flight must be settled.
+            interval: interval, s of the boot clock, in which nothing else changed. Flight outside is left out.
         """
         start, end = interval
         for run in self._runs:

@@ -50,7 +50,7 @@ class MotorAlarms:
         # The search for a slow loss in the same samples, and the loss that it has found, as it was reported.
         self._gradual_watch: GradualLossWatch | None = None
         self._reported_loss: MotorChange | None = None
-        # Judges which of the shifts of the trims are beyond the lean, and those of them that were reported.
+        # Judges which shifts of the trims are beyond what the lean explains, and the shifts that were reported.
         self._lean_watch: LeanWatch | None = None
         self._reported_shifts: list[MotorChange] = []
         # Whether a motor is weak by a sudden loss, and no slow one was reported.
@@ -143,7 +143,7 @@ class MotorAlarms:
 
     @property
     def lasting_thrust_loss(self) -> Fact | None:
-        """The worst loss of thrust of a motor in the latest flight that has not ended; None without one."""
+        """The worst loss of thrust in the latest flight if a motor has not recovered from one; None otherwise."""
         for loss in thrust_losses(self.changes_in_latest_flight):
             if loss.is_bad:
                 return loss
@@ -185,27 +185,22 @@ class MotorAlarms:
             A fact (coded finding) for each change that this sample completes; most samples complete none. A shift of
             the trims is one of them only once it is beyond the lean.
         """
-        # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins again.
-        tested_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
-        if self._detector is None or tested_motors != self._tested_motors:
-            self._detector = MotorLossDetector(motors.geometry, boot)
-            self._gradual_watch = GradualLossWatch(motors.geometry, boot)
-            self._lean_watch = LeanWatch(motors.geometry)
-            self._carried_weight = CarriedWeight()
-            self._tested_motors = tested_motors
+        self._begin_test_of_other_motors(boot, motors)
         if not self._carried_weight.is_carried(time, fmean(commands)):
             return ()
+        assert self._detector is not None
+        assert self._lean_watch is not None
         facts = []
         for change in self._detector.update(time, commands, heading, lean):
             if self._is_part_of_gradual_loss(change):
                 # The user knows it already.
                 continue
-            names_motor = change.motor is not None
-            if names_motor:
-                self.latest.append(change)
-                self._update_active_alarms(change)
-                facts.append(change.event)
-        assert self._lean_watch is not None
+            if change.motor is None:
+                # A shift of the trims is reported below, once it is known to be beyond the lean.
+                continue
+            self.latest.append(change)
+            self._update_active_alarms(change)
+            facts.append(change.event)
         self._lean_watch.add_sample(time, commands, lean)
         facts += self._update_shifts()
         self._undetectable_reason = self._detector.undetectable_reason
@@ -214,14 +209,34 @@ class MotorAlarms:
             facts += self._search_gradual_loss(time, commands, lean)
         return tuple(facts)
 
+    def _begin_test_of_other_motors(self, boot: int, motors: MotorOutputs) -> None:
+        """Begins the test anew if it has not tested these motors so far; otherwise it does nothing.
+
+        The balance of other motors, or that on another range of the outputs, cannot be compared with the former one.
+
+        Args:
+            boot: number of the boot.
+            motors: the latest motor outputs, of which mixer geometry and range are used.
+        """
+        tested_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
+        if self._detector is not None and tested_motors == self._tested_motors:
+            return
+        self._detector = MotorLossDetector(motors.geometry, boot)
+        self._gradual_watch = GradualLossWatch(motors.geometry, boot)
+        self._lean_watch = LeanWatch(motors.geometry)
+        self._carried_weight = CarriedWeight()
+        self._tested_motors = tested_motors
+
     def withdraw_since(self, time: float) -> Facts:
-        """Judges the shifts of the trims without the flight since a time, which was a landing or a loss of control.
+        """Forgets the flight since a time for the shifts of the trims, and judges these again without it.
+
+        It is called when that flight turns out to be a landing or a loss of control, which says nothing about trims.
 
         Args:
             time: the time, s of the boot clock.
 
         Returns:
-            The events of shifts that are beyond the lean only now; mostly none.
+            A fact (coded finding) for each shift that only now is beyond what the lean explains; mostly none.
         """
         if self._lean_watch is None:
             return ()
@@ -229,10 +244,13 @@ class MotorAlarms:
         return self._update_shifts()
 
     def _update_shifts(self) -> Facts:
-        """Updates the shifts of the trims among the latest changes: those beyond the lean by the flight so far.
+        """Updates which shifts of the trims are among the latest changes, and returns those to report.
+
+        A shift is among them while it is beyond what the lean against the wind explains. The flight that follows may
+        show that the lean explains it: then it is removed, and if it comes back later it is not reported twice.
 
         Returns:
-            The events of those that were not reported before.
+            A fact (coded finding) for each shift that was not reported before.
         """
         assert self._detector is not None
         assert self._lean_watch is not None

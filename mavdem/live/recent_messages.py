@@ -41,6 +41,11 @@ class RecentMessages:
     """
 
     def __init__(self, boot: int = 0) -> None:
+        """Begins without messages.
+
+        Args:
+            boot: number of the boot.
+        """
         self.boot = boot
         self.rows: dict[str, list[TimedValues]] = {}
         self.changes = Counter[str]()
@@ -93,22 +98,23 @@ class RecentMessages:
         return columns
 
     def _all_columns(self, name: str) -> Columns:
-        """Returns all kept messages of one name as columns.
+        """Returns all kept messages of one name as columns: ``time``, ``boot``, and one for each field.
 
-        Messages do not change once they have come, so that each is converted only once.
+        Messages do not change once they have come. So each is converted to columns only once, and later calls append
+        the messages that have come since.
 
         Args:
             name: name of a message in ``rows``.
         """
-        tables = []
+        parts = []
         converted_count = 0
         if name in self._converted:
-            tables.append(self._converted[name])
+            parts.append(self._converted[name])
             converted_count = len(self._converted[name]["time"])
         new_messages = self.rows[name][converted_count:]
         if new_messages:
-            tables.append(columns_from(MESSAGE_FIELDS[name], new_messages, self.boot))
-            self._converted[name] = concatenated_columns(tables)
+            parts.append(columns_from(MESSAGE_FIELDS[name], new_messages, self.boot))
+            self._converted[name] = concatenated_columns(parts)
         return self._converted[name]
 
 

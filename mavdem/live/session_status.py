@@ -727,14 +727,17 @@ class SessionStatus(ImmutableResult):
         )
 
     def _unread_seconds(self, silence_seconds: float | None) -> float | None:
-        """Returns how much of what came before a silence this computer has not analysed yet, s; None if it keeps up.
+        """Returns how many seconds of messages from before a silence this computer has still to analyse.
 
         Args:
             silence_seconds: how long nothing has come, s; None if that is not known.
+
+        Returns:
+            The duration, s; None if it is below one second, or the analysis keeps up with the messages.
         """
         if not self.is_late:
             return None
-        # The delay is the age of the oldest message that waits.
+        # The delay is the age of the oldest message that waits, and the latest one is as old as the silence.
         unread_seconds = self.analysis_delay - (silence_seconds or 0.0)
         return unread_seconds if unread_seconds >= 1.0 else None
 
@@ -1437,7 +1440,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def is_switched_off(self) -> bool:
-        """Whether no message has come since the vehicle landed in this session, as if it was switched off."""
+        """Whether the vehicle seems to be switched off: it has flown and landed in this session, and sends nothing."""
         reason = self.no_model_reason
         is_silent = (
             reason is not None
@@ -1563,10 +1566,10 @@ def _is_event(fact: Fact) -> bool:
 
 
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
-    """Returns the light (judgement) of one part of the vehicle after the recording of its flight was judged.
+    """Returns the light (judgement) of one part of the vehicle, such as the motors, after its recording was judged.
 
-    It is the light by the recording, which has all that was received, as its page and the library have it. But a bad
-    fault that was found in flight stays.
+    It is the judgement by the recording, which has all that was received, so that the live page agrees with the page of
+    the recording. But a bad fault that was found in flight stays.
 
     Args:
         recorded_light: the judgement of this part by the recording.
@@ -1595,44 +1598,46 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
     figures: Mapping[str, str] = recording_verdict.figures.get("light_figures", {})
     lights = {}
     for part, light_in_flight in lights_in_flight.items():
+        level = levels[part]
         sentence = sentences.get(part, "")
-        is_bad_in_flight_alone = light_in_flight.is_bad and levels[part] == Level.UNKNOWN
+        is_bad_in_flight_alone = light_in_flight.is_bad and level == Level.UNKNOWN
         # Without a sentence the light in flight says more than the same level alone: it has figures.
-        says_more = levels[part] == light_in_flight.level and not sentence
-        was_not_judged = levels[part] == ""
-        if is_bad_in_flight_alone or says_more or was_not_judged:
+        says_more_in_flight = level == light_in_flight.level and not sentence
+        was_not_judged = level == ""
+        if is_bad_in_flight_alone or says_more_in_flight or was_not_judged:
             lights[part] = light_in_flight
-        else:
-            lights[part] = Fact(
-                SessionFact.LIGHT_OF_RECORDING,
-                Level(levels[part]),
-                statement=sentence,
-                figure=figures.get(part, ""),
-            )
+            continue
+        lights[part] = Fact(
+            SessionFact.LIGHT_OF_RECORDING,
+            Level(level),
+            statement=sentence,
+            figure=figures.get(part, ""),
+        )
     return lights
 
 
 def _verdict_by_shown_lights(recording_verdict: Fact, lights: NamedFacts) -> Fact:
-    """Returns the verdict of a recording without a fault, so that it counts the lights that are shown beside it.
+    """Makes the verdict on a recording agree with the lights (judgements of motors, power, …) shown beside it.
 
-    A part that the recording leaves unknown may have been bad in flight, and its light shows that. Then the verdict
-    states what these lights show, instead of the sentence by the recording alone.
+    The recording may show no fault and leave a part unknown that was bad in flight, and whose light stays bad. A
+    verdict without a fault would contradict that light.
 
     Args:
         recording_verdict: the library's judgement of the recording, with the level of each part as ``levels``.
-        lights: the lights of the flight by the recording, or a bad one in flight where that leaves a part unknown.
+        lights: the lights by the recording, or a bad one in flight where the recording leaves a part unknown.
 
     Returns:
-        The verdict, with the level and the figure ``shown`` of the lights' headline. It is unchanged if it states a
-        fault, or if no light of the vehicle has another level than the recording gives it.
+        The verdict, which states the worst of these lights as its figure ``shown``, and has its level. It is unchanged
+        if it states a fault, or if each light has the level that the recording gives it.
     """
     levels: Mapping[str, str] = recording_verdict.figures["levels"]
+    vehicle_lights = {part: lights[part] for part in VEHICLE_LIGHTS}
     has_other_level = any(
-        lights[name].level != (levels[name] or Level.UNKNOWN) for name in VEHICLE_LIGHTS
+        light.level != (levels[part] or Level.UNKNOWN) for part, light in vehicle_lights.items()
     )
     if recording_verdict.is_watch_or_bad or not has_other_level:
         return recording_verdict
-    bad_lights = [lights[name] for name in VEHICLE_LIGHTS if lights[name].is_bad]
+    bad_lights = [light for light in vehicle_lights.values() if light.is_bad]
     headline = bad_lights[0] if bad_lights else headline_by_lights(lights)
     return recording_verdict.replace(headline.level, shown=headline)
 
@@ -1686,7 +1691,9 @@ def _judgement_from_headline(headline: Fact, lights: NamedFacts) -> Judgement:
 
 
 def _judgement_of_lost_link(link_loss: Fact, lights: NamedFacts) -> Judgement:
-    """Returns the judgement after a session whose link was lost in flight: to search, and to repair what failed before.
+    """Returns the judgement after a session whose link was lost in flight.
+
+    Its next step is to search for the vehicle, and to repair the fault that was found before the loss, if any.
 
     Args:
         link_loss: the fact that the link was lost, with the fault that was found before as its ``cause``; None there
@@ -1694,10 +1701,11 @@ def _judgement_of_lost_link(link_loss: Fact, lights: NamedFacts) -> Judgement:
         lights: the fact on each part of the vehicle, by the name of the part.
     """
     judgement = _judgement_from_headline(link_loss, lights)
+    # It is the loss of the link itself if no fault was found before.
     fault_before = cause_of_alarm(link_loss)
-    step = judgement.next_step
-    is_advised_already = fault_before in step.figures["also"]
-    if fault_before == link_loss or is_advised_already:
+    search = judgement.next_step
+    is_repair_advised = fault_before in search.figures["also"]
+    if fault_before == link_loss or is_repair_advised:
         return judgement
-    search_and_repair = link_loss.replace(repair=fault_before)
-    return replace(judgement, next_step=step.replace(reason=search_and_repair))
+    search_and_repair = search.replace(reason=link_loss.replace(repair=fault_before))
+    return replace(judgement, next_step=search_and_repair)

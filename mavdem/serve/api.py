@@ -420,7 +420,10 @@ class Api:
         return _json(Viewer(address=page_address, data_address=data_address))
 
     async def set_baseline(self, request: HttpRequest) -> Response:
-        """Sets the healthy flights with which others are compared, and answers with them and what is doubtful."""
+        """Sets the healthy flights with which others are compared, and answers with them and a caution.
+
+        The caution says which of them have motors to be watched; it is empty if none have.
+        """
         self._rights.require(request, Permission.WRITE)
         baseline = await read_document(request, Baseline)
         caution = await run_in_threadpool(self._library.set_baseline, baseline.flights)

@@ -145,21 +145,31 @@ def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:
 
 
 def order_sql(order: ListingOrder, *, is_reversed: bool = False) -> str:
-    """Returns the SQL of an order in which flights are listed; urgency also counts anomalies of the motors.
+    """Returns the SQL sort keys of an order in which flights are listed, such as "date desc, received desc, rowid".
 
     Args:
-        order: the order.
-        is_reversed: whether the flight that the order has first comes last. Flights of which the quantity is not known
-            come last all the same.
+        order: the order; that by urgency also counts anomalies of the motors.
+        is_reversed: whether the first key, such as the date, sorts in the opposite direction. The others, which order
+            flights with the same date, stay.
     """
     first_key, other_keys = SQL_ORDERS[order].split(", ", 1)
     if is_reversed:
-        quantity, _, direction = first_key.partition(" ")
-        first_key = quantity if direction == "desc" else f"{quantity} desc"
-        first_key = f"nullif({quantity}, '') is null, {first_key}"
+        first_key = _reversed_key(first_key)
     if order is ListingOrder.URGENCY:
         first_key = first_key.replace("urgency", SHOWN_URGENCY_SQL)
     return f"{first_key}, {other_keys}"
+
+
+def _reversed_key(key: str) -> str:
+    """Returns the SQL that sorts in the opposite direction, and yet has flights without a value last.
+
+    Args:
+        key: a column and perhaps its direction, such as "urgency" or "date desc".
+    """
+    column, _, direction = key.partition(" ")
+    opposite_key = column if direction == "desc" else f"{column} desc"
+    is_unknown = f"nullif({column}, '') is null"
+    return f"{is_unknown}, {opposite_key}"
 
 
 def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:

@@ -176,7 +176,10 @@ class LibraryEntry:
 
     @property
     def other_vehicles(self) -> list[str]:
-        """The further vehicles of the log, which have pages of their own: system and component, as in "3_1"."""
+        """The other vehicles in the log, each by the MAVLink ids of its system and component, such as "3_1".
+
+        Each has a page of its own, whose file is named by these ids.
+        """
         pages = [name for name in self.file_names if name.startswith(VEHICLE_PAGE_PREFIX)]
         return [Path(name).stem.removeprefix(VEHICLE_PAGE_PREFIX) for name in pages]
 

@@ -478,7 +478,7 @@ class Library:
             offset: number of entries that are skipped.
             order: the order in which entries are returned and skipped. Logs that could not be read come last in all; by
                 urgency, those that are still being read come first.
-            is_reversed: whether the order is reversed.
+            is_reversed: whether that order is reversed, except for logs that could not be read or are being read.
 
         Returns:
             The entries, and the number of all matches.
@@ -547,9 +547,10 @@ class Library:
         return self.store.rows_of(map(self._source_of, entries))
 
     def motor_rows_of_vehicle(self, vehicle: str) -> FlightRows:
-        """Returns a row of each flight of a vehicle by whose motors it is compared with others.
+        """Returns one row for each flight of a vehicle that has the figures by which motors are compared.
 
-        These figures are the same in the rows of all axes of a flight, of which one is read.
+        The fleet's table has a row for each axis of a flight, all with the same figures of the motors. So one of them
+        is enough.
 
         Args:
             vehicle: name of the vehicle in its logs.
@@ -849,17 +850,14 @@ class Library:
             ids: ids of the healthy flights in the index.
 
         Returns:
-            The caution that motors of some of these flights are to be watched; None if none are.
+            The caution, with the names of the flights, that motors of some have the level "watch"; None if none have.
 
         Raises:
             Refusal: there is no such flight, the motors of one are bad, or the disk is full.
         """
         entries = [self.entry(id) for id in ids]
-        # As the pages show them: by the log, and by comparison with the vehicle's other flights.
-        watched_names = []
-        for entry in self.compared_entries(entries).entries:
-            if entry.motors == Level.WATCH:
-                watched_names.append(self._shown_name(entry))
+        # They are looked up first, since they are then compared with the former baseline, as the pages show them.
+        watched_names = self._names_of_watched_flights(entries)
         healthy_rows = []
         for entry in entries:
             rows = self.flight_rows([entry])
@@ -870,6 +868,18 @@ class Library:
         if not watched_names:
             return None
         return Fact(BaselineCaution.MOTORS_WATCHED, names=watched_names)
+
+    def _names_of_watched_flights(self, entries: Sequence[LibraryEntry]) -> list[str]:
+        """Returns the names of those flights whose motors have the level "watch" on the pages.
+
+        Args:
+            entries: index entries of the flights, with the verdicts that follow from each log alone.
+        """
+        names = []
+        for entry in self.compared_entries(entries).entries:
+            if entry.motors == Level.WATCH:
+                names.append(self._shown_name(entry))
+        return names
 
     def _shown_name(self, entry: LibraryEntry) -> str:
         """Returns the name under which pages show a flight: the one that a user gave it, or that of its log's file."""

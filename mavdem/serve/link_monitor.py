@@ -1033,7 +1033,7 @@ class LinkMonitor:
         Returns:
             The flights, the latest one last.
         """
-        # SQL. A flight that is not judged yet has an empty level.
+        # A flight that is not judged yet has an empty level.
         condition = (
             "vehicle = ? and autopilot = ? and frame = ? and level <> ''"
             " and id not in (select value from json_each(?))"
@@ -1270,7 +1270,11 @@ def _page_address(entry: LibraryEntry) -> str:
 
 
 def _link_to_previous_flight(entry: LibraryEntry) -> PageLink:
-    """Returns the link to a flight before the one that the live page shows, which is not in the library yet."""
+    """Returns the link from the live page to a flight that ended before the one that the page shows.
+
+    Args:
+        entry: index entry of the earlier flight.
+    """
     return PageLink("Previous flight", _page_address(entry))
 
 

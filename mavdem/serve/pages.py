@@ -303,11 +303,6 @@ class Pages:
         if is_stored and self._request_page_if_outdated(entry, html):
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})
-        first_vehicle = ""
-        if entry.other_vehicles:
-            with refuse_missing_file():
-                first_page = self._page_path(entry, "").read_text("utf-8") if vehicle else html
-            first_vehicle = vehicle_id_on_page(first_page)
         is_compared = True
         anomaly = None
         # The fleet judges the vehicle under which the log is listed, and not another one that the query names.
@@ -317,11 +312,9 @@ class Pages:
             anomaly = motor_anomaly(compared.anomalous_rows.get(entry.id))
             (values["flight"],) = compared.entries
             if values["may_read"]:
-                if anomaly is None:
-                    suggested_entry = self._visible_library.flight_to_compare_with(entry)
-                else:
-                    healthy = self._visible_library.healthy_flights_to_compare_with([entry])
-                    suggested_entry = healthy.get(entry.id)
+                suggested_entry = self._flight_to_compare_with(
+                    entry, has_anomaly=anomaly is not None
+                )
                 if anomaly is not None and suggested_entry is not None:
                     link = self._comparison_link(entry, suggested_entry)
                     anomaly = anomaly._replace(comparison=link)
@@ -335,13 +328,39 @@ class Pages:
                 is_compared=is_compared,
                 has_baseline=entry.vehicle in self._library.baseline_vehicles(),
                 follows_verdict=not vehicle,
-                first_vehicle=first_vehicle,
+                first_vehicle=self._first_vehicle(entry) if entry.other_vehicles else "",
                 files=entry.file_names if is_stored else [],
                 missing=RecordingRequests(self._library).missing_names(entry),
                 can_open=self._has_viewer and has_recording and values["may_read"],
                 **values,
             )
         )
+
+    def _first_vehicle(self, entry: LibraryEntry) -> str:
+        """Returns the ids of system and component, such as "2:1", of the vehicle on the first page of a log.
+
+        Args:
+            entry: index entry of the log, which has several vehicles.
+
+        Raises:
+            Refusal: the page is gone.
+        """
+        with refuse_missing_file():
+            return vehicle_id_on_page(self._page_path(entry, vehicle="").read_text("utf-8"))
+
+    def _flight_to_compare_with(
+        self, entry: LibraryEntry, *, has_anomaly: bool
+    ) -> LibraryEntry | None:
+        """Returns the flight of the same vehicle with which one is best compared; None if the library has none.
+
+        Args:
+            entry: index entry of the flight.
+            has_anomaly: whether its motors have a fault or drift, which shows beside a healthy flight only.
+        """
+        if not has_anomaly:
+            return self._visible_library.flight_to_compare_with(entry)
+        healthy_entries = self._visible_library.healthy_flights_to_compare_with([entry])
+        return healthy_entries.get(entry.id)
 
     def _flights_beside(
         self, entry: LibraryEntry, suggested_entry: LibraryEntry | None
@@ -553,7 +572,7 @@ class Pages:
         )
 
     def redirect_to_flights(self, request: HttpRequest) -> Response:
-        """Redirects ``/flights``, as one may guess the address, to the list of flights."""
+        """Redirects from ``/flights``, an address that users guess, to the list of flights at ``/``."""
         return RedirectResponse("/")
 
     def vehicle(self, request: HttpRequest) -> Response:

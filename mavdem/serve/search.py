@@ -203,26 +203,7 @@ def search_problems(text: str) -> list[str]:
     """
     problems = []
     for term in _terms(text):
-        name, operator, value = term
-        column = name.lower()
-        is_equality = operator in (":", "=")
-        if column in CHOICES and value.lower() not in CHOICES[column]:
-            # A property with a few possible values, such as the stage.
-            problems.append(f"{value} is no {column}: these are {listed(CHOICES[column])}")
-        elif column in LEVEL_COLUMNS and is_equality and not _is_number(value):
-            # A light, such as motors:bad or motors:bad,watch.
-            for level in value.split(","):
-                if level.lower() not in LEVELS:
-                    problems.append(f"{level} is no level: these are {listed(LEVELS)}")
-        elif column == "date":
-            if not DATE_PATTERN.fullmatch(value):
-                problems.append(f"{value} is no date: write 2026-05-31, 2026-05 or 2026")
-        elif _is_compared_as_number(name) and not _is_number(value):
-            problems.append(f"{value} is not a number")
-        elif _is_parameter(name) and not CONTROL_PARAMETERS.match(name.upper()):
-            problems.append(
-                f"{name} is not searched: of the parameters, only gains and filters of rate and attitude control are"
-            )
+        problems += _problems_of_term(term)
     return problems
 
 
@@ -350,15 +331,42 @@ def _terms(text: str) -> Iterator[_Term]:
             yield term
 
 
+def _problems_of_term(term: _Term) -> list[str]:
+    """Returns a phrase on each wrong value in one comparison of a search, such as "soon is not a number".
+
+    Args:
+        term: the comparison: name of the property, operator and value.
+    """
+    name, operator, value = term
+    column = name.lower()
+    if column in CHOICES and value.lower() not in CHOICES[column]:
+        # A property with a few possible values, such as the stage.
+        return [f"{value} is no {column}: these are {listed(CHOICES[column])}"]
+    if column in LEVEL_COLUMNS and operator in (":", "=") and not _is_number(value):
+        # A light (the level of a part of the vehicle), such as motors:bad or motors:bad,watch.
+        wrong_levels = [level for level in value.split(",") if level.lower() not in LEVELS]
+        return [f"{level} is no level: these are {listed(LEVELS)}" for level in wrong_levels]
+    if column == "date" and not DATE_PATTERN.fullmatch(value):
+        return [f"{value} is no date: write 2026-05-31, 2026-05 or 2026"]
+    if _is_compared_as_number(name) and not _is_number(value):
+        return [f"{value} is not a number"]
+    if _is_parameter(name) and not CONTROL_PARAMETERS.match(name.upper()):
+        return [
+            f"{name} is not searched: of the parameters, only gains and filters of rate and attitude control are"
+        ]
+    return []
+
+
 def _is_compared_as_number(name: str) -> bool:
     """Returns whether a search compares this property as a number, as it does parameters of the autopilot."""
     return name.lower() in {*NUMBER_COLUMNS, *LEVEL_COLUMNS} or _is_parameter(name)
 
 
 def _is_parameter(name: str) -> bool:
-    """Returns whether a property is a parameter of the autopilot, such as a gain.
+    """Returns whether the name of a property is that of an autopilot's parameter, such as "MC_ROLLRATE_P".
 
-    Names of parameters are in capitals. In small letters, those are known that ``CONTROL_PARAMETERS`` has.
+    In capitals any name is, unless it is one of another property. In small letters only gains and filters of control
+    are recognised (``CONTROL_PARAMETERS``).
     """
     if name.lower() in KNOWN_TERMS:
         return False
@@ -424,14 +432,7 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
     """
     column = name.lower()
     if column == "motor" and operator == "=":
-        # A headline may name other motors besides the suspected one.
-        named_motor = f"*motor {number:g}[^0-9]*"
-        is_suspected_by_log = f"(motor = ?) or (lower({SHOWN_HEADLINE_OF_LOG_SQL}) glob ?)"
-        is_suspected_by_comparison = has_anomaly_sql("suspect_motor = ? or lower(reason) glob ?")
-        return SqlCondition(
-            f"{is_suspected_by_log} or {is_suspected_by_comparison}",
-            (number, named_motor, number, named_motor),
-        )
+        return _motor_condition(number)
     if column == Light.WIND:
         return _wind_comparison(operator, number)
     if column in NUMBER_COLUMNS:
@@ -444,6 +445,22 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
             f"json_extract({gains}, ?) {operator} ?", (f'$."{name.upper()}"', number)
         )
     return None
+
+
+def _motor_condition(number: float) -> SqlCondition:
+    """Returns the SQL condition that a motor is suspected, by the log or by comparison with other flights.
+
+    Args:
+        number: number of the motor.
+    """
+    # A headline may name other motors besides the suspected one.
+    named_motor = f"*motor {number:g}[^0-9]*"
+    is_suspected_by_log = f"(motor = ?) or (lower({SHOWN_HEADLINE_OF_LOG_SQL}) glob ?)"
+    is_suspected_by_comparison = has_anomaly_sql("suspect_motor = ? or lower(reason) glob ?")
+    return SqlCondition(
+        f"{is_suspected_by_log} or {is_suspected_by_comparison}",
+        (number, named_motor, number, named_motor),
+    )
 
 
 def _wind_comparison(operator: str, speed: float) -> SqlCondition:
@@ -464,15 +481,18 @@ def _wind_comparison(operator: str, speed: float) -> SqlCondition:
 
 
 def _date_comparison(operator: str, value: str) -> SqlCondition | None:
-    """Translates the comparison of a date with a year, month, day, hour or minute to SQL; None if the value is none.
+    """Translates the comparison of the flight's date with a year, month, day, hour or minute to SQL.
 
-    Each of these is an interval: ``<=`` includes it, ``>`` begins after it, and ``=`` is within it. So the date of the
-    flight is shortened to the length of the value, and both are compared as texts. The page of a fleet follows this
-    rule, too (``fleet.html``).
+    Each of these is an interval: ``date<=2026-05`` includes May, ``date>2026-05`` begins in June, and ``date=2026-05``
+    is all of May. So the date of the flight is shortened to the length of the value, and both are compared as texts.
+    The page of a fleet follows this rule, too (``fleet.html``).
 
     Args:
         operator: ``<``, ``>``, ``<=``, ``>=`` or ``=``.
-        value: the value, in ISO 8601.
+        value: year, month, day, hour or minute in ISO 8601, such as "2026-05" or "2026-05-31T14".
+
+    Returns:
+        The condition; None if the value is no date.
     """
     if not DATE_PATTERN.fullmatch(value):
         return None
@@ -482,7 +502,12 @@ def _date_comparison(operator: str, value: str) -> SqlCondition | None:
 
 
 def _level_condition(column: str, levels: Sequence[str]) -> SqlCondition:
-    """Returns the SQL condition that the level in a column is one of these, regardless of case."""
+    """Returns the SQL condition that a light (the level of a part of the vehicle) has one of some levels.
+
+    Args:
+        column: column of the light, such as "motors".
+        levels: the levels as typed, in any case, such as "bad" and "watch".
+    """
     expression = COMPARED_LEVELS_SQL.get(column, column)
     is_level = _text_comparison(expression, "=")
     return SqlCondition("or".join(f"({is_level})" for _ in levels), tuple(levels))

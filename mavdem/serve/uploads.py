@@ -164,23 +164,35 @@ def require_log_file(path: Path, name: str) -> None:
         is_packed = file.read(MAX_SIGNATURE_BYTES).startswith(ARCHIVE_SIGNATURES)
     log_format = detect_format(path)[1]
     # Any binary file that is not recognised otherwise may be a telemetry log; whether it is, its frames show.
-    if log_format is Format.TLOG and not is_packed:
-        try:
-            check_beginning(path)
-        except Unreadable:
-            # The file was checked for the first bytes of the format that its name has, too.
-            match FORMAT_OF_ENDING.get(Path(name.lower()).suffix):
-                case Format.DATAFLASH if has_dataflash_messages(file_beginning(path)):
-                    # Its definitions are missing, which the reading of the whole file reports.
-                    return
-                case Format.DATAFLASH:
-                    raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
-                case Format.ULOG:
-                    raise Unreadable(
-                        SourceFact.FORMAT_UNKNOWN, path=name, name=Format.ULOG
-                    ) from None
-                case _:
-                    raise
+    if log_format is not Format.TLOG or is_packed:
+        return
+    try:
+        check_beginning(path)
+    except Unreadable:
+        # The error names the format that the user takes the file for, by the ending of its name.
+        named_format = FORMAT_OF_ENDING.get(Path(name.lower()).suffix)
+        if named_format is Format.DATAFLASH:
+            _require_dataflash_messages(path, name)
+        elif named_format is Format.ULOG:
+            raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=name, name=Format.ULOG) from None
+        else:
+            raise
+
+
+def _require_dataflash_messages(path: Path, name: str) -> None:
+    """Checks that a file has messages of a DataFlash log, even if the definitions with which one begins are missing.
+
+    That these are missing is not reported here, but when the whole file is read.
+
+    Args:
+        path: path of the file on the server.
+        name: name that the file was uploaded with.
+
+    Raises:
+        Unreadable: it has no such messages.
+    """
+    if not has_dataflash_messages(file_beginning(path)):
+        raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
 
 
 async def body_chunks(request: HttpRequest) -> AsyncGenerator[bytes]:

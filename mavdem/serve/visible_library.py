@@ -128,9 +128,9 @@ class VisibleLibrary:
         """Searches the flights that the sender of a request may list.
 
         Args:
-            request: the request. Its query has the search ``q``, the order ``sort`` (a value of ``ListingOrder``,
-                after a minus the reversed order; without it the order that the browser remembers), and the number of
-                flights to skip as ``offset``.
+            request: the request. Its query has the search ``q``, the order ``sort`` (a value of ``ListingOrder`` such
+                as "time", or "-time" for the reversed order; without it the order that the browser remembers), and the
+                number of flights to skip as ``offset``.
             limit: largest number of flights that are returned.
 
         Returns:
@@ -142,12 +142,13 @@ class VisibleLibrary:
         query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
         offset = query_number(request, "offset", 0)
         remembered_order = request.cookies.get(ORDER_COOKIE, "")
-        requested_order = request.query_params.get("sort", remembered_order)
+        sort = request.query_params.get("sort", remembered_order)
         order = ListingOrder.UPLOAD
         is_reversed = False
-        if requested_order.removeprefix("-") in {*ListingOrder}:
-            order = ListingOrder(requested_order.removeprefix("-"))
-            is_reversed = requested_order.startswith("-")
+        order_name = sort.removeprefix("-")
+        if order_name in {*ListingOrder}:
+            order = ListingOrder(order_name)
+            is_reversed = sort.startswith("-")
         condition, values = search_condition(query)
         # Senders without the right to read all flights find only the public ones.
         if not self.rights.allows(request, Permission.READ):
@@ -155,7 +156,14 @@ class VisibleLibrary:
         entries, entry_count = self.library.find(
             condition, values, limit, offset, order, is_reversed=is_reversed
         )
-        return SearchResult(entries, entry_count, query, order, is_reversed, offset)
+        return SearchResult(
+            entries,
+            total=entry_count,
+            query=query,
+            order=order,
+            is_reversed=is_reversed,
+            offset=offset,
+        )
 
     def previous_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
         """Returns the flight of the same vehicle before this one, by date.
@@ -205,36 +213,41 @@ class VisibleLibrary:
         Returns:
             The healthy flights by the ids of the others, without those for which the library has none.
         """
-        healthy_entries = {}
+        flights_to_compare = {}
         for vehicle, entries_of_vehicle in group_by(entries, lambda entry: entry.vehicle).items():
             rows = self.library.motor_rows_of_vehicle(vehicle)
             rows_by_log = {content_hash(row.key): row for row in rows}
-            healthy = healthy_figures_by_log(rows, self.library.baseline_rows(vehicle))
-            entries_of_healthy = self._flights_of_logs(vehicle, list(healthy))
+            healthy_figures = healthy_figures_by_log(rows, self.library.baseline_rows(vehicle))
+            healthy_entries = self._flights_of_logs(vehicle, list(healthy_figures))
             for entry in entries_of_vehicle:
                 row = rows_by_log.get(entry.content_hash)
                 if row is None:
                     # The flight was deleted meanwhile.
                     continue
                 figures = health_figures(row)
-                logs = {log for log, other in healthy.items() if is_comparable(figures, other)}
-                suitable_entries = [
+                comparable_logs = {
+                    log for log, other in healthy_figures.items() if is_comparable(figures, other)
+                }
+                comparable_entries = [
                     other
-                    for other in entries_of_healthy
-                    if other.content_hash in logs and other.id != entry.id
+                    for other in healthy_entries
+                    if other.content_hash in comparable_logs and other.id != entry.id
                 ]
-                healthy_entry = most_similar_flight(entry, suitable_entries, baseline=logs)
-                if healthy_entry is not None:
-                    healthy_entries[entry.id] = healthy_entry
-        return healthy_entries
+                most_similar = most_similar_flight(
+                    entry, comparable_entries, baseline=comparable_logs
+                )
+                if most_similar is not None:
+                    flights_to_compare[entry.id] = most_similar
+        return flights_to_compare
 
     def _flights_of_logs(self, vehicle: str, logs: Sequence[str]) -> list[LibraryEntry]:
-        """Returns those flights of a vehicle whose logs have some contents, as far as they have a page in the library.
+        """Returns the flights of a vehicle whose logs are among the given ones, if they have pages in the library.
 
         Args:
             vehicle: name of the vehicle in its logs.
-            logs: hashes of the contents.
+            logs: the logs, each as the hash of its content.
         """
+        # A flight has a page once its log was read, if the library keeps the log; without one the digest is empty.
         condition = (
             "vehicle = ? and stage = ? and digest != ''"
             f" and {CONTENT_HASH_SQL} in (select value from json_each(?))"
@@ -282,7 +295,14 @@ class VisibleLibrary:
         return [best_entry, *(other for other in others if other.id != best_entry.id)]
 
     def unnamed_groups(self) -> list[UnnamedGroup]:
-        """Returns the logs whose vehicles nothing names, by what the logs call them, the most frequent name first."""
+        """Returns the logs by which a vehicle is known by its MAVLink system id alone, grouped by that name.
+
+        Several vehicles may have the same id. Groups to which a user gave a name are left out, as are logs without any
+        name of the vehicle.
+
+        Returns:
+            The groups, the largest first.
+        """
         given_names = self.library.vehicle_names()
         entries = self.library.find("stage = ?", [Stage.DONE], sys.maxsize).entries
         unnamed_entries = []

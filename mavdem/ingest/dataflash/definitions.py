@@ -160,22 +160,22 @@ def parse_definition(values: FormatFields) -> NumberedDefinition | None:
     return NumberedDefinition(values.message_id, definition)
 
 
-def are_messages(marker_count: int, size: int) -> bool:
-    """Returns whether markers of messages are too frequent for chance, so that bytes are messages of a DataFlash log.
+def are_markers_frequent(marker_count: int, byte_count: int) -> bool:
+    """Returns whether bytes have so many message markers that they must be messages of a DataFlash log.
 
-    In random data the two bytes of a marker would occur once in 65536 bytes, not at least once in every
-    ``MAX_MESSAGE_BYTES``.
+    Each message begins with a marker and has at most ``MAX_MESSAGE_BYTES``. In random data the two bytes of a marker
+    would occur only once in 65536 bytes.
 
     Args:
-        marker_count: number of markers found.
-        size: number of bytes that were searched.
+        marker_count: number of markers in the bytes.
+        byte_count: number of the bytes.
     """
-    return marker_count * MAX_MESSAGE_BYTES > size
+    return marker_count * MAX_MESSAGE_BYTES > byte_count
 
 
 def has_dataflash_messages(beginning: bytes) -> bool:
-    """Returns whether the beginning of a file has messages of a DataFlash log, defined or not."""
-    return are_messages(beginning.count(MARKER), len(beginning))
+    """Returns whether the beginning of a file has messages of a DataFlash log, even without their definitions."""
+    return are_markers_frequent(beginning.count(MARKER), len(beginning))
 
 
 def _padded_text(value: bytes) -> str:

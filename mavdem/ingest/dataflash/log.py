@@ -21,7 +21,7 @@ from mavdem.ingest.dataflash.clock import (
     on_boot_clock,
     stamps_of_table,
 )
-from mavdem.ingest.dataflash.definitions import are_messages
+from mavdem.ingest.dataflash.definitions import are_markers_frequent
 from mavdem.ingest.dataflash.recording import DataflashRecording, MessageTable, usable_fields
 from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
 from mavdem.ingest.dataflash.sensors import STATUS_3D_FIX
@@ -262,7 +262,8 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
     names = sorted(recording.counts)
     # Messages without a definition count as skipped bytes, and are recognised by their marker.
     undefined_count = recording.undefined_messages
-    if are_messages(undefined_count, recording.bytes_skipped) and undefined_count > len(names):
+    are_messages = are_markers_frequent(undefined_count, recording.bytes_skipped)
+    if are_messages and undefined_count > len(names):
         return Unreadable(
             SourceFact.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined_count
         )
