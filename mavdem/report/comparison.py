@@ -1,6 +1,6 @@
 """Comparisons in sentences and tables: of forecasting methods by paired tests, and of model orders by free energy."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import isfinite, sqrt
 from typing import NamedTuple
 
@@ -311,16 +311,6 @@ def _result_sentences(
         if method in result.tests and method not in result.better_methods:
             benchmarks.append(method)
     benchmarks.sort(key=lambda method: result.error_ratios[method])
-
-    def tested_methods(names: Sequence[str]) -> list[_TestedMethod]:
-        """Returns methods with their error ratios and p-values as text."""
-        return [
-            _TestedMethod(
-                name, _short_number(result.error_ratios[name]), _p_value_text(result.tests[name])
-            )
-            for name in names
-        ]
-
     return render_section(
         "comparison_result",
         is_detail=is_detail,
@@ -333,8 +323,8 @@ def _result_sentences(
         pair_count=min([test.tested for test in result.tests.values()], default=0),
         min_pairs=MIN_PAIRS,
         method_count=len(result.tests),
-        losses=tested_methods(result.better_methods),
-        benchmarks=tested_methods(benchmarks),
+        losses=_tested_methods(result, result.better_methods),
+        benchmarks=_tested_methods(result, benchmarks),
         best_other=all_benchmarks[-1] if all_benchmarks else None,
         trivial_methods=TRIVIAL_METHODS,
         lower=result.methods_with(TestResult.LOWER),
@@ -345,6 +335,20 @@ def _result_sentences(
         ],
         best_at_horizons=_better_at_shorter_horizons(comparison, result.kind),
     )
+
+
+def _tested_methods(result: _MethodResults, names: Iterable[str]) -> list[_TestedMethod]:
+    """Returns methods with their error ratio and the p-value of the test against the first method, both as text.
+
+    Args:
+        result: the results of a kind of forecast.
+        names: names of methods that were tested.
+    """
+    methods = []
+    for name in names:
+        error_ratio = _short_number(result.error_ratios[name])
+        methods.append(_TestedMethod(name, error_ratio, _p_value_text(result.tests[name])))
+    return methods
 
 
 def _benchmarks(comparison: Comparison, kind: ForecastKind) -> list[str]:

@@ -375,11 +375,7 @@ def _health_summary(
     urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
     healthy = [vehicle for vehicle in labelled_vehicles if vehicle.flights.health == MotorHealth.OK]
     recovered_labels = [vehicle.label for vehicle in healthy if vehicle.flights.had_anomaly]
-    watched = []
-    for vehicle in labelled_vehicles:
-        is_watched = vehicle.flights.last.badge_level is Level.WATCH
-        if is_watched and not vehicle.flights.needs_look:
-            watched.append(vehicle)
+    watched = [vehicle for vehicle in labelled_vehicles if _is_only_watched(vehicle.flights)]
     urgent_list = ""
     reason = ""
     advised = urgent
@@ -470,6 +466,11 @@ def _watched_text(vehicles: Sequence[_LabelledVehicle]) -> str:
         has_finding = number == 0 and bool(finding)
         texts.append(f"{vehicle.label} ({as_clause(finding)})" if has_finding else vehicle.label)
     return abbreviated_list(texts)
+
+
+def _is_only_watched(vehicle: VehicleFlights) -> bool:
+    """Returns whether the latest flight of a vehicle has a warning (level "watch"), but none that needs a look now."""
+    return vehicle.last.badge_level is Level.WATCH and not vehicle.needs_look
 
 
 def _has_watched_motors(vehicle: VehicleFlights) -> bool:

@@ -215,11 +215,7 @@ def tune_loops(
     if not advice_on_loops:
         refusals = {axis: fact for axis, fact in advice_by_axis.items() if isinstance(fact, Fact)}
         no_loop = _reason_for_no_loop(evidence, judgement, refusals)
-    parameters = dict[str, float]()
-    for advice in advice_on_loops:
-        # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
-        if advice.gains:
-            parameters |= {**advice.parameters, **notch_parameters}
+    parameters = _advised_parameters(advice_on_loops, notch_parameters)
     decisions = judgement.loop_decisions
     decisions_on_axes = [decisions[axis] for axis in axes if axis in decisions]
     gains_to_lower = lowered_gains(judgement.next_step, decisions_on_axes)
@@ -289,6 +285,25 @@ def _reasons_against_higher_gains(evidence: Evidence, judgement: Judgement) -> F
             other_repairs = [fact for fact in repairs if fact.code is not Override.OSCILLATION]
             return (*other_repairs, decision.reason)
     return (*repairs, gains_to_lower)
+
+
+def _advised_parameters(
+    advice_on_loops: Iterable[Advice], notch_parameters: Mapping[str, float]
+) -> dict[str, float]:
+    """Returns the parameters to set for new gains, by name, with those of the notch filter that they presuppose.
+
+    A notch adds phase lag. That the phase margin stays sufficient is known only for loops whose gains were designed
+    with it, so that the notch is set only with such gains.
+
+    Args:
+        advice_on_loops: advice on each axis with an identified loop.
+        notch_parameters: parameters of the notch filter; empty without one.
+    """
+    parameters = dict[str, float]()
+    for advice in advice_on_loops:
+        if advice.gains:
+            parameters |= {**advice.parameters, **notch_parameters}
+    return parameters
 
 
 def _advice_on_axes(
