@@ -74,6 +74,29 @@ def _sudden_changes_of_boot(
     Returns:
         The changes, in the order of time.
     """
+    changes = _detected_changes(signals, motors, boot, commands, headings)
+
+    def settled_run(change: MotorChange, interval: TimeInterval) -> SteadyRun | None:
+        """Returns the segment of settled flight around a change, limited to an interval, s since boot."""
+        return run_around(signals, motors, boot, change.onset_time, interval)
+
+    return without_shifts_by_lean(
+        lasting_changes(changes), motor_signatures(motors.geometry), settled_run
+    )
+
+
+def _detected_changes(
+    signals: Signals, motors: MotorOutputs, boot: int, commands: TimeSeries, headings: Array
+) -> list[MotorChange]:
+    """Returns the sudden changes of the motors' balance in one boot, whether they last or not, in the order of time.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: outputs and geometry of the k motors.
+        boot: number of the boot.
+        commands: (N, k) outputs in this boot, as fractions of the range.
+        headings: (N,) heading, rad; NaN while the attitude does not follow its setpoint.
+    """
     settled = settled_intervals(signals, boot)
     descents = _descents_after(settled, free_flight_intervals(signals, boot))
     is_settled = in_intervals(commands.time, settled)
@@ -100,14 +123,7 @@ def _sudden_changes_of_boot(
         for change in new_changes:
             if change.motor is None and change.onset_time < settled_end:
                 changes.append(change)
-
-    def settled_run(change: MotorChange, interval: TimeInterval) -> SteadyRun | None:
-        """Returns the segment of settled flight around a change, limited to an interval, s since boot."""
-        return run_around(signals, motors, boot, change.onset_time, interval)
-
-    return without_shifts_by_lean(
-        lasting_changes(changes), motor_signatures(motors.geometry), settled_run
-    )
+    return changes
 
 
 def _descents_after(settled: Intervals, flights: Intervals) -> Intervals:

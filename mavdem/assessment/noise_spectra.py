@@ -214,16 +214,17 @@ def _advised_notch(evidence: Evidence, noise: MeasuredNoise) -> Fact | None:
 
 
 def notch_for_firmware(notch: Fact, telemetry: Telemetry) -> Fact:
-    """Returns the advice on a notch filter as the firmware of a vehicle allows it.
+    """Replaces the advice on a notch filter if the firmware of the vehicle has no such filter.
 
     Args:
         notch: a fact (coded finding): the notch filter to set, or why there is none.
         telemetry: autopilot and firmware of the vehicle.
 
     Returns:
-        The fact that the firmware has no such filter, if one is to be set, or if the spectrum ends below the motors'
-        frequencies, so that one may be needed. Otherwise ``notch``, whose advice on logging is for this autopilot.
-        Parameters in the log show more surely than the version which filters there are: some builds had them earlier.
+        - ``NO_NOTCH_IN_FIRMWARE`` if the firmware has no moving notch, although one is to be set or may be needed,
+          since the spectrum ends below the motors' frequencies. The parameters in the log show that more surely than
+          the version: some builds had the filter earlier.
+        - Otherwise ``notch``. If the spectrum ends too low, its advice on logging is fitted to this autopilot.
     """
     may_be_needed = notch.code in (NotchAdvice.SET_NOTCH, NotchAdvice.SPECTRUM_BELOW_MOTORS)
     has_moving_notch = MOVING_NOTCH in telemetry.parameters

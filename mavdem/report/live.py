@@ -503,9 +503,9 @@ def statement_of_repair(unrepaired_fault: Fact) -> str:
 def closing_lines(status: SessionStatus) -> list[str]:
     """Returns the last lines that a session prints: what it found, and what to do next.
 
-    They are the headline and the next step or, after several flights, the verdict on each flight (its headline), with
-    its own next step. The worst one comes first, so that a fault of the first flight is not forgotten because the last
-    one was sound. An earlier flight without a fault has no next step: what was to be done then is out of date.
+    After one flight they are the headline and the next step. After several, they are the verdict on each flight (its
+    headline), the worst first, with its next step: so a fault of the first flight is not forgotten because the last one
+    was sound. An earlier flight without a fault has no next step, since what was to be done then is out of date.
 
     Args:
         status: state of the session at its end.
