@@ -29,10 +29,11 @@ class CarriedWeight:
         self._latest_time = -inf
 
     def is_carried(self, time: float, mean_command: float) -> bool:
-        """Returns whether the motors carry the weight at the time of a sample.
+        """Returns whether the motors carry the weight at the time of a sample; False if the ground may carry a part.
 
-        A vehicle that stays in the air for ``MAX_GAP`` with less thrust has become lighter, as after it has dropped
-        its load. Then, and after a gap of the samples, the comparison begins anew.
+        They do while their mean command is at least ``MIN_WEIGHT_FRACTION`` of that of the flight so far. A vehicle
+        that stays in the air for ``MAX_GAP`` with less thrust has become lighter, as after it has dropped its load.
+        Then, and after a gap of the samples, the comparison begins anew.
 
         Args:
             time: time of the sample, s of the boot clock.

@@ -269,7 +269,7 @@ class FlightPhase:
             self._report_check.add(LandedReport(time, int(state), has_thrust, height_then))
 
     def _update_airborne(self, now: float, airborne: Intervals) -> None:
-        """Decides whether the vehicle is airborne, and since when it is, or when it came to the ground.
+        """Updates whether the vehicle is airborne, when it took off, and after a flight when it landed.
 
         Args:
             now: time of the review, s of the boot clock.
@@ -286,8 +286,9 @@ class FlightPhase:
         if present_flight is not None:
             self.landing_time = None
         elif self.is_flying:
-            ends_of_flights = [end for _, end in airborne if end < now]
-            self.landing_time = max(ends_of_flights, default=now)
+            landing_times = [end for _, end in airborne if end < now]
+            # Without an interval that has ended, the time of this review is the best that is known.
+            self.landing_time = max(landing_times, default=now)
         self.is_flying = present_flight is not None
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:

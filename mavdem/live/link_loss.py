@@ -45,8 +45,8 @@ def link_loss_fact(
         last_position: its latest geographic position in this flight; None where none came.
         cause: what was found before and may explain the silence, such as an alarm; None for nothing.
         is_over: whether the session has ended, so that the age grows no more.
-        unread_seconds: how much of what came before is not analysed yet, s, in which the vehicle may have landed; None
-            if all of it is.
+        unread_seconds: how many seconds of messages from before the silence are not analysed yet, in which the vehicle
+            may have landed; None if all are.
 
     Returns:
         The fact. It is bad after ``LONG_LOSS_SECONDS``, and at once where the cause is bad.

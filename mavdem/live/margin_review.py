@@ -348,7 +348,8 @@ class MarginReview:
         settled = reason.figures["settled"]
         review_time = reason.figures["clock"]
         if settled is None:
-            # The review could not count it: then what counts is the settled flight that goes on now.
+            # The review could not say how long it was. Then all of the settled flight that goes on now is counted, as
+            # if the review had been before it.
             settled = 0.0
             review_time = -inf
         if settled_start is not None and review_time is not None:
