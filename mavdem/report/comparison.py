@@ -305,11 +305,13 @@ def _result_sentences(
         is_detail: whether these sentences follow a headline on both kinds, and so do not repeat it.
     """
     reference = result.reference
-    benchmarks = []
     all_benchmarks = _benchmarks(comparison, result.kind)
-    for method in all_benchmarks:
-        if method in result.tests and method not in result.better_methods:
-            benchmarks.append(method)
+    # The headline names methods that are better already, and methods that failed have no test.
+    benchmarks = [
+        method
+        for method in all_benchmarks
+        if method in result.tests and method not in result.better_methods
+    ]
     benchmarks.sort(key=lambda method: result.error_ratios[method])
     return render_section(
         "comparison_result",

@@ -546,7 +546,9 @@ def _overview_cell(advice: Advice, loop_name: str, figure_name: str, *, has_inte
 
 
 def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
-    """Returns what becomes of the gains of one axis.
+    """Returns what becomes of the gains of one axis: whether they are new, kept or lowered, or why none are known.
+
+    Lower gains come before all else, since they are set against an oscillation or a measured lack of margin.
 
     Args:
         tuning: advice on the gains of each axis, or the fact that says why its loop is not known.

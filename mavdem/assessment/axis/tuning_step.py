@@ -4,7 +4,7 @@ It is a fact (a coded finding) that replaces the next step of the *judgement* of
 *headline*, its most serious fact, and *status lights*, each the fact about one part of the vehicle, such as its motors.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 
 from mavdem.assessment.axis.loop_decision import (
@@ -66,11 +66,7 @@ def judgement_with_tuning_step(
     Returns:
         The judgement, with its headline and lights unchanged.
     """
-    other_axes_to_tune = []
-    for axis, decision in judgement.loop_decisions.items():
-        is_to_be_tuned = decision.action is not None and decision.action.code in ADVICE_TO_TUNE
-        if axis not in advice_by_axis and is_to_be_tuned:
-            other_axes_to_tune.append(axis)
+    other_axes_to_tune = _other_axes_to_tune(judgement, advice_by_axis)
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
     is_refused = not any(advice.gains for advice in advice_on_loops)
     step_to_lower_gains = _step_to_lower_gains(judgement, advice_by_axis)
@@ -116,6 +112,21 @@ def judgement_with_tuning_step(
     else:
         return judgement
     return replace(judgement, next_step=next_step)
+
+
+def _other_axes_to_tune(judgement: Judgement, requested_axes: Container[str]) -> list[str]:
+    """Returns the axes that should be tuned by the decisions on their loops, but were not requested.
+
+    Args:
+        judgement: judgement of the vehicle before tuning, with the decision on the loops of each axis.
+        requested_axes: axes that the user requested.
+    """
+    axes = []
+    for axis, decision in judgement.loop_decisions.items():
+        is_to_be_tuned = decision.action is not None and decision.action.code in ADVICE_TO_TUNE
+        if is_to_be_tuned and axis not in requested_axes:
+            axes.append(axis)
+    return axes
 
 
 def _is_repair(judgement: Judgement) -> bool:
