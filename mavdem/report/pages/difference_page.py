@@ -49,6 +49,7 @@ from mavdem.report.difference.headline import (
     headline_blocks,
     headline_in_two_sizes,
     headline_of_comparison,
+    sentences_on_watched_lights,
 )
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import (
@@ -56,7 +57,9 @@ from mavdem.report.difference.lights import (
     Review,
     levels_in_flights,
     light_blocks,
+    lights_of_both,
     lights_of_side,
+    vibrations_of_same_imu,
 )
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
@@ -190,7 +193,7 @@ def comparison_page(
 
 
 def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
-    """Returns the top of the page: the headline, the next step, remarks, and how both were flown.
+    """Returns the top of the page: the heading, the next step, the rest of the headline, remarks, and how both flew.
 
     Args:
         reviewed: comparison of both flights.
@@ -201,15 +204,50 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
     if reviewed.difference.is_of_same_flight:
         # A flight that is compared with itself needs no remarks.
         return [*blocks_of_headline, *next_step]
+    heading_end = _end_of_first_heading(blocks_of_headline)
     return [
-        *blocks_of_headline,
+        *blocks_of_headline[:heading_end],
         *next_step,
+        *_without_tabled_vibration(blocks_of_headline[heading_end:], reviewed),
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
         *flight_cautions(reviewed),
         *parameter_count_sentences(reviewed),
         *condition_table(reviewed),
     ]
+
+
+def _end_of_first_heading(blocks: Sequence[Sentence]) -> int:
+    """Returns how many blocks there are up to the first one in large letters, that one included; without it, all."""
+    for position, block in enumerate(blocks):
+        # A sentence that is a lead alone is in large letters.
+        if not block.text:
+            return position + 1
+    return len(blocks)
+
+
+def _without_tabled_vibration(
+    blocks: Sequence[Sentence], reviewed: ReviewedDifference
+) -> list[Sentence]:
+    """Returns the sentences of the headline without the figures of vibration that the table beside them has.
+
+    Args:
+        blocks: sentences of the headline.
+        reviewed: comparison of both flights. Of flights with clipped samples the sentence says more than the table.
+    """
+    lights = lights_of_both(reviewed.reviews).get(Light.VIBRATION)
+    if lights is None or not vibrations_of_same_imu(lights):
+        return [*blocks]
+    if any(value_at(light, "figures.clips") for light in lights.values()):
+        return [*blocks]
+    levels = ", ".join(f"{light['level']} in {side}" for side, light in lights.items())
+    watched_lights = sentences_on_watched_lights(reviewed.reviews)
+    shortened_blocks = []
+    for block in blocks:
+        if block in watched_lights and block.lead == f"{Light.VIBRATION.capitalize()}:":
+            block = block._replace(text=f"{levels}; the table has the figures.")
+        shortened_blocks.append(block)
+    return shortened_blocks
 
 
 def _chapters(

@@ -304,6 +304,15 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
     assert heading() == "In A: vibration 16 m/s² (watch); good in B."
     figures = {"watch": {"vibration": 15.7}, "good": {"vibration": 9.4}}
     assert heading(**figures) == "In A: vibration 15.7 m/s² on IMU 2 (watch); 9.4 in B (good)."
+    # On the page the next step follows the heading, and the table alone has the vibration of each IMU.
+    weak = {"level": "watch", "subject": "motor 1", "sentence": "Motor 1 is weak."}
+    reviews["A"]["lights"]["motors"] = {"level": "good", "sentence": "Motors even."}
+    reviews["B"]["lights"]["motors"] = weak
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(unchanged(), reviews))
+    page = page.replace("\N{NO-BREAK SPACE}", " ")
+    order = ["In B: motor 1 is weak.", "Inspect motor 1 and", "good in A, watch in B."]
+    assert [page.index(text) for text in order] == sorted(page.index(text) for text in order)
+    assert "watch in A, good in B; the table has the figures." in page
 
 
 def test_spectra_of_both_flights_are_open_after_what_changed(difference):
