@@ -49,10 +49,12 @@ def link_loss_fact(
             may have landed; None if all are.
 
     Returns:
-        The fact. It is bad after ``LONG_LOSS_SECONDS``, and at once where the cause is bad.
+        The fact. It is bad after ``LONG_LOSS_SECONDS``, and at once where the cause is bad. While messages from before
+        are unread it is no more than a warning: the landing may be among them.
     """
     is_long_loss = age is not None and age >= LONG_LOSS_SECONDS
     has_bad_cause = cause is not None and cause.is_bad
+    is_certain = unread_seconds is None
     distance = None
     height = None
     if displacement is not None:
@@ -60,7 +62,7 @@ def link_loss_fact(
         height = displacement.height
     fact = Fact(
         LinkFact.LOST_IN_FLIGHT,
-        Level.BAD if is_long_loss or has_bad_cause else Level.WATCH,
+        Level.BAD if is_certain and (is_long_loss or has_bad_cause) else Level.WATCH,
         subject=reason.subject or MissingMessages.MESSAGES,
         duration=age,
         reception=reception,

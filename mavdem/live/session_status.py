@@ -739,7 +739,7 @@ class SessionStatus(ImmutableResult):
             return None
         # The delay is the age of the oldest message that waits, and the latest one is as old as the silence.
         unread_seconds = self.analysis_delay - (silence_seconds or 0.0)
-        return unread_seconds if unread_seconds >= 1.0 else None
+        return unread_seconds if unread_seconds > 0.0 else None
 
     @property
     def alarms(self) -> Facts:
@@ -1150,11 +1150,12 @@ class SessionStatus(ImmutableResult):
         most_urgent_fact = self._alarm_or_headline(judgement.headline)
         is_urgent = self._is_urgent(most_urgent_fact)
         link_loss = self.link_loss
-        if link_loss is not None:
-            # This fact has an urgent alarm as its cause, and advises a landing by sight.
-            headline = link_loss
-        elif is_urgent:
+        is_loss_certain = link_loss is not None and link_loss.figures["delay"] is None
+        if is_urgent and not is_loss_certain:
             headline = most_urgent_fact
+        elif link_loss is not None:
+            # This fact has an urgent alarm as its cause, and advises a landing by sight if that is certain.
+            headline = link_loss
         else:
             headline = reason
         step = NextStep.LAND_NOW if is_urgent else NextStep.DO_AS_ADVISED

@@ -304,6 +304,9 @@ def live_alarm(status: SessionStatus) -> str:
     headline = status.overall_judgement.headline
     is_bad_now = headline.is_bad and headline.code is not WatchFact.ALARM_OVER
     link_loss = status.link_loss
+    if link_loss is not None and link_loss.figures["delay"] is not None:
+        # What came before the silence is not all read: the vehicle may have landed, so that this is no alarm.
+        link_loss = None
     if status.is_over or not status.is_flying or not (is_bad_now or link_loss is not None):
         return ""
     if link_loss is not None:

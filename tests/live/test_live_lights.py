@@ -154,7 +154,9 @@ def test_a_session_that_ends_far_behind_does_not_say_that_the_link_was_lost_in_f
     behind = replace(
         slow, no_model_reason=silent, message_age=9.0, analysis_delay=12.0, recording_verdict=unread
     )
-    assert behind.link_loss is not None, "while it goes on, a pilot must know at once"
+    assert behind.link_loss is not None, (
+        "while it goes on, a pilot must know of the silence at once"
+    )
     ended = replace(behind, is_over=True)
     assert ended.link_loss is None
     assert str(ended.overall_judgement.headline).startswith(
@@ -550,8 +552,15 @@ def test_a_link_lost_in_flight_says_for_how_long_where_the_vehicle_was_and_what_
     timed = replace(silent, last_position=position, last_reception=1e9 + 0.5)
     assert str(timed.link_loss).endswith("; last position 47.39774, -8.54559.")
     # What came before the silence may not have been read: the vehicle may have landed in it.
-    behind = str(replace(timed, analysis_delay=17.2).link_loss)
-    assert ", in flight (its last 13 s are not read yet): last 12 m above" in behind
+    behind = replace(timed, analysis_delay=17.2)
+    assert str(behind.link_loss).startswith(
+        "No message for 4 s, and this computer still reads the 13 s before: last 12 m above"
+    )
+    still_reading = replace(behind, message_age=12.0)
+    assert still_reading.alarms == () and live_alarm(still_reading) == ""
+    advice = str(still_reading.overall_judgement.next_step)
+    assert advice == "Watch the vehicle itself: alarms come late."
+    assert replace(still_reading, analysis_delay=0.0).alarms, "all is read, and the link is lost"
     landed = replace(long, is_flying=False)
     assert landed.link_loss is None and landed.overall_judgement.lights[Light.MOTORS].is_good
 
@@ -588,6 +597,10 @@ def test_an_alarm_before_a_lost_link_is_in_its_headline_and_decides_what_to_do(s
     # The age of the link comes first: what was advised before may be out of date.
     assert live_alarm(alarmed) == "⚠ Link lost 4 s ago, in flight; before that: Motor 1: land now"
     assert live_alarm(silent) == "⚠ Link lost 4 s ago, in flight"
+    # While older messages are read, only what they have shown is an alarm.
+    reading = replace(alarmed, analysis_delay=40.0)
+    assert reading.overall_judgement.headline == weak and reading.alarms == (weak,)
+    assert live_alarm(reading) == "⚠ Motor 1: land now"
     over = replace(alarmed, is_over=True).overall_judgement
     assert over.headline.figures["cause"] == weak
     assert str(over.next_step) == (
