@@ -82,7 +82,8 @@ def vehicle_state_cells(status: SessionStatus) -> list[Sentence]:
     """Returns mode, height, battery, satellites and link of a vehicle in a few words, which a telephone always shows.
 
     Each has a level if its colour is to differ: the battery that of the status light "power" if this warns. Once the
-    link is lost, it is bad, and all other values are from before the loss, so that they are unknown now.
+    link is lost, it is bad, or a warning while older messages are still read. All other values are from before the
+    loss, so that they are unknown now.
 
     Args:
         status: state of the session.
@@ -98,7 +99,8 @@ def vehicle_state_cells(status: SessionStatus) -> list[Sentence]:
     vehicle_cells = [mode, height, battery, satellites]
     if status.link_loss is not None:
         vehicle_cells = [cell._replace(level=Level.UNKNOWN) for cell in vehicle_cells]
-        link = link._replace(level=Level.BAD)
+        is_loss_certain = status.link_loss.figures["delay"] is None
+        link = link._replace(level=Level.BAD if is_loss_certain else Level.WATCH)
     return [cell for cell in (*vehicle_cells, link) if cell.text]
 
 
@@ -229,12 +231,17 @@ def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_fligh
     Returns:
         The first of these that applies:
 
-        - If the link was lost since the part was judged: how long ago that was, such as "good 12 s ago".
+        - If the link was lost since the part was judged: how long ago that was, such as "good 12 s ago", or
+          "not known" for a wind that was not known then.
         - If the recording was judged after the flight: the figure of the recording or, without one, the beginning of
           its sentence.
         - Otherwise ``figure_in_flight``.
     """
     if light.code is Unjudged.KNOWN_BEFORE:
+        is_wind = name == Light.WIND
+        if is_wind and not light.figures["reason"].is_good:
+            # The wind was not known before either, or only roughly.
+            return "not known"
         voltage = None
         if name == Light.POWER and status.state is not None:
             voltage = status.state.voltage
@@ -242,7 +249,7 @@ def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_fligh
         [age] = render_section(
             "live_light_before",
             duration=light.figures["duration"],
-            is_wind=name == Light.WIND,
+            is_wind=is_wind,
             voltage=voltage,
         )
         return age.text

@@ -401,7 +401,7 @@ def test_a_voltage_that_is_not_judged_is_as_old_as_the_silence_of_the_link(slow)
     )
     figures = {row.name: row.figure for row in light_rows(lost)}
     assert figures["power"] == "12.6 V 14 s ago"
-    assert "Not known for 14 s; before that: " in str(lost.overall_judgement.lights[Light.POWER])
+    assert str(lost.overall_judgement.lights[Light.POWER]).startswith("14 s ago: nothing measures")
 
 
 def test_each_state_of_motors_and_log_has_its_detail_on_the_terminal(slow):
@@ -579,6 +579,13 @@ def test_no_light_is_good_while_a_flying_vehicle_is_silent(silent):
     windy = replace(silent, mean_wind=mean_wind)
     [wind] = [row for row in light_rows(windy) if row.name == Light.WIND]
     assert wind.level is Level.UNKNOWN and wind.figure == "known 4 s ago"
+    # A wind that was not known before is not called so.
+    rough_wind = WindEstimate(time=3.0, velocity=np.array([1.0, 2.0]), band=2 * np.ones(2))
+    doubtful = replace(silent, mean_wind=rough_wind)
+    [wind] = [row for row in light_rows(doubtful) if row.name == Light.WIND]
+    assert wind.figure == "not known"
+    stated = str(doubtful.overall_judgement.lights[Light.WIND])
+    assert stated.startswith("4 s ago: ") and "ot known for" not in stated
     # Messages of the battery still come where only those of the motion do not.
     motion = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     still = replace(silent, no_model_reason=motion, message_age=0.1).overall_judgement
