@@ -432,7 +432,7 @@ def with_evidence(
 
     Returns:
         The sentences; the one on the motors ends with "This agrees with …" if there is evidence, and says whether that
-        is a sure change by itself.
+        is a sure change by itself, unless the motor is as likely sound as weak.
     """
     texts = " ".join(sentence.text for sentence in sentences)
     evidence = []
@@ -445,7 +445,8 @@ def with_evidence(
     changes = listed(change_text(change, difference) for change in evidence)
     outcomes = {change.outcome for change in evidence}
     certainty = ""
-    if outcomes == {QuantityOutcome.CHANGED}:
+    # Beside a motor that is as likely sound as weak, a change that is sure would read as a second verdict.
+    if outcomes == {QuantityOutcome.CHANGED} and not motors.is_as_likely_as_not:
         certainty = ", sure by itself" if len(evidence) == 1 else ", each sure by itself"
     lead_of_motors = f"{Light.MOTORS.capitalize()}:"
     extended_sentences = []

@@ -46,6 +46,10 @@ MAX_MOTOR_CHARACTERS = 32
 """Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
 
 
+MIN_LIKELY_PROBABILITY = 0.66
+"""Probability from which a weak motor is likely, and not about as likely as not (IPCC, calibrated language)."""
+
+
 class MotorVerdict(NamedTuple):
     """What is known of the motors beside the compared figures, which are then no verdicts of their own.
 
@@ -71,6 +75,13 @@ class MotorVerdict(NamedTuple):
     def covers(self, change: QuantityChange) -> bool:
         """Returns whether a figure is of a motor that is named as weak, so that it is no result of its own."""
         return change.quantity.is_of_motor and change.quantity.motor in self.suspects
+
+    @property
+    def is_as_likely_as_not(self) -> bool:
+        """Whether a motor is named as weak, although by all trims together that is about as likely as not."""
+        if self.fault_probability is None:
+            return False
+        return self.is_weak and self.fault_probability < MIN_LIKELY_PROBABILITY
 
     @property
     def excludes_weak_motor(self) -> bool:

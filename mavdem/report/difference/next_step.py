@@ -170,7 +170,12 @@ def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:
         number = motor_number(light.get("subject") or "")
         if light["level"] == Level.WATCH and number is not None and not was_repaired:
             # The sentence for a weaker motor is to inspect it and its propeller.
-            return render_section("difference_next", motor=f"motor {number}", is_weaker=True)
+            return render_section(
+                "difference_next",
+                motor=f"motor {number}",
+                is_weaker=True,
+                needs_healthy_flight=reviewed.motors.is_as_likely_as_not,
+            )
     return []
 
 

@@ -7,7 +7,9 @@ from math import log1p
 from fleet_rows import flight_row
 from pytest import mark
 
+from mavdem.facts import Fact
 from mavdem.facts.fleet import QuantityOutcome
+from mavdem.facts.motors import MotorsBetween
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.quantities import SHARE
 from mavdem.report.blocks import plain_text
@@ -215,7 +217,9 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     )
     assert "Perhaps" not in everything and "Doubtful" not in everything
     (step,) = texts(next_blocks(reviewed_difference(difference, reviews)))
-    assert step == "Next: Inspect motor 1 and its propeller before the next flight."
+    assert step.startswith(
+        "Next: Inspect motor 1 and its propeller before the next flight. If both"
+    )
     page = comparison_page(("a", "b"), reviewed_difference(difference, reviews))
     assert page.count('<path style="fill: var(--watch)" d="M0 -7') == 1
     # A trim that surely rose is the verdict where the balance leaves open whether the motor is weak.
@@ -367,6 +371,27 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     headline = " ".join(texts(headline_of_comparison(reviewed_difference(difference, reviews))))
     assert (
         "This agrees with motor 1's relative trim +16 % (+10 to +22 %), sure by itself." in headline
+    )
+    # Where all trims together leave it open, the headline has one verdict, and the next step a further flight.
+    reviews = judged_reviews(health="drift", suspect_motor=1, fault_probability=0.5)
+    doubted = reviewed_difference(difference, reviews)
+    assert "sure by itself" not in " ".join(texts(headline_of_comparison(doubted)))
+    assert "another healthy flight" in " ".join(texts(next_blocks(doubted)))
+    figures = {
+        "rise": (0.13, 0.06, 0.2),
+        "loss": (0.22, 0.11, 0.3),
+        "flights": 1,
+        "are_chosen": False,
+    }
+    fact = Fact(
+        MotorsBetween.MOTOR_WEAK,
+        subject="motor 1",
+        probability=0.5,
+        motor_probability=0.5,
+        **figures,
+    )
+    assert fact.sentence.startswith(
+        "Motor 1 works 13 % (6 to 20 %) harder; that it lost thrust is as likely as not (probability 0.50): one healthy"
     )
     assert "Changed:" not in headline
 
