@@ -404,7 +404,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     assert steps["unclear"].code is NextStep.FLY_BEFORE_GAINS
     assert steps["unclear"].sentence == (
         "Keep the gains, and fly ten small, quick doublets about roll in calm air; then run "
-        "`mavdem tune` on that log. This flight does not show whether other gains are better."
+        "`mavdem tune --axis all` on that log. This flight does not show whether other gains are better."
     )
     # The same flight serves an axis of which nothing is known yet.
     flight = Fact(NextStep.FLY_FOR_GAINS, axes=("yaw",), also=(), names=(), rates=())

@@ -10,8 +10,8 @@ from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.gain_design import Stage
 
 STAGE_HEADINGS = {
-    Stage.RATE: "Stage 1, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
-    Stage.ANGLE: "Stage 2, angle P: load, hover one minute, fly ten doublets, mavdem tune",
+    Stage.RATE: "Stage 1, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune --axis all",
+    Stage.ANGLE: "Stage 2, angle P: load, hover one minute, fly ten doublets, mavdem tune --axis all",
 }
 """First line of the parameter files of each stage that is the next to be loaded."""
 
