@@ -1,12 +1,14 @@
 """Which compared figures of two states changed, which are doubtful or uncertain, and which stayed the same."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from mavdem.containers import group_by
 from mavdem.dataset.axes import AXES
+from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
+from mavdem.facts.lights import Light
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.random_effects import (
@@ -18,7 +20,12 @@ from mavdem.fleet.random_effects import (
 )
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.difference.lights import bad_lights
+from mavdem.report.difference.lights import (
+    Review,
+    bad_lights,
+    lights_are_equal,
+    lights_of_both,
+)
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import (
     SHOWN_QUANTITIES,
@@ -31,7 +38,12 @@ from mavdem.report.difference.quantity_texts import (
 )
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import listed
-from mavdem.report.templates import render_section
+from mavdem.report.templates import (
+    as_clause,
+    first_sentence,
+    render_section,
+    without_full_stop,
+)
 
 
 def difference_blocks(
@@ -299,7 +311,7 @@ def result_sentences(
         is_below_weak_motor=main_change is not None and _is_below_weak_motor(main_change),
         unsure_count=tested_outcomes[QuantityOutcome.UNCERTAIN],
         families=difference.tested_families,
-        subjects_not_compared=subjects_not_compared(reviewed),
+        subjects_not_compared=_subjects_with_reasons(reviewed),
         has_figures=bool(difference.changes),
         has_changes_by_gains=bool(causes.by_gains),
         has_bad_light=bool(bad_lights(reviewed.reviews)),
@@ -377,6 +389,47 @@ def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:
     if not reviewed.common_parameter_count:
         subjects.append("other parameters" if "gains" in subjects else "parameters")
     return subjects
+
+
+def _subjects_with_reasons(reviewed: ReviewedDifference) -> list[str]:
+    """Returns what could not be compared, families of figures with the reason in brackets where one is known.
+
+    Args:
+        reviewed: comparison of two states, with the reviews of their logs.
+
+    Returns:
+        Texts such as "loops (margins do not show at 9.8 Hz: attitude, body rates and motors need 40 Hz)".
+    """
+    reasons = {
+        "physical parameters": _reason_without_physical_parameters(reviewed.difference),
+        "loops": _reason_without_loops(reviewed.reviews),
+    }
+    texts = []
+    for subject in subjects_not_compared(reviewed):
+        reason = reasons.get(subject)
+        texts.append(f"{subject} ({reason})" if reason else subject)
+    return texts
+
+
+def _reason_without_physical_parameters(difference: VehicleDifference) -> str:
+    """Returns why no physical parameter was compared, as a clause; empty if it is not the same reason for all."""
+    reasons = {without_full_stop(str(missing.reason)) for missing in difference.incomparable}
+    return reasons.pop() if len(reasons) == 1 else ""
+
+
+def _reason_without_loops(reviews: Mapping[str, Review]) -> str:
+    """Returns why the loops of a log have no margins, as its light of the margins says; empty if both logs have them.
+
+    Args:
+        reviews: review documents of both logs, by side. The first side with an unknown light gives the reason.
+    """
+    lights = lights_of_both(reviews).get(Light.MARGINS, {})
+    for side, light in lights.items():
+        if light["level"] == Level.UNKNOWN:
+            clause = without_full_stop(as_clause(first_sentence(light["sentence"])))
+            is_common = lights_are_equal(*lights.values())
+            return clause if is_common else f"{side}: {clause}"
+    return ""
 
 
 def change_sentences(

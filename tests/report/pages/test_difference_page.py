@@ -313,6 +313,16 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
     order = ["In B: motor 1 is weak.", "Inspect motor 1 and", "good in A, watch in B."]
     assert [page.index(text) for text in order] == sorted(page.index(text) for text in order)
     assert "watch in A, good in B; the table has the figures." in page
+    # What was not compared has the reason that the light of the margins gives.
+    unknown = {
+        "level": "unknown",
+        "code": "margins_unknown",
+        "sentence": "Margins do not show at 9.8 Hz.",
+    }
+    for review in reviews.values():
+        review["lights"]["margins"] = unknown
+    *_, result = headline_of_comparison(reviewed_difference(unchanged(), reviews))
+    assert "Not compared: loops (margins do not show at 9.8 Hz) and parameters." in result.text
 
 
 def test_spectra_of_both_flights_are_open_after_what_changed(difference):
