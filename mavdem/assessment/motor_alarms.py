@@ -17,7 +17,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import lean_at, tracked_headings
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.motors.balance import SteadyRun, run_around
+from mavdem.motors.balance import SteadyRun, settled_run_around
 from mavdem.motors.gradual_loss import gradual_loss
 from mavdem.motors.lean_check import without_shifts_by_lean
 from mavdem.motors.loss_detection import MotorLossDetector
@@ -59,10 +59,9 @@ def _sudden_changes_of_boot(
 ) -> list[MotorChange]:
     """Returns the lasting changes of the motors' balance that began in the settled flight of one boot.
 
-    The detector of live sessions finds them. It also sees the descent, so that a shift of the trims that began before
-    it, and lasts, is confirmed there. Shifts of no single motor are left out if the lean against the wind explains
-    them. A live session detects the end of the climb-out half a second late, and a landing only after it, so that its
-    times differ by as much.
+    Settled flight is without take-off and landing. The detector is the one of live sessions, which finds the same
+    changes at slightly different times. It also gets the descent, where it can confirm a change that began before. A
+    shift of several motors at once is left out if the vehicle's lean against the wind explains it.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -78,7 +77,7 @@ def _sudden_changes_of_boot(
 
     def settled_run(change: MotorChange, interval: TimeInterval) -> SteadyRun | None:
         """Returns the segment of settled flight around a change, limited to an interval, s since boot."""
-        return run_around(signals, motors, boot, change.onset_time, interval)
+        return settled_run_around(signals, motors, boot, change.onset_time, interval)
 
     return without_shifts_by_lean(
         lasting_changes(changes), motor_signatures(motors.geometry), settled_run

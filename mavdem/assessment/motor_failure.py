@@ -77,7 +77,7 @@ class FailureCommands(NamedTuple):
 def failure_commands(signals: Signals, failure: Fact) -> FailureCommands | None:
     """Returns the commands of all motors when one of them failed, and before.
 
-    Each is a median over time. At the failure, that is the time of :func:`_interval_at_failure`: the first seconds if
+    Each is a median over time. At the failure, that is the time of :func:`_failure_interval`: the first seconds if
     the flight was lost, since the vehicle tumbles afterwards, and longer if a motor only lost thrust.
 
     Args:
@@ -128,15 +128,15 @@ def with_evidence_of_cause(
     return ending.replace(cause=cause.replace(witnesses=tuple(evidence)))
 
 
-def _interval_at_failure(failure: Fact) -> TimeInterval | None:
-    """Returns the interval in which the commands of the motors show what failed.
+def _failure_interval(failure: Fact) -> TimeInterval | None:
+    """Returns the interval in which the commands of the motors show which motor failed.
 
     - If a motor lost thrust, it begins with that loss, and lasts twice ``RECOVERY_SECONDS`` at most.
     - If the flight was lost because a motor failed, it begins with the failure, and ends ``AVERAGING_SECONDS`` later or
       at the impact.
 
     Args:
-        failure: the fact that a motor lost thrust; or that the flight was lost, with its cause as ``cause``.
+        failure: the fact that a motor lost thrust; or that the flight was lost, with its cause in the figure "cause".
 
     Returns:
         Start and end, s since boot; None if the flight was lost for another reason than the motors.
@@ -210,7 +210,7 @@ def _logged_commands(signals: Signals, failure: Fact) -> _LoggedCommands | None:
     Returns:
         The commands; None if no motor failed, or there is no sample in flight before the failure or at it.
     """
-    interval = _interval_at_failure(failure)
+    interval = _failure_interval(failure)
     if signals.motors is None or interval is None:
         return None
     failure_time, _ = interval

@@ -109,12 +109,12 @@ def steady_run(
     )
 
 
-def run_around(
+def settled_run_around(
     signals: Signals, motors: MotorOutputs, boot: int, time: float, interval: TimeInterval
 ) -> SteadyRun | None:
-    """Collects motor commands and the vehicle's lean from the settled flight around a time.
+    """Returns motor commands and the vehicle's lean in the settled flight (no take-off or landing) around a time.
 
-    The result ends where motor messages are missing for more than ``MAX_GAP``: means over seconds need no closer
+    The run ends where motor messages are missing for more than ``MAX_GAP``: means over seconds need no closer
     samples. Unlike in other runs (:func:`steady_run`), the flight in between need not be steady.
 
     Args:
@@ -214,11 +214,15 @@ class _LeanRegression(NamedTuple):
 
 
 def _regression_on_lean(balance: Array, lean: Array) -> _LeanRegression:
-    """Fits the balance of blocks by a mean and, if the lean is known and varies enough, by slopes on the lean.
+    """Regresses the balance of the motors on the vehicle's lean, by ordinary least squares with an intercept.
 
     Args:
-        balance: (N, 3) balance of each block in roll, pitch and yaw.
-        lean: (N, 2) its mean roll and pitch, rad; NaN where they are not known.
+        balance: (N, 3) mean balance in roll, pitch and yaw of N blocks of time.
+        lean: (N, 2) mean roll and pitch of each block, rad; NaN where they are not known.
+
+    Returns:
+        Slopes, their variance factors, and residuals. If the lean is unknown or does not vary in both axes, the slopes
+        are NaN, and the residuals are the deviations from the mean.
     """
     balance_deviations = balance - balance.mean(axis=0)
     lean_deviations = lean - lean.mean(axis=0)

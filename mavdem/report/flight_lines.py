@@ -67,17 +67,17 @@ class FlightLine(NamedTuple):
 
 
 def flight_line(flight: AxisRows, *, is_counted: bool = True) -> FlightLine:
-    """Returns the line of a flight, with the names that its log has for the flight and its vehicle.
+    """Returns the line of one flight in the table of flights, with file and vehicle as the log names them.
 
     Args:
-        flight: rows of one flight in the fleet's table, one for each axis.
-        is_counted: whether it counts where flights are counted.
+        flight: rows of the flight in the fleet's table, one for each axis.
+        is_counted: whether the page includes the flight in its numbers of flights.
     """
     # Date, page and file are the same in the rows of all axes.
     first_row = log_row(flight)
     date = first_row.past_date
     unix_time = None if date is None else date.timestamp()
-    # Colons are quoted: what stands before one would be taken for the scheme of an address.
+    # A browser takes the text before a colon for the scheme of the address, so colons are quoted too.
     link = "" if first_row.page is None else quote(first_row.page, safe="/")
     cells = [column.cell(flight) for column in COLUMNS.values()]
     return FlightLine(

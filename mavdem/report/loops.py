@@ -614,7 +614,7 @@ def tune_blocks(
         report = _joined_sentences(facts, headline_above)
         remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
         shown_remedies.update(remedies)
-        blocks += _report_sentences(axes, report, remedies)
+        blocks += _sentences_on_axes(axes, report, remedies)
         blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
@@ -668,7 +668,7 @@ def _sentences_on_gains(
         remedies.append(conclusion.remedy)
         shown_remedies.add(conclusion.remedy)
     report = " ".join(str(fact) for fact in facts)
-    return _report_sentences(axes, report, remedies)
+    return _sentences_on_axes(axes, report, remedies)
 
 
 def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str) -> list[Sentence]:
@@ -722,8 +722,8 @@ def _caution_sentences(
     return sentences
 
 
-def _report_sentences(axes: list[str], report: str, remedies: list[str]) -> list[Sentence]:
-    """Returns the report on some axes as a sentence, with what to do.
+def _sentences_on_axes(axes: list[str], report: str, remedies: list[str]) -> list[Sentence]:
+    """Returns the report on some axes with what to do, such as "Roll and pitch:" and then the report's sentences.
 
     Args:
         axes: the axes that the report is about.
@@ -980,7 +980,7 @@ def tune_details(tuning: Tuning) -> Blocks:
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
     """
-    compared = _loops_to_compare(tuning)
+    compared = _loop_columns(tuning)
     blocks = Blocks()
     if compared.by_header:
         blocks += margin_tables(
@@ -1212,10 +1212,10 @@ def _slower_response(advice: Advice, loop_name: str) -> _SlowerResponse | None:
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns facts (coded findings) on the gains of an axis: what to do with them first, then why and at what cost.
+    """Returns facts (coded findings) on the gains of an axis. The first says whether to set or keep them.
 
-    The further facts say why the gains are no higher or lower, that their basis is weak, or that they make a loop
-    slower. They are left out if a measured response contradicts the loop from which the gains were computed.
+    The others say why the gains are no higher or lower, that their basis is weak, or that they make a loop slower. Only
+    the first is returned if a measured response contradicts the loop from which the gains were computed.
 
     Args:
         tuning: advice on the gains of each axis; its loop is identified.
@@ -1796,17 +1796,17 @@ def _gains_header(gains: str, advice: Advice, *, waits_for_stage_1: bool) -> str
 
 
 def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) -> list[Table]:
-    """Returns a table of the loops of all axes: their margins, predicted steps, and how far wind turns the vehicle.
+    """Returns a table of the loops of all axes: margins, predicted step responses, and errors of the angle by wind.
 
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
-        axes_with_feedforward: axes whose charts of the attitude have feed-forward, while the table's steps do not.
+        axes_with_feedforward: axes whose charts show attitude steps with feed-forward; the table's are without it.
 
     Returns:
         A list with the table, which has a column for the present gains of each axis and, if they change, one for its
         new gains; empty if no loop is identified.
     """
-    loops, doubtful_headers = _loops_to_compare(tuning)
+    loops, doubtful_headers = _loop_columns(tuning)
     if not loops:
         return []
     rows = []
@@ -1853,11 +1853,11 @@ class _ComparedLoops(NamedTuple):
     """Headers of those whose margins may be wrong."""
 
 
-def _loops_to_compare(tuning: Tuning) -> _ComparedLoops:
-    """Returns the columns of a table of loops: for each axis that with the present gains and any with new gains.
+def _loop_columns(tuning: Tuning) -> _ComparedLoops:
+    """Returns the columns of a table of control loops, such as "roll, now" and, if gains change, one with new gains.
 
     Args:
-        tuning: advice for each axis; axes without an identified loop are left out.
+        tuning: advice on the gains of each axis; an axis without an identified loop gets no column.
     """
     compared = _ComparedLoops(by_header={}, doubtful_headers=set())
     for axis, advice in tuning.axes.items():

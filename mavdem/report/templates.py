@@ -6,7 +6,7 @@ No other module has prose about a flight. Two folders beside this module hold th
   its ``remedy``. A ``headline`` is a shorter sentence, ``step_in_flight`` the step to take at once in flight; without
   one it is to land now. A table with ``advises_flight`` advises to fly: that part is left out for a fact with the
   figure ``is_grounded``, whose vehicle must not fly. Further keys: ``forbids_flight`` (:func:`forbids_flight`) and
-  ``names_margins`` (:func:`_names_margins`).
+  ``names_margins`` (:func:`_begins_with_margins`).
 - ``sections/*.toml`` has the paragraphs of a section, each with a ``text``, a ``lead`` or both.
 
 A number that stands in a template is shown as it is, and a fact as its sentence without the full stop. Filters format
@@ -794,17 +794,19 @@ def _reason_for_no_margins(reason: Fact, lead: str) -> str:
         lead: words that come before it, such as "No margins:"; they are left out if the sentence itself begins with the
             word "margins".
     """
-    if _names_margins(reason):
+    if _begins_with_margins(reason):
         return reason.sentence
     return f"{lead} {as_clause(reason)}."
 
 
-def _names_margins(fact: Fact) -> bool:
+def _begins_with_margins(fact: Fact) -> bool:
     """Returns whether the sentence of a fact (a coded finding) begins with the word "margins".
 
-    The caller puts a lead such as "No margins:" before sentences that do not begin with the word, so that none says it
-    twice. The file of templates states this for the sentence of each code under the key ``names_margins``: "always", or
-    "reasons" if the sentence begins like that of the first fact in its figure "reasons". Without the key it never does.
+    If it does not, the caller puts the lead "No margins:" before it, so that no sentence has the word twice. The file
+    of templates states for each code, under the key ``names_margins``, how its sentence begins:
+
+    - "always": with the word. Without the key it begins with another one.
+    - "reasons": like that of the first fact in the figure "reasons", or with the figure "names" if there is one.
 
     Args:
         fact: a reason why the margins of an axis are not known.
@@ -812,11 +814,10 @@ def _names_margins(fact: Fact) -> bool:
     rule = sentence_templates()[fact.code].get("names_margins", "never")
     if rule == "reasons":
         if "names" in fact.figures:
-            # Then the sentence begins with these names, such as "The rate loop", and not with the first reason.
+            # These are names of loops, such as "The rate loop".
             return False
-        # The sentence is made of the sentences of other facts, and begins with the first one.
         first_reason = fact.figures["reasons"][0]
-        return _names_margins(first_reason)
+        return _begins_with_margins(first_reason)
     return rule == "always"
 
 

@@ -154,17 +154,17 @@ def order_sql(order: ListingOrder, *, is_reversed: bool = False) -> str:
     """
     first_key, other_keys = SQL_ORDERS[order].split(", ", 1)
     if is_reversed:
-        first_key = _reversed_key(first_key)
+        first_key = _reversed_sort_key(first_key)
     if order is ListingOrder.URGENCY:
         first_key = first_key.replace("urgency", SHOWN_URGENCY_SQL)
     return f"{first_key}, {other_keys}"
 
 
-def _reversed_key(key: str) -> str:
-    """Returns the SQL that sorts in the opposite direction, and yet has flights without a value last.
+def _reversed_sort_key(key: str) -> str:
+    """Returns the SQL sort key for the opposite direction, with flights without a value last in both directions.
 
     Args:
-        key: a column and perhaps its direction, such as "urgency" or "date desc".
+        key: a column, followed by "desc" for descending order, such as "urgency" or "date desc".
     """
     column, _, direction = key.partition(" ")
     opposite_key = column if direction == "desc" else f"{column} desc"

@@ -256,10 +256,10 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
 
 
 def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
-    """Fills the columns on the vehicle in an index of an earlier version, which did not have them.
+    """Fills three columns that indexes of earlier versions lacked: basis of the vehicle's name, frame, autopilot.
 
-    They are the basis of the vehicle's name, the type of its frame, and the autopilot. The values are taken from the
-    rows of the fleet's table for the same log, which are stored in the same file as JSON.
+    The SQLite file also has the fleet's table "flights", with a row in JSON for each axis of a log. The values come
+    from a row of the same vehicle and log; the log is recognised by the hash of its content.
 
     Args:
         db: connection to the SQLite file of the library, which has the fleet's rows in the table "flights".

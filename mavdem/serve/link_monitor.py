@@ -497,7 +497,7 @@ class LinkMonitor:
             if self._is_stopping.is_set():
                 # In other cases what waits may belong to the next session.
                 session.analyse_rest()
-                self._show_last_page(session)
+                self._render_last_page(session)
             # A flight whose landing was reported is not reported again.
             session.report_end(session.status, model=None)
             successor = self._vehicle_of_next_session(session)
@@ -823,15 +823,15 @@ class LinkMonitor:
         is_page_due = clock.monotonic() - self._update_time >= PAGE_SECONDS
         if is_page_due:
             self._update_page(session)
-            self._report_status_of(session)
+            self._print_status(session)
         elif self._page.is_outdated(session):
             self._render_page(session)
 
-    def _report_status_of(self, session: LiveSession) -> None:
-        """Reports the status of the running session on the server's terminal.
+    def _print_status(self, session: LiveSession) -> None:
+        """Prints the status of the running session on the server's terminal.
 
-        Nothing is reported as long as the session waits for a vehicle after the flight of the session before. Then the
-        last line on the terminal stays the one on that flight, as its finished page stays the page of the link.
+        Nothing is printed while the session waits for a vehicle after a flight: the last line on the terminal stays the
+        one on that flight, as the page of the link still shows it.
 
         Args:
             session: the running session.
@@ -885,11 +885,12 @@ class LinkMonitor:
             html = self._page_of_running_session(session, status)
         self._page = SessionPage.made_now(html, session, status, start_time)
 
-    def _show_last_page(self, session: LiveSession) -> None:
-        """Makes the last page before the server ends: browsers keep it until a server answers them again.
+    def _render_last_page(self, session: LiveSession) -> None:
+        """Renders the last page before the server stops, which browsers show until the server runs again.
 
-        It shows the same session as the page before. That is the session before this one, if no vehicle has been
-        received since.
+        If the given session received no vehicle, the page still shows the previous session, whose flight is in the
+        library. Its verdict is shown if the library has judged it; otherwise the page says that it will be judged when
+        the server starts again.
 
         Args:
             session: the latest session, which has just ended.
@@ -900,7 +901,7 @@ class LinkMonitor:
         verdict = READ_AT_NEXT_START
         flight = self._stored_flight
         if flight is not None and flight.session is not None and flight.verdict is not None:
-            # The session before is still shown; its flight is in the library, and may be judged.
+            # The page shows the previous session as long as its stored flight keeps that session.
             shown_session = flight.session
             shown_flight = flight
             if not flight.is_unjudged:

@@ -264,7 +264,7 @@ def unknown_terms(text: str) -> list[str]:
     """
     names = []
     for term in _terms(text):
-        if term.name.lower() not in KNOWN_TERMS and not _is_parameter(term.name):
+        if term.name.lower() not in KNOWN_TERMS and not _is_parameter_name(term.name):
             names.append(term.name)
     if not names:
         return []
@@ -282,7 +282,7 @@ def needs_complete_entries(text: str) -> bool:
         text: words of the search, such as "quad-7 height>50": some are terms that compare a property of the flights.
     """
     for term in _terms(text):
-        is_gain = _is_parameter(term.name)
+        is_gain = _is_parameter_name(term.name)
         if is_gain or term.name.lower() in TERMS_OF_COMPLETE_ENTRIES:
             return True
     return False
@@ -350,7 +350,7 @@ def _problems_of_term(term: _Term) -> list[str]:
         return [f"{value} is no date: write 2026-05-31, 2026-05 or 2026"]
     if _is_compared_as_number(name) and not _is_number(value):
         return [f"{value} is not a number"]
-    if _is_parameter(name) and not CONTROL_PARAMETERS.match(name.upper()):
+    if _is_parameter_name(name) and not CONTROL_PARAMETERS.match(name.upper()):
         return [
             f"{name} is not searched: of the parameters, only gains and filters of rate and attitude control are"
         ]
@@ -359,14 +359,14 @@ def _problems_of_term(term: _Term) -> list[str]:
 
 def _is_compared_as_number(name: str) -> bool:
     """Returns whether a search compares this property as a number, as it does parameters of the autopilot."""
-    return name.lower() in {*NUMBER_COLUMNS, *LEVEL_COLUMNS} or _is_parameter(name)
+    return name.lower() in {*NUMBER_COLUMNS, *LEVEL_COLUMNS} or _is_parameter_name(name)
 
 
-def _is_parameter(name: str) -> bool:
-    """Returns whether the name of a property is that of an autopilot's parameter, such as "MC_ROLLRATE_P".
+def _is_parameter_name(name: str) -> bool:
+    """Returns whether a name in a search names a parameter of the autopilot, such as "MC_ROLLRATE_P".
 
-    In capitals any name is, unless it is one of another property. In small letters only gains and filters of control
-    are recognised (``CONTROL_PARAMETERS``).
+    Any name in capitals does, except those of other searchable properties (``KNOWN_TERMS``). A name in small letters
+    does if it is that of a gain or filter of the controllers (``CONTROL_PARAMETERS``).
     """
     if name.lower() in KNOWN_TERMS:
         return False
@@ -437,7 +437,7 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
         return _wind_comparison(operator, number)
     if column in NUMBER_COLUMNS:
         return SqlCondition(f"{NUMBER_COLUMNS[column]} {operator} ?", (number,))
-    if _is_parameter(name):
+    if _is_parameter_name(name):
         # Parameters are stored as a JSON object in the column ``gains``; a damaged one counts as empty. The name has
         # matched \w+, so it cannot contain the quote that would end the JSON path.
         gains = "iif(json_valid(gains),gains,'{}')"

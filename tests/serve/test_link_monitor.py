@@ -615,7 +615,7 @@ def test_the_last_page_of_the_server_has_the_fault_of_an_earlier_flight(idle, mo
     monkeypatch.setattr(live, "_fault_of_earlier_flight", Mock(return_value=fault))
     session = Mock(status=SessionStatus("1:1"))
     session.history.events = []
-    live._show_last_page(session)
+    live._render_last_page(session)
     assert finished_page.call_args.args[-1] == fault
 
 

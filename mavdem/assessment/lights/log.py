@@ -98,7 +98,7 @@ def log_light(evidence: Evidence, margins: Fact | None = None) -> Fact:
         code = LogLight.RECORDED_WITH_DAMAGE
     recording = Fact(
         code,
-        attitude_rate=_recorded_attitude_rate(evidence, attitude),
+        attitude_rate=_logged_attitude_rate(evidence, attitude),
         rate=rate,
         motor_rate=motor_rate,
         output_rate=_rate_of_replaced_outputs(evidence, model_inputs),
@@ -152,16 +152,16 @@ def _missing_ends_of_flights(evidence: Evidence) -> list[Fact]:
     return ends_in_air
 
 
-def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
-    """Returns at which rate angles were logged, between outages, Hz.
+def _logged_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
+    """Returns how often the autopilot logged angles between outages, Hz.
 
-    The angles that a model uses may come faster: if body rates were logged more often than angles, further angles were
-    computed between the logged ones. They were interpolated (PX4), or integrated from the body rates of the message
-    PID_TUNING (ArduPilot). So the lowest of the rates found is that of the logged angles.
+    Models may use more angles than were logged: where body rates were logged more often, angles in between were
+    interpolated (PX4) or integrated from the body rates of the tuning messages (ArduPilot). The lowest rate that is
+    known is therefore the one of the logged angles.
 
     Args:
         evidence: flights, messages and repairs of the vehicle.
-        attitude: angles of an axis, as models use them.
+        attitude: angles of one axis with those computed in between.
     """
     telemetry = evidence.signals.telemetry
     rates = [_rate_in_flight(evidence, attitude)]

@@ -183,7 +183,7 @@ def change_plan(
             beyond = -1
         shape = SHAPES[change.outcome]
         remark = ""
-        if is_uncertain_evidence(change, evidence):
+        if is_uncertain_sign_of_weak_motor(change, evidence):
             shape = Shape.DIAMOND
             remark = EVIDENCE_REMARK
         rows.append(
@@ -221,12 +221,14 @@ def _cut_ends(relative: "_RelativeChange", extent: float) -> tuple[int, ...]:
     return tuple(ends)
 
 
-def is_uncertain_evidence(change: QuantityChange, evidence: Collection[QuantityChange]) -> bool:
-    """Returns whether a change is drawn as evidence of a weak motor although it is not certain by itself.
+def is_uncertain_sign_of_weak_motor(
+    change: QuantityChange, evidence: Collection[QuantityChange]
+) -> bool:
+    """Returns whether a change agrees with a weak motor, but is not certain by itself.
 
     Args:
         change: change of one quantity between two states of a vehicle.
-        evidence: changes that agree with a weak motor, which the judgement of one of the states names.
+        evidence: the changes that agree with the weak motor that was found in one of the states.
     """
     return change in evidence and change.outcome is not QuantityOutcome.CHANGED
 

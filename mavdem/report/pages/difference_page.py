@@ -25,7 +25,7 @@ from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.charts.change_plan import (
     change_plan,
     drawn_changes,
-    is_uncertain_evidence,
+    is_uncertain_sign_of_weak_motor,
 )
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
 from mavdem.report.charts.comparison_charts import (
@@ -516,7 +516,7 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     drawing = change_plan(difference, evidence, are_two_vehicles=reviewed.are_two_vehicles)
     changes_in_drawing = drawn_changes(difference)
     caption = CHANGES_CAPTION
-    if any(is_uncertain_evidence(change, evidence) for change in changes_in_drawing):
+    if any(is_uncertain_sign_of_weak_motor(change, evidence) for change in changes_in_drawing):
         caption += EVIDENCE_CAPTION
     groups = []
     if drawing is not None:

@@ -367,28 +367,28 @@ def _log_chapters(
         chapters.append(messages_chapter(telemetry, charts_boot))
     if contents is not None:
         chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
-    return _opened_chapters(chapters, assessment)
+    return _unfold_needed_chapters(chapters, assessment)
 
 
-def _opened_chapters(chapters: Sequence[Chapter], assessment: Assessment) -> list[Chapter]:
-    """Opens the chapters of a page that its reader needs first, and marks the one that explains the headline.
+def _unfold_needed_chapters(chapters: Sequence[Chapter], assessment: Assessment) -> list[Chapter]:
+    """Returns the chapters of a page with those unfolded that its reader needs first.
 
-    Open are the chapters that explain warnings, and that of the margins if the next step is to load the gains in it:
-    a folded chapter would be missing on paper.
+    These are the chapters that explain warnings and, if the next step is to load new gains, the chapter of the margins,
+    which lists the gains. The chapter that explains the headline is marked. Folded chapters are missing on paper.
 
     Args:
         chapters: all chapters of the page.
         assessment: all results on a vehicle of the log, with its headline, status lights and next step.
     """
-    opened_chapters = []
+    unfolded_chapters = []
     is_tuning_advised = advises_to_tune(assessment.next_step)
     title_of_headline = _title_of_headline(assessment.headline, assessment.lights)
     for chapter in unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline):
         chapter = chapter._replace(is_of_headline=chapter.title == title_of_headline)
         if is_tuning_advised and chapter.title == MARGINS_TITLE:
             chapter = chapter._replace(folded=False)
-        opened_chapters.append(chapter)
-    return opened_chapters
+        unfolded_chapters.append(chapter)
+    return unfolded_chapters
 
 
 def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> list[Sentence]:
@@ -1266,11 +1266,10 @@ def live_page(
 def _marked_live_timeline(
     history: LiveHistory, axis: str, status: SessionStatus, page_events: Sequence[PageEvent]
 ) -> Timeline | None:
-    """Returns the charts of a live page over time, which mark the place of the take-off and the numbered events.
+    """Returns the charts of a live page over time, with marks at the take-off and at the numbered events.
 
-    The chart of the motors comes first, since most faults that forbid to fly are theirs. While the link of a vehicle in
-    flight is lost, the axis of time goes on for a while after the last message. Otherwise it goes on up to the events
-    right after that, so that each event of the flight has its mark.
+    The chart of the motors comes first, since most faults that forbid flying are in the motors. The time axis ends at
+    the last sample, or later: at the latest event right after it, or after a part of the silence of a lost link.
 
     Args:
         history: signals of the live flight on one timeline.
