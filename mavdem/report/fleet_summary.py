@@ -48,6 +48,9 @@ MAX_REASONS = 8
 MAX_VEHICLE_LINES = 20
 """Vehicles that need a look with a line of their own on the terminal; the page has all. A choice."""
 
+MAX_LINES_BEFORE_LIST = 3
+"""Vehicles that need a look with a line above the page's list: a choice, the first screen of a telephone."""
+
 MAX_FINDING_LENGTH = 100
 """Letters of what such a line says of the latest flight: with the next step, two lines of a terminal. A choice."""
 
@@ -72,8 +75,8 @@ def fleet_blocks(
     Args:
         summaries: summary of the flights under each name.
         names: names that were given to vehicles.
-        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page. Of several
-            vehicles the headline then names the most urgent one only, and of several flights none.
+        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page. Of more
+            than two vehicles the first three then have a line each, and the headline names none of them.
 
     Returns:
         Sentences and the table.
@@ -112,15 +115,20 @@ def fleet_blocks(
         bad_names=bad_names,
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
-    if not lists_follow:
-        # They follow the headline, which counts them.
-        blocks[1:1] = _urgent_vehicle_lines(vehicles_of_headline, names, shared_names)
+    # They follow the headline, which counts them.
+    blocks[1:1] = _urgent_vehicle_lines(
+        vehicles_of_headline, names, shared_names, lists_follow=lists_follow
+    )
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused_rows)]
 
 
 def _urgent_vehicle_lines(
-    vehicles: Mapping[str, VehicleFlights], names: GivenNames, shared_names: Collection[str]
+    vehicles: Mapping[str, VehicleFlights],
+    names: GivenNames,
+    shared_names: Collection[str],
+    *,
+    lists_follow: bool,
 ) -> list[Sentence]:
     """Returns a line for each of several vehicles that need a look: what was found, and what to do next.
 
@@ -128,17 +136,20 @@ def _urgent_vehicle_lines(
         vehicles: summary of each vehicle that the headline counts, by its name in the logs.
         names: names that owners gave to vehicles.
         shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
+        lists_follow: whether a list of all vehicles stands below, as on a page.
 
     Returns:
-        The lines, the most urgent vehicle first, at most ``MAX_VEHICLE_LINES``. A single vehicle has none, since the
-        headline itself says it.
+        The lines, the most urgent vehicle first, at most ``MAX_VEHICLE_LINES``, or ``MAX_LINES_BEFORE_LIST`` before a
+        list. There are none for the few vehicles that the headline itself names.
     """
     labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
     urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
-    if len(urgent) < 2:
+    max_named = MAX_NAMED_BEFORE_LIST if lists_follow else 1
+    if len(urgent) <= max_named:
         return []
+    max_lines = MAX_LINES_BEFORE_LIST if lists_follow else MAX_VEHICLE_LINES
     lines = []
-    for vehicle in urgent[:MAX_VEHICLE_LINES]:
+    for vehicle in urgent[:max_lines]:
         finding = as_clause(shortened(vehicle.flights.texts.latest_flight, MAX_FINDING_LENGTH))
         next_step = shortened(first_sentence(vehicle.flights.texts.next_step), MAX_STEP_LENGTH)
         text = f"{finding} · {next_step}" if vehicle.flights.texts.next_step else f"{finding}."
@@ -368,7 +379,7 @@ def _health_summary(
         names: names that owners gave to vehicles.
         shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
         lists_follow: whether a list of the vehicles follows the headline. Then, of more than two urgent vehicles, the
-            headline names the most urgent one only, and leaves what to do to the list. Without such a list, several
+            headline names none: the first have a line each below it, and the list has all. Without such a list, several
             urgent vehicles have a line each below the headline.
     """
     labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
@@ -380,8 +391,7 @@ def _health_summary(
     reason = ""
     advised = urgent
     if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:
-        # The list below has the others, and what to do about each.
-        urgent_list = f"first {urgent[0].label}"
+        # A line for each of the first vehicles follows, and then the list of all, with what to do about each.
         advised = []
     elif len(urgent) == 1:
         urgent_list = _urgent_text(urgent[0])

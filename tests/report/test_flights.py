@@ -428,8 +428,8 @@ def test_a_wind_that_is_known_only_roughly_is_an_interval_in_the_table(speed, in
     assert flight_line([row]).cells[[*COLUMNS].index("wind (m/s)")] == text
 
 
-def test_a_headline_before_a_list_names_the_most_urgent_vehicle_alone():
-    """Three named vehicles fell, and two flights have no known vehicle.
+def test_before_a_list_the_three_most_urgent_vehicles_have_a_line():
+    """Four named vehicles fell, and two flights have no known vehicle.
 
     Where a list follows, the headline is short.
     """
@@ -443,15 +443,20 @@ def test_a_headline_before_a_list_names_the_most_urgent_vehicle_alone():
         )
         for number in (1, 2)
     ]
+    rows.append(replace(rows[0], vehicle="quad 3", headline="Fell 3.", file="fourth.bin"))
     full, brief = (
         plain_text(fleet_blocks(rows, lists_follow=lists_follow)).split("\n")[0]
         for lists_follow in (False, True)
     )
-    assert full.startswith("3 of 3 vehicles need a look, and so do 2 bad flights whose vehicle")
+    assert full.startswith("4 of 4 vehicles need a look, and so do 2 bad flights whose vehicle")
     assert "unnamed PX4 quadrotor" in full and "quad 0" not in full
     assert brief == (
-        "3 of 3 vehicles need a look: first quad 0, and so do 2 bad flights whose vehicle is not known."
+        "4 of 4 vehicles need a look, and so do 2 bad flights whose vehicle is not known."
     )
+    # The three most urgent vehicles have a line each above the list.
+    _, *lines = fleet_blocks(rows, lists_follow=True)
+    assert [line.lead for line in lines[:4]] == ["quad 0:", "quad 1:", "quad 2:", "Flown:"]
+    assert lines[0].text.startswith("fell 0")
 
 
 def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():
