@@ -27,7 +27,7 @@ from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
-from mavdem.report.numbers import display_unit, with_unit
+from mavdem.report.numbers import display_unit, number_with_unit, rounded, with_unit
 from mavdem.report.templates import render_section
 
 LONG_RUN = 20.0
@@ -38,6 +38,9 @@ MIN_DECIMAL, MAX_DECIMAL = 0.001, 1000.0
 
 TRIVIAL_METHODS = (HOLD_LAST, CONSTANT_MEAN, "zero")
 """Names of the methods without a model."""
+
+MAX_LISTED_FLIGHTS = 2
+"""Largest number of flights whose errors are listed one by one in a sentence; of more it has the range."""
 
 STANDARD_ORDER = 3
 """Order of the model of ``mavdem learn``: angle, rate, and the lag of the motors."""
@@ -54,6 +57,28 @@ class _TestedMethod(NamedTuple):
 
     p_value: str
     """p-value of the paired test with its sign, such as "= 0.04"."""
+
+
+class _LongestUsefulHorizon(NamedTuple):
+    """How far ahead forecasts are useful, and their root mean squared errors (RMSE) there."""
+
+    seconds: str
+    """The longest horizon, of those that were tried, up to which they are useful, with its unit."""
+
+    useless_seconds: str
+    """The next horizon that was tried, at which they are not useful; empty if they are useful at all."""
+
+    output: str
+    """Name of the first output, which the errors are of."""
+
+    errors: Sequence[str]
+    """RMSE of the output in each flight, in ``unit``; of more than ``MAX_LISTED_FLIGHTS`` the least and the largest."""
+
+    unit: str
+    """Unit of the errors as it stands behind a number, such as "°" or " m"."""
+
+    is_range: bool
+    """Whether the errors are the least and the largest of more flights."""
 
 
 class _Rmse(NamedTuple):
@@ -263,30 +288,66 @@ def _summary_of_kinds(comparison: Comparison, results: Sequence[_MethodResults])
     )
 
 
-def _longest_useful_horizon(comparison: Comparison, kind: ForecastKind) -> str:
-    """Returns how far ahead forecasts of the first method are useful, and their error there, as text.
+def _longest_useful_horizon(
+    comparison: Comparison, kind: ForecastKind
+) -> _LongestUsefulHorizon | None:
+    """Returns how far ahead forecasts of the first method are useful, and their error there in each flight.
 
-    For example: "0.5 s (RMSE of roll 1.3°)". A horizon counts only if the method is useful at all shorter ones, too.
+    A horizon counts only if the method is useful at all shorter ones, too.
 
     Args:
         comparison: errors of all methods.
         kind: kind of forecast, by the data that it may use.
 
     Returns:
-        The text; empty if the method is not useful at the shortest horizon.
+        The horizon; None if the method is not useful at the shortest horizon.
     """
     reference = comparison.methods_of(kind)[0]
-    summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
-    squared_errors = summaries[reference]["horizons_mspe"]
-    train = comparison.windows[0].train
-    text = ""
-    for index, use in enumerate(horizon_uses(comparison, reference, kind)):
+    longest_useful = None
+    first_useless = None
+    for use in horizon_uses(comparison, reference, kind):
         if not use.is_useful:
+            first_useless = use
             break
-        # The first output is the angle, which pilots compare with their own.
-        error = with_unit(sqrt(squared_errors[index][0]), display_unit(train.output_units[0]))
-        text = f"{_seconds_text(use.seconds)} (RMSE of {train.output_names[0]} {error})"
-    return text
+        longest_useful = use
+    if longest_useful is None:
+        return None
+    train = comparison.windows[0].train
+    # The first output is the angle, which pilots compare with their own.
+    unit = display_unit(train.output_units[0])
+    errors = []
+    for flight in comparison.flights:
+        squared_error = _squared_error_of_flight(comparison, flight, kind, longest_useful.seconds)
+        errors.append(rounded(unit.scale * sqrt(squared_error)))
+    if len(errors) > MAX_LISTED_FLIGHTS:
+        errors = [min(errors, key=float), max(errors, key=float)]
+    return _LongestUsefulHorizon(
+        seconds=_seconds_text(longest_useful.seconds),
+        useless_seconds="" if first_useless is None else _seconds_text(first_useless.seconds),
+        output=train.output_names[0],
+        errors=errors,
+        unit=number_with_unit("", unit.name),
+        is_range=len(comparison.flights) > MAX_LISTED_FLIGHTS,
+    )
+
+
+def _squared_error_of_flight(
+    comparison: Comparison, flight: str, kind: ForecastKind, seconds: float
+) -> float:
+    """Returns the mean squared error of the first method's forecasts of the first output in one flight.
+
+    Args:
+        comparison: errors of all methods.
+        flight: name of the flight.
+        kind: kind of forecast, by the data that it may use.
+        seconds: length of the forecasts, s. Flights with other sampling rates have horizons of nearly this length.
+    """
+    reference = comparison.methods_of(kind)[0]
+    summaries = {summary["method"]: summary for summary in comparison.summaries(flight, kind)}
+    nearest = min(
+        summaries[reference]["horizons"], key=lambda horizon: abs(horizon["seconds"] - seconds)
+    )
+    return float(nearest["mspe"][0])
 
 
 def _result_sentences(
@@ -396,6 +457,7 @@ def _use_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]
         useful=[_seconds_text(use.seconds) for use in useful],
         # Without an exception between them, the longest useful horizon says it all.
         is_useful_up_to_last=useful == uses[: len(useful)],
+        first_useless="" if useful == uses else _seconds_text(uses[len(useful)].seconds),
         is_always_useful=useful == uses,
         has_hold=HOLD_LAST in comparison.methods_of(kind),
         better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),

@@ -229,7 +229,10 @@ def test_the_horizon_up_to_which_forecasts_are_useful_is_stated():
         outcomes.append((subspace, outcome[1]))
     known = Comparison(tuple(WINDOWS[:3]), ("subspace", "constant mean"), tuple(outcomes))
     text = plain_text(comparison_report(known))
-    assert "Useful up to about 0.5 s: there its error ratio is at most 0.5, and below 1 in" in text
+    assert (
+        "Useful to at least 0.5 s, not to 1.5 s: at 0.5 s its error ratio is at most 0.5, and below 1 in"
+        in text
+    )
     assert "2 of 3 windows at 1.5 s are worse than a constant." in text
     rmse = next(block for block in comparison_report(known) if isinstance(block, Table))
     assert rmse.rows[0][1] == "0.001" and rmse.rows[0][-1] == "820"
@@ -241,8 +244,8 @@ def test_the_headline_names_the_default_and_by_how_much_it_is_better_or_first_wo
     """The report marks mavdem's default, and begins with how far ahead it is useful, and what it loses to."""
     text = plain_text(comparison_report(predicted))
     expected = (
-        "Forecasts by joint VAR (Bayesian), mavdem's default, are useful up to about 1.5 s (RMSE of output 1 0.088) "
-        "with inputs known"
+        "Forecasts by joint VAR (Bayesian), mavdem's default, are useful to at least 1.5 s "
+        "(RMSE of output 1 0.11 and 0.064) with inputs known"
     )
     assert " ".join(text.split()).startswith(expected) and "\njoint VAR (Bayesian) *" in text
     assert_headline_repeats_the_table(predicted)
