@@ -629,8 +629,9 @@ class SessionStatus(ImmutableResult):
         """The judgement of the latest flight; on the ground, a worse earlier flight gives its headline and next step.
 
         A vehicle that crashed in flight 1 and made a good flight 2 thus keeps the warning of flight 1 until its faults
-        are known to be repaired. In flight the pilot needs the state of the present flight. The lights, which judge the
-        parts of the vehicle, are always those of the latest flight.
+        are known to be repaired. If the session ended in flight, the landing comes first. In flight the pilot needs the
+        state of the present flight. The lights, which judge the parts of the vehicle, are always those of the latest
+        flight.
         """
         latest_judgement = self.overall_judgement
         earlier_verdict = self.worst_earlier_verdict
@@ -639,8 +640,32 @@ class SessionStatus(ImmutableResult):
         is_earlier_flight_worst = self.verdicts_worst_first[0] == earlier_verdict
         if not is_earlier_flight_worst:
             return latest_judgement
+        if self._is_in_air and self.loss is None:
+            return self._judgement_after_end_in_air(latest_judgement, earlier_verdict)
         next_step = earlier_verdict.judgement.next_step
         return replace(latest_judgement, headline=earlier_verdict.fact, next_step=next_step)
+
+    def _judgement_after_end_in_air(
+        self, latest_judgement: Judgement, earlier_verdict: FlightVerdict
+    ) -> Judgement:
+        """Returns the judgement after a session that ended in flight, an earlier flight of which had a worse fault.
+
+        The vehicle in the air comes first: its landing, or the search for it if its link was lost. The fault of the
+        earlier flight and its repair come second.
+
+        Args:
+            latest_judgement: judgement of the flight in which the session ended.
+            earlier_verdict: verdict on the earlier flight.
+        """
+        if self.link_loss is not None:
+            return latest_judgement
+        delay = self.analysis_delay if self.is_late else None
+        headline = Fact(
+            SessionFact.ENDED_IN_FLIGHT, Level.BAD, cause=earlier_verdict.fact, delay=delay
+        )
+        landing = NextStep.LET_LAND if self.lands_by_itself else NextStep.LAND_BY_SIGHT
+        next_step = Fact(landing, reason=earlier_verdict.judgement.next_step)
+        return replace(latest_judgement, headline=headline, next_step=next_step)
 
     @property
     def unrepaired_fault(self) -> Fact | None:
@@ -652,8 +677,8 @@ class SessionStatus(ImmutableResult):
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or not worst_verdict.judgement.headline.forbids_flight:
             return self._warning_by_library
-        is_stated_by_headline = self._judgement_with_worst_headline.headline == worst_verdict.fact
-        if is_stated_by_headline:
+        headline = self._judgement_with_worst_headline.headline
+        if worst_verdict.fact in (headline, headline.figures.get("cause")):
             return None
         return self._warning_of_fault(worst_verdict.fact, worst_verdict.judgement.next_step)
 

@@ -515,7 +515,8 @@ def closing_lines(status: SessionStatus) -> list[str]:
 
     After one flight they are the headline and the next step. After several, they are the verdict on each flight (its
     headline), the worst first, with its next step: so a fault of the first flight is not forgotten because the last one
-    was sound. An earlier flight without a fault has no next step, since what was to be done then is out of date.
+    was sound. An earlier flight without a fault has no next step, since what was to be done then is out of date. If the
+    session ended in flight after a flight with a fault, the landing comes before all that.
 
     Args:
         status: state of the session at its end.
@@ -528,6 +529,11 @@ def closing_lines(status: SessionStatus) -> list[str]:
         return headline_and_next_step(status.session_judgement)
     must_not_fly = verdicts[0].judgement.headline.forbids_flight
     lines = []
+    judgement = status.session_judgement
+    if judgement.headline.code is SessionFact.ENDED_IN_FLIGHT:
+        # The landing comes first. What was wrong before, and its repair, follow with the verdicts.
+        lines.append(judgement.headline.replace(cause=None).sentence)
+        lines.append(f"{NEXT_STEP_LEAD}{judgement.next_step.replace(reason=None).sentence}")
     for verdict in verdicts:
         lines.append(verdict.fact.sentence)
         next_step = _next_step_of_verdict(verdict, status, must_not_fly=must_not_fly)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from pytest import fixture, mark
 
+from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.assessment.next_step import choose_next_step
@@ -162,6 +163,24 @@ def test_a_session_that_ends_far_behind_does_not_say_that_the_link_was_lost_in_f
     assert str(ended.overall_judgement.headline).startswith(
         "This session ended with its last 12 s not analysed, in flight until then"
     )
+
+
+def test_a_session_that_ends_in_flight_puts_the_landing_before_the_repair_of_an_earlier_fault(slow):
+    weak = Fact(
+        MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 1", loss=(0.2, 0.4), time=9.0
+    )
+    repair = Fact(NextStep.DO_AS_ADVISED, reason=weak)
+    first = FlightVerdict(1, replace(unjudged(weak), next_step=repair))
+    ended = replace(slow, no_model_reason=None, is_over=True, flight_number=2, verdicts=(first,))
+    judgement = ended.session_judgement
+    assert judgement.headline.is_bad
+    assert str(judgement.headline).startswith(
+        "This session ended in flight: no alarm comes now; before that: flight 1: motor 1"
+    )
+    assert str(judgement.next_step).startswith("Land by sight. After landing: Do not fly before")
+    assert ended.unrepaired_fault is None, "the headline states it"
+    landed = replace(ended, is_flying=False)
+    assert landed.session_judgement.headline == first.fact
 
 
 def test_a_server_that_ends_in_flight_leaves_no_light_good(slow):

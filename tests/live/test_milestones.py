@@ -197,7 +197,9 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
         headline_and_next_step(replace(lost, is_over=True).overall_judgement)
     )
     end = replace(sound, is_over=True, verdicts=milestones.verdicts)
-    first_line, next_step, second_line, second_step = closing_lines(end)
+    # The vehicle is in the air, so that its landing comes before any repair.
+    _, landing, first_line, next_step, second_line, second_step = closing_lines(end)
+    assert landing == "Next: Land by sight."
     assert first_line == f"Flight 1 (0:34 min): {as_clause(loss)}."
     assert next_step == f"Next: {lost.verdict.judgement.next_step}"
     assert second_line.startswith("Flight 2 (0:22 min): ")
@@ -268,11 +270,21 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert text == f"{fault_alone} If that was not repaired, land."
     # The status of the first second of a flight comes before that flight has a verdict.
     assert unrepaired_fault_text(replace(flying, verdicts=milestones.verdicts[:1])) == text
-    for ended in (replace(flying, is_flying=False), replace(flying, is_over=True)):
-        judgement = ended.session_judgement
-        assert judgement.headline == verdict.fact and str(judgement.next_step) == advice
-        assert judgement.headline.is_bad and not unrepaired_fault_text(ended)
-        assert closing_lines(ended)[:2] == headline_and_next_step(judgement)
+    landed = replace(flying, is_flying=False)
+    judgement = landed.session_judgement
+    assert judgement.headline == verdict.fact and str(judgement.next_step) == advice
+    assert judgement.headline.is_bad and not unrepaired_fault_text(landed)
+    assert closing_lines(landed)[:2] == headline_and_next_step(judgement)
+    # A vehicle in the air has to land before anything is repaired.
+    ended = replace(flying, is_over=True)
+    judgement = ended.session_judgement
+    assert judgement.headline.is_bad and judgement.headline.figures["cause"] == verdict.fact
+    assert str(judgement.next_step) == f"Land by sight. After landing: {advice}"
+    assert not unrepaired_fault_text(ended)
+    lines = closing_lines(ended)
+    assert lines[0] == "This session ended in flight: no alarm comes now."
+    assert lines[1] == "Next: Land by sight." and lines[2] == str(verdict.fact)
+    assert lines[3] == f"Next: {advice}"
 
     # A fault of the latest flight that is as bad comes first, and the earlier one is not forgotten.
     both = replace(flying, is_flying=False, worst_lights=weak)
