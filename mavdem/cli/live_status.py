@@ -731,10 +731,10 @@ def _unwatched_names(watch_facts: Facts) -> list[str]:
 
 
 def _status_block(status: SessionStatus) -> Group:
-    """Returns the lines that a terminal shows of a session's status, for Rich: vehicle, headline, lights and learning.
+    """Returns the status of a session for a terminal, as Rich lines: vehicle, headline, next step, lights, learning.
 
     Args:
-        status: State of the live session. Before a vehicle is found, there is no table of lights.
+        status: State of the live session. The table of lights is left out until a vehicle is found.
     """
     texts = _status_texts(status)
     headline_style = style_of_facts(*status.alarms, status.session_judgement.headline)

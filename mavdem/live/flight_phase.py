@@ -356,7 +356,7 @@ class FlightPhase:
             climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
         if self._settled_start is None:
-            self._note_end_of_climb_out(now, climb_rate)
+            self._start_settled_flight_after_climb_out(now, climb_rate)
         elif climb_rate is not None:
             # A climb rate is the mean of a window around its time, so it is known ``AVERAGING_DELAY``, half the window,
             # later. Those that were known at the last review have been judged then.
@@ -370,12 +370,14 @@ class FlightPhase:
                 end_of_possible_landing = float(sinking_times[-1]) + TRANSIENT_SECONDS
                 self._settled_start = max(self._settled_start, end_of_possible_landing)
 
-    def _note_end_of_climb_out(self, now: float, climb_rate: TimeSeries | None) -> None:
-        """Keeps the time at which the flight became settled, once its climb-out has ended.
+    def _start_settled_flight_after_climb_out(
+        self, now: float, climb_rate: TimeSeries | None
+    ) -> None:
+        """Sets the start of the settled flight to the end of the climb-out, once the vehicle has ended it.
 
         Args:
             now: present time, s of the boot clock.
-            climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
+            climb_rate: averaged upward speed of the last seconds, m/s; None if the vehicle does not send it.
         """
         # The climb rate is a centred average, which is known only until half of its window ago.
         known_end = now

@@ -266,11 +266,11 @@ class MotorAlarms:
         return tuple(change.event for change in unreported_shifts)
 
     def _update_active_alarms(self, change: MotorChange) -> None:
-        """Updates the active alarms after a change of one motor: an alarm for each motor that is weak now.
+        """Replaces the active alarms after a change of one motor: one alarm for each motor that is weak now.
 
-        A motor may have lost thrust suddenly, which the detector finds, or slowly, which another test finds. If one did
-        both, its slow loss counts, which includes the sudden one. If no motor is weak any more, the change was a
-        recovery, and its event takes the place of the alarms.
+        Sudden and slow losses of thrust are found by different tests. Of a motor with both, the alarm states the slow
+        loss, which includes the sudden one. If no motor is weak any more, the event of the recovery replaces the
+        alarms.
 
         Args:
             change: the change of one motor.
@@ -279,7 +279,7 @@ class MotorAlarms:
         self.change_time = change.onset_time
         losses_by_motor = {loss.name: loss for loss in self._detector.weak_motors.values()}
         if self._reported_loss is not None and self._gradual_watch is not None:
-            # The loss of the same motor as it is now; as it was reported if it cannot be found any more.
+            # The loss as it is now, or as it was reported if the test does not find it any more.
             gradual_loss = self._gradual_watch.loss or self._reported_loss
             losses_by_motor[gradual_loss.name] = gradual_loss
         if losses_by_motor:

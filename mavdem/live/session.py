@@ -795,7 +795,7 @@ class LiveSession:
         """
         return replace(
             self._report.status,
-            shortfall=self._reason_without_parameters(),
+            shortfall=self._missing_physical_parameters_reason(),
             verdicts=self._milestone_reporter.verdicts,
             recording_verdict=self.recording_failure,
         )
@@ -903,14 +903,13 @@ class LiveSession:
             samples=self.flight.postponed_rows + self.flight.learning.learned_rows,
         )
 
-    def _reason_without_parameters(self) -> Fact | None:
-        """Returns why no physical parameters of the flight, such as motor lag and damping, are known so far.
+    def _missing_physical_parameters_reason(self) -> Fact | None:
+        """Returns why the physical parameters, such as motor lag and rate damping, are not known so far.
 
         Returns:
-            The first of these that applies: there were no samples (angle and motor outputs at the same times); this
-            computer was too slow for most of them; the settled flight, without take-off and landing, was too short for
-            a fit; a fit is not finished. None if there are physical parameters, or if no sample has been learned from
-            for another reason.
+            The first reason that applies: the messages gave no samples (angle and motor outputs at the same times);
+            this computer was too slow for most samples; the settled flight (no take-off or landing) was too short for a
+            fit; the fit is not finished. None if the parameters are known, or if the model has got no sample yet.
         """
         learning = self.flight.learning
         if learning.learner is None:
@@ -1065,7 +1064,7 @@ class LiveSession:
         """
         if self.stream.status().loss is not None:
             return True
-        reported_reason = self._reason_without_parameters()
+        reported_reason = self._missing_physical_parameters_reason()
         if reported_reason is None or reported_reason.code is not RowsFact.LIVE_RATES_TOO_LOW:
             return False
         # This fact says which messages are too slow, as for a log.

@@ -509,18 +509,18 @@ class SessionStatus(ImmutableResult):
             no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
             return replace(judgement, headline=no_alarm)
         if self.flight_number > 0:
-            return self._judgement_of_unjudged_flight(judgement)
+            return self._unchecked_flight_judgement(judgement)
         return judgement
 
-    def _judgement_of_unjudged_flight(self, judgement: Judgement) -> Judgement:
-        """Returns the judgement of a flight that is over, in which no check of the vehicle was possible.
+    def _unchecked_flight_judgement(self, judgement: Judgement) -> Judgement:
+        """Returns the judgement of a flight that is over, during which nothing of the vehicle could be checked.
 
-        Its headline says that nothing was checked, and why. If the session still waited for something when the flight
-        ended, such as steady flight, the reason is that too little was received.
+        Its headline says so with the reason. Where the headline so far says only what the session did, such as to wait
+        for steady flight, the reason is that too little was received.
 
         Args:
-            judgement: the judgement so far. Its headline says either that nothing was checked, with the reason as a
-                figure, or what the session does (``STATES_OF_LEARNING``).
+            judgement: the judgement so far. Its headline is either ``HeadlineCode.NOTHING_CHECKED`` with a reason, or
+                one of ``STATES_OF_LEARNING``.
         """
         reason = judgement.headline
         if reason.code is HeadlineCode.NOTHING_CHECKED:
@@ -529,9 +529,9 @@ class SessionStatus(ImmutableResult):
             reason = self._too_little_received
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
-            # The session waits for the next flight, so that its next step stays, such as to take off.
+            # The session goes on with the next flight, so its next step, such as to take off, remains right.
             return replace(judgement, headline=headline)
-        # Otherwise the next step follows from the headline, as at the end of the session.
+        # Otherwise, as at the end of the session, the next step follows from the new headline.
         return _judgement_from_headline(headline, judgement.lights)
 
     @property
@@ -680,7 +680,9 @@ class SessionStatus(ImmutableResult):
         headline = self._judgement_with_worst_headline.headline
         if worst_verdict.fact in (headline, headline.figures.get("cause")):
             return None
-        return self._warning_of_fault(worst_verdict.fact, worst_verdict.judgement.next_step)
+        return self._warning_of_unrepaired_fault(
+            worst_verdict.fact, worst_verdict.judgement.next_step
+        )
 
     @property
     def _warning_by_library(self) -> Fact | None:
@@ -691,7 +693,7 @@ class SessionStatus(ImmutableResult):
         fault = self.fault_in_library
         if fault is None or self._was_fault_checked_again:
             return None
-        return self._warning_of_fault(fault, Fact(NextStep.DO_AS_ADVISED, reason=fault))
+        return self._warning_of_unrepaired_fault(fault, Fact(NextStep.DO_AS_ADVISED, reason=fault))
 
     @property
     def _was_fault_checked_again(self) -> bool:
@@ -705,12 +707,12 @@ class SessionStatus(ImmutableResult):
             return False
         return self.flight_number > 0 and not self.is_in_flight
 
-    def _warning_of_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
-        """Returns the fact (a coded finding) that a fault of an earlier flight may not have been repaired.
+    def _warning_of_unrepaired_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
+        """Returns the warning that the vehicle may still have a fault of an earlier flight.
 
         Args:
-            earlier_fault: the fault, as the judgement of that flight states it.
-            next_step: what the judgement of that flight advises to do.
+            earlier_fault: the fault that was found in the earlier flight.
+            next_step: what to do about the fault, such as to check a motor.
         """
         return Fact(
             SessionFact.UNREPAIRED_FAULT,

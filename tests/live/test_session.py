@@ -354,7 +354,7 @@ def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
         (2000, 0),
         (500, 900),
     ):
-        reasons.append(session._reason_without_parameters().code)
+        reasons.append(session._missing_physical_parameters_reason().code)
     assert reasons == [
         SessionFact.SETTLED_TOO_SHORT,
         SessionFact.FIT_UNFINISHED,

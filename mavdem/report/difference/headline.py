@@ -476,8 +476,8 @@ def _sentence_on_motors(reviews: Mapping[str, Review]) -> Sentence:
 def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
     """Returns a sentence on each status light that has the level "watch" in one log and "good" in the other.
 
-    Three lights are left out: wind and log, since they judge the day and the recording and not the vehicle, and motors,
-    since this light has its own sentence (:func:`_sentence_on_motors`).
+    A status light is the judgement of one subject. Those of wind and log are left out, since they judge the day and the
+    recording and not the vehicle; that of the motors has a sentence of its own (:func:`_sentence_on_motors`).
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B". A document without lights, such as the review of a
@@ -492,14 +492,14 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
             continue
         texts = []
         for side, light in lights_by_side.items():
-            # The sentence of a light may begin with its name, which is the lead of the new sentence already.
+            # The new sentence begins with the name of the light, which is therefore removed from the reason.
             reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
             texts.append(f"{light['level']} in {side} ({without_full_stop(reason)})")
         remark = remark_on_imus(lights_by_side)
         is_each_imu_compared = remark and len(vibrations_of_same_imu(lights_by_side)) > 1
         has_clips = any(value_at(light, "figures.clips") for light in lights_by_side.values())
         if is_each_imu_compared and not has_clips:
-            # The remark has the vibration of both sides, and without clips there is no more to say.
+            # The remark has the vibration of each IMU. Without clips, the reasons would only repeat it.
             texts = [f"{light['level']} in {side}" for side, light in lights_by_side.items()]
         text = f"{', '.join(texts)}.{remark}"
         sentences.append(Sentence(text, lead=f"{name.capitalize()}:"))

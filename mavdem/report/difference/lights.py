@@ -119,12 +119,12 @@ def _is_headline(light: JsonValues, review: Review) -> bool:
 def _bad_light(
     name: str, lights_by_side: Mapping[str, JsonValues], bad_sides: Sequence[str]
 ) -> BadLight:
-    """Returns a status light that is bad in one or both of two compared logs, with its levels and reasons.
+    """Returns one status light that is bad in a compared log, with its levels in both logs and the reasons for them.
 
     Args:
-        name: name of the light.
-        lights_by_side: the light as the reviews of both logs have it, by side, "A" and "B".
-        bad_sides: the sides on which it is bad, at least one; the axis is that of the first.
+        name: name of the light, such as "margins".
+        lights_by_side: the light as the review documents of the two logs have it, by side, "A" and "B".
+        bad_sides: the sides on which the light is bad, at least one. The axis is taken from the first of them.
     """
     compared_light = compared_levels(lights_by_side)
     return BadLight(

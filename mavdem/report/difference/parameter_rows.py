@@ -59,7 +59,7 @@ def _names_of_runs(shared: _SharedRow, parameters: Sequence[ParameterChange]) ->
         shared: the parts of the name around the number.
         parameters: parameters with these parts and different numbers, or a single one without a number.
     """
-    numbers = _numbers(shared, parameters)
+    numbers = _numbers_in_names(shared, parameters)
     if not numbers:
         return [shared.start]
     names = []
@@ -81,8 +81,13 @@ def _consecutive_runs(numbers: Sequence[int]) -> list[list[int]]:
     return runs
 
 
-def _numbers(shared: _SharedRow, parameters: Sequence[ParameterChange]) -> list[int]:
-    """Returns the numbers in the names of parameters with the same start and end; none of a name without a number."""
+def _numbers_in_names(shared: _SharedRow, parameters: Sequence[ParameterChange]) -> list[int]:
+    """Returns the numbers in the names of parameters of one row, such as 3 and 4 of SERVO3_MIN and SERVO4_MIN.
+
+    Args:
+        shared: start and end of the names, "SERVO" and "_MIN" in the example.
+        parameters: parameters whose names have this start and end. A name without a number between them adds none.
+    """
     numbers = []
     for parameter in parameters:
         number = parameter.name.removeprefix(shared.start).removesuffix(shared.end)

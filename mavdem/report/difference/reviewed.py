@@ -179,7 +179,7 @@ def reviewed_difference(
     *,
     has_two_autopilots: bool = False,
 ) -> ReviewedDifference:
-    """Adds the reviews of both logs to the comparison of two states, and judges the motors by all of these together.
+    """Combines the comparison of two states with the reviews of both logs, and judges the motors by both.
 
     Args:
         difference: comparison of the two states.

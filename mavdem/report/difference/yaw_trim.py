@@ -8,7 +8,9 @@ from mavdem.report.templates import render_section
 
 
 def yaw_trim_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentence that all changed motor trims together are a change of the yaw trim, with possible causes.
+    """Returns the sentence that the motors of one direction work harder than before and the others less.
+
+    This is a change of the yaw trim. The sentence names its possible causes, such as a twisted arm.
 
     Args:
         reviewed: comparison of two states.

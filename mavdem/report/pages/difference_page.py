@@ -439,10 +439,9 @@ class _MissingStepReason(NamedTuple):
 
     @classmethod
     def from_fact(cls, fact: JsonValues, axis: str, loop_name: str) -> Self:
-        """Makes the reason of a sentence, in which a placeholder replaces the loop if it is about one loop of one axis.
+        """Makes the reason from a fact of a review; a placeholder replaces the loop that its sentence is about.
 
-        For "The roll rate is logged too slowly." the placeholder stands for "roll rate", so that the reason is equal to
-        that of the pitch rate.
+        In "The roll rate is logged too slowly." it replaces "roll rate", so that the same reason on pitch is equal.
 
         Args:
             fact: a finding of a review document: its sentence and, if it is about one loop, the subject of the
