@@ -172,6 +172,7 @@ class SessionFact(Code):
     LINES_LOST = "lines_lost"
     ESTIMATES_LATE = "estimates_late"
     COMPUTER_TOO_SLOW = "computer_too_slow"
+    TOO_SLOW_TO_JUDGE = "too_slow_to_judge"
     SETTLED_TOO_SHORT = "settled_too_short"
     FIT_UNFINISHED = "fit_unfinished"
     RECORDING_NOT_JUDGED = "recording_not_judged"

@@ -227,6 +227,9 @@ class SessionStatus(ImmutableResult):
     unlearned_rows: int = 0
     """Number of rows that were shown, but not used by the learner."""
 
+    postponed_rows: int = 0
+    """Number of rows of free flight that this computer had no time to learn from."""
+
     shortfall: Fact | None = None
     """Why less was learned of the latest flight than could be; None where nothing is known to be missing."""
 
@@ -526,7 +529,7 @@ class SessionStatus(ImmutableResult):
         if reason.code is HeadlineCode.NOTHING_CHECKED:
             reason = reason.figures["reason"]
         if reason.code in STATES_OF_LEARNING:
-            reason = self._too_little_received
+            reason = self._why_not_learned
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
             # The session goes on with the next flight, so its next step, such as to take off, remains right.
@@ -952,7 +955,12 @@ class SessionStatus(ImmutableResult):
             if not isinstance(reason, Fact):
                 continue
             if reason.code is WatchFact.ON_GROUND_NOW:
-                lights_of_flight[name] = light.replace(reason=self._too_little_received)
+                # Only what is computed beside the watch, the margins, waits while this computer is too slow.
+                is_margins = name == Light.MARGINS
+                reason_of_flight = (
+                    self._why_not_learned if is_margins else self._too_little_received
+                )
+                lights_of_flight[name] = light.replace(reason=reason_of_flight)
             elif light.code in Unjudged and reason.code is SessionFact.FLIGHT_OVER:
                 # That the flight is over does not say why this part was not judged in it.
                 lights_of_flight[name] = Fact(Unjudged.NOT_JUDGED, reason=None)
@@ -962,6 +970,16 @@ class SessionStatus(ImmutableResult):
                     reason=reason.replace(clock=None, settled=None)
                 )
         return lights_of_flight
+
+    @property
+    def _why_not_learned(self) -> Fact:
+        """The fact why a flight that is over gave neither model nor margins.
+
+        This computer was too slow if it had no time for most samples; otherwise too little was received.
+        """
+        if self.postponed_rows > self.learned_rows:
+            return Fact(SessionFact.TOO_SLOW_TO_JUDGE, is_recorded=self.is_recorded)
+        return self._too_little_received
 
     @property
     def _too_little_received(self) -> Fact:

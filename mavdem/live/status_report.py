@@ -78,6 +78,7 @@ class StatusReport:
             provisional_margins=self.margin_review.provisional_light,
             learned_rows=self.flight.learning.learned_rows,
             unlearned_rows=self.flight.learning.unlearned_rows,
+            postponed_rows=self.flight.postponed_rows,
             latency=self.flight.latencies.latency,
             no_model_reason=status.no_model_reason or no_learning_reason,
             state=self.stream.vehicle_state(),

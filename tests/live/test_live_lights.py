@@ -382,6 +382,12 @@ def test_after_a_short_flight_no_light_says_that_the_vehicle_is_on_the_ground(sl
     assert str(judgement.lights[Light.MOTORS]) == "Not judged: the settled flight was too short."
     before = replace(landed, flight_number=0).overall_judgement
     assert str(before.lights[Light.MOTORS]) == "Not judged: the vehicle is on the ground."
+    # Where this computer had no time to learn, the flight may have been long enough.
+    late = replace(landed, postponed_rows=900, is_recorded=True)
+    too_slow = "this computer was too slow; the recording can still be judged."
+    assert str(late.overall_judgement.headline) == f"The vehicle could not be judged: {too_slow}"
+    assert str(late.overall_judgement.lights[Light.MARGINS]) == f"Not judged: {too_slow}"
+    assert brief_light_figures(late)[Light.MARGINS] == "computer too slow"
 
 
 def test_a_flight_of_which_nothing_was_checked_has_a_verdict_of_its_own():
