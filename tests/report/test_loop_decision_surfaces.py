@@ -499,7 +499,10 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     opened = [title for is_open, title in chapters if is_open]
     assert opened[:2] == ["Step response", "Margins"] and "Open loops" not in opened
     assert chapters[0][1] == "Step response"
-    assert page.index("rate P</th>") < page.index("Step response</h2>")
+    # The files of the gains stand directly below them, before how to fly with them.
+    first_file = page.index(" download=")
+    assert page.index("rate P</th>") < first_file < page.index("<strong>Next:</strong>")
+    assert first_file < page.index("Step response</h2>") and page.count("To go back") == 1
     # Present and advised margins stand beside each other, with the steps that are predicted of both.
     assert page.index("roll, advised</th>") < page.index("rate: phase margin")
     assert "attitude: overshoot without feed-forward (%)" in page
