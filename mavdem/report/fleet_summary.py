@@ -496,10 +496,16 @@ def _reason(vehicle: _LabelledVehicle) -> str:
 
 
 class FlownTotals(NamedTuple):
-    """How much a fleet has flown, for the template of its page."""
+    """How much a fleet has really flown, for the template of its page; of a fleet in a simulator, all its flights."""
 
     flights: int
     """Number of flights."""
+
+    simulated: int
+    """Number of simulated flights, which are besides those above, or all of them if no flight was real."""
+
+    are_all_simulated: bool
+    """Whether no flight was real."""
 
     settled_time: str
     """Settled flight of all of them, such as "2.5 h"."""
@@ -523,21 +529,24 @@ def flown_time_text(seconds: float) -> str:
 
 
 def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
-    """Adds up the flights of a fleet, their duration, and how many of them allow each kind of model (their tier).
+    """Adds up the real flights of a fleet, their duration, and how many allow each kind of model (their tier).
 
     Args:
         summaries: for each vehicle of the fleet, the summary of its flights.
 
     Returns:
-        The totals, with the first and the last date of a flight; None without a flight.
+        The totals, with the first and the last date of a flight. If no flight was real, those of the simulated ones;
+        None without any flight.
     """
     flight_count = 0
     settled_seconds = 0.0
     air_seconds = 0.0
     flights_by_tier: Counter[str] = Counter()
     dates: list[datetime] = []
+    simulated_count = sum(summary.flown.simulated for summary in summaries)
+    are_all_simulated = not any(summary.really_flown.flights for summary in summaries)
     for summary in summaries:
-        flown = summary.flown
+        flown = summary.flown if are_all_simulated else summary.really_flown
         flight_count += flown.flights
         settled_seconds += flown.seconds
         air_seconds += flown.air_seconds
@@ -553,6 +562,8 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
             kinds_of_model.append(f"{model_description} ({flights_by_tier[tier]})")
     return FlownTotals(
         flights=flight_count,
+        simulated=simulated_count,
+        are_all_simulated=are_all_simulated,
         settled_time=flown_time_text(settled_seconds),
         air_time=flown_time_text(air_seconds) if air_seconds else "",
         dates=[min(dates), max(dates)] if dates else [],

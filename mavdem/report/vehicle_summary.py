@@ -43,7 +43,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "18"
+SUMMARY_VERSION = "19"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -184,6 +184,9 @@ class VehicleSummary:
     has_shared_name: bool
     """Whether several vehicles may have the name, whose flights are not compared."""
 
+    really_flown: FlownFlights
+    """Counts of the flights that were not simulated."""
+
     flown: FlownFlights
     """Counts of its flights."""
 
@@ -256,6 +259,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     return VehicleSummary(
         name=name,
         has_shared_name=name == UNKNOWN or has_shared_name(flights),
+        really_flown=_flown_flights(name, real_flights),
         flown=_flown_flights(name, flights),
         vehicle=vehicle_state,
         bad_flights=len(bad_flights),

@@ -467,4 +467,7 @@ def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():
     assert flight_line([simulated]).cells[[*COLUMNS].index("vehicle")].endswith(", simulated")
     text = plain_text(fleet_blocks([simulated]))
     assert "need" not in text.split("Simulated:")[0] and "Simulated: 1 flight;" in text
-    assert "1 bad flight" in plain_text(fleet_blocks([simulated, real]))
+    assert "all simulated" in text
+    text = plain_text(fleet_blocks([simulated, real]))
+    assert "1 bad flight" in text
+    assert "Flown: 1 flight, " in text and "; 1 simulated besides. Their logs" in text
