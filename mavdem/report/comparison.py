@@ -665,12 +665,12 @@ def _marked_name(method: str) -> str:
 
 
 def _short_number(number: float) -> str:
-    """Returns a number with two digits in at most six characters, such as "0.013", "2.5", "<0.001" or "inf"."""
+    """Returns a number with two significant digits, at most six characters: "0.013", "2.5", "<0.001", "inf"."""
     if 0 < number < MIN_DECIMAL:
         return f"<{MIN_DECIMAL:g}"
     if isfinite(number) and number >= MAX_DECIMAL:
         return f">{MAX_DECIMAL:g}"
-    # Without the exponent that Python prints from 100 on.
+    # Rounding to two digits by ".2g" alone would print 120 as 1.2e+02.
     return f"{float(f'{number:.2g}'):.4g}"
 
 

@@ -515,10 +515,10 @@ class Library:
         return int(count)
 
     def vehicle_names(self) -> list[str]:
-        """Returns the names of all vehicles, in alphabetical order.
+        """Returns the names that identify a vehicle in the library, in alphabetical order.
 
-        A name that is made of a MAVLink system id may belong to several vehicles. It is left out unless a user has
-        given a name to that vehicle.
+        They are the names in the logs. A name made from a MAVLink system id may belong to several vehicles, and is left
+        out unless a user has renamed that vehicle.
         """
         query = """select distinct vehicle from entries where vehicle not in ('', ?) and
             (vehicle_basis <> ? or vehicle in (select vehicle from vehicle_names)) order by vehicle"""

@@ -47,10 +47,13 @@ def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentence that says how much harder or less hard all motors work in B; empty if they do not.
+    """Returns the sentence that says how much harder or less hard all motors work in B than in A.
 
     Args:
         reviewed: comparison of two states.
+
+    Returns:
+        A list with the sentence; empty if no such change is certain, or if something else explains it.
     """
     effort = unexplained_effort_change(reviewed)
     if effort is None:

@@ -1156,9 +1156,9 @@ def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:
 def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
     """Returns the chapter of a page on the identified model of one axis, or on the reason why there is none.
 
-    It has, in this order, the grade of the model for each purpose with warnings, the physical parameters, and the
-    errors of its forecasts. Charts of the frequency response and of the forecasts follow. The frequency response needs
-    the control effectiveness of the motors, and is left out where the data does not determine that.
+    It has, in this order, grades of the model for each purpose with warnings, physical parameters, errors of forecasts,
+    and charts of the frequency response and of the forecasts. The frequency response depends on the control
+    effectiveness of the motors, so it is left out where that is not identifiable.
 
     Args:
         axis: name of the axis.

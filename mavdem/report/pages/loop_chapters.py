@@ -99,14 +99,16 @@ def tuning_chapter(responses: Responses, noise: MeasuredNoise) -> Chapter:
 def responses_chapter(
     responses: Responses, advised_steps_by_loop: StepsByLoop = NO_STEPS, light: Fact | None = None
 ) -> Chapter:
-    """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
+    """Returns the chapter with a table and charts of the step responses, measured in flight and predicted by the model.
+
+    A caution is added for each prediction that contradicts the measurement, and a sentence on the loops whose response
+    could not be measured, with the reason.
 
     Args:
-        responses: measured response or the fact (coded finding) why there is none, and the prediction, by axis and
-            loop. Loops without a response for the same reason share one sentence; a prediction that does not agree
-            gives a caution.
+        responses: measured response, or the fact (coded finding) why there is none, and the prediction; by axis and
+            loop.
         advised_steps_by_loop: predicted step responses with the advised gains, by axis and loop.
-        light: fact of the light of the margins, whose axis a phone shows first; None where there is none.
+        light: judgement of the margins, whose axis is shown first on a phone; None if there is none.
     """
     blocks = Blocks()
     rows = _step_figure_rows(responses)
