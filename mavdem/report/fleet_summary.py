@@ -93,7 +93,7 @@ def fleet_blocks(
             vehicles_of_headline[name] = vehicle
     counts = _headline_counts(summaries)
     bad_latest_texts = _bad_latest_flights(vehicles_without_name, names)
-    bad_unnamed_count = _count_bad_unnamed_flights(summaries, vehicles_of_headline)
+    bad_unnamed_count = _count_unnamed_flights(Level.BAD, summaries, vehicles_of_headline)
     # Only the latest flight under each shared name is described, and none if several are in a list below.
     bad_names = abbreviated_list(bad_latest_texts)
     if lists_follow and bad_unnamed_count > 1:
@@ -111,6 +111,9 @@ def fleet_blocks(
         unjudged=counts.unjudged_vehicles,
         unnamed_flights=counts.unnamed_flights,
         bad_unnamed_flights=bad_unnamed_count,
+        watched_unnamed_flights=_count_unnamed_flights(
+            Level.WATCH, summaries, vehicles_of_headline
+        ),
         simulated_flights=counts.simulated_flights,
         bad_names=bad_names,
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
@@ -221,15 +224,18 @@ def _bad_latest_flights(vehicles: Mapping[str, VehicleFlights], names: GivenName
     return texts
 
 
-def _count_bad_unnamed_flights(
-    summaries: Sequence[VehicleSummary], headline_vehicles: Mapping[str, VehicleFlights]
+def _count_unnamed_flights(
+    level: Level,
+    summaries: Sequence[VehicleSummary],
+    headline_vehicles: Mapping[str, VehicleFlights],
 ) -> int:
-    """Counts the bad flights whose vehicle is not known, for the headline of a fleet.
+    """Counts the flights of a level whose vehicle is not known, for the headline of a fleet.
 
     Logs that do not name their vehicle are grouped by its MAVLink system id, a name that several vehicles may share.
-    Every bad flight under such a name counts, since a good flight that follows may be one of another vehicle.
+    Every such flight under such a name counts, since a good flight that follows may be one of another vehicle.
 
     Args:
+        level: the level, bad or to be watched.
         summaries: summary of the flights under each name.
         headline_vehicles: summary of each vehicle that the headline counts, by name. A shared name is among them if the
             motors of its flights have a fault or drift.
@@ -238,12 +244,14 @@ def _count_bad_unnamed_flights(
     for summary in summaries:
         if not summary.has_shared_name:
             continue
-        bad_flight_count = summary.bad_flights
+        flight_count = summary.bad_flights
+        if level is Level.WATCH:
+            flight_count = summary.watched_flights
         vehicle = headline_vehicles.get(summary.name)
-        if vehicle is not None and vehicle.last.badge_level is Level.BAD:
-            # The headline counts the latest flight, which is bad, as a vehicle that needs a look.
-            bad_flight_count -= 1
-        count += bad_flight_count
+        if flight_count and vehicle is not None and vehicle.last.badge_level is level:
+            # The headline counts the latest flight as a vehicle.
+            flight_count -= 1
+        count += flight_count
     return count
 
 

@@ -193,6 +193,9 @@ class VehicleSummary:
     vehicle: VehicleFlights | None
     """What is known of the vehicle; None where no log holds a flight."""
 
+    watched_flights: int
+    """Number of flights with a warning that is no bad one, the latest of them too; simulated ones do not count."""
+
     bad_flights: int
     """Number of flights that went badly, the latest of them too; simulated ones do not count."""
 
@@ -255,14 +258,15 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         return counts_simulated or not log_row(log).simulated
 
     counted_logs = [log for log in logs if is_counted(log)]
-    bad_flights = [flight for flight in real_flights if badge_level([flight]) is Level.BAD]
+    flights_by_level = Counter(badge_level([flight]) for flight in real_flights)
     return VehicleSummary(
         name=name,
         has_shared_name=name == UNKNOWN or has_shared_name(flights),
         really_flown=_flown_flights(name, real_flights),
         flown=_flown_flights(name, flights),
         vehicle=vehicle_state,
-        bad_flights=len(bad_flights),
+        watched_flights=flights_by_level[Level.WATCH],
+        bad_flights=flights_by_level[Level.BAD],
         light_counts=_light_counts(counted_logs),
         winds=_mean_winds(counted_logs),
         lines=[flight_line(log, is_counted=is_counted(log)) for log in logs],

@@ -453,6 +453,12 @@ def test_before_a_list_the_three_most_urgent_vehicles_have_a_line():
     assert brief == (
         "4 of 4 vehicles need a look, and so do 2 bad flights whose vehicle is not known."
     )
+    # A flight to be watched counts, too, if its vehicle is not known.
+    rows.append(
+        flight_row("px4-2", 3, vehicle_basis="system id", headline="Low.", headline_level="watch")
+    )
+    headline, *_ = fleet_blocks(rows, lists_follow=True)
+    assert headline.lead.endswith("not known; 1 flight of an unnamed vehicle is to be watched.")
     # The three most urgent vehicles have a line each above the list.
     _, *lines = fleet_blocks(rows, lists_follow=True)
     assert [line.lead for line in lines[:4]] == ["quad 0:", "quad 1:", "quad 2:", "Flown:"]
