@@ -76,7 +76,7 @@ class TrackingWatch:
         return max(settled_start, now - MEMORY_SECONDS, self._gap_end)
 
     def remaining_seconds(self, now: float, settled_start: float | None) -> float | None:
-        """Returns how much more settled flight the judgement needs, s; None if the flight is not settled, or had it.
+        """Returns how much more settled flight the judgement needs, s: 0 if it had it; None if it is not settled.
 
         Args:
             now: present time on the boot clock, s.
@@ -85,7 +85,7 @@ class TrackingWatch:
         if settled_start is None:
             return None
         remaining_seconds = MIN_SETTLED_SECONDS - (now - self._judged_start(now, settled_start))
-        return remaining_seconds if remaining_seconds > 0 else None
+        return max(remaining_seconds, 0.0)
 
     def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
         """Returns whether the stream has a setpoint of the body rate with which the rate loop may be identified later.

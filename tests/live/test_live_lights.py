@@ -31,8 +31,10 @@ from mavdem.facts.session import (
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.global_position import GlobalPosition
+from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
+from mavdem.live.tracking_watch import TrackingWatch
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import CauseProbabilities, MotorChange, SuspectedMotor
@@ -756,7 +758,7 @@ def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
     assert margins.figure == "after 12 s more settled"
     long_enough = waiting.replace(reason=waiting.figures["reason"].replace(settled=21.0))
     for change, text in (
-        ({"worst_lights": lights | {Light.MARGINS: long_enough}}, "judged again soon"),
+        ({"worst_lights": lights | {Light.MARGINS: long_enough}}, "being judged"),
         ({"state": VehicleState("Land", lands_by_itself=True)}, "flight too short"),
     ):
         rows = light_rows(replace(flying, **change))
@@ -912,6 +914,15 @@ def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):
     counted = watch(WatchedQuantity.TRACKING, awaited.replace(remaining_duration=11.2))
     rows = {row.name: row for row in light_rows(replace(slow, watch_facts=(counted,)))}
     assert rows["tracking"].figure == "after 12 s more settled"
+    # The count does not begin again once the settled flight is complete.
+    complete = watch(WatchedQuantity.TRACKING, awaited.replace(remaining_duration=0.0))
+    rows = {row.name: row for row in light_rows(replace(slow, watch_facts=(complete,)))}
+    assert rows["tracking"].figure == "being judged"
+    tracking = TrackingWatch(RecentMessages())
+    assert (
+        tracking.remaining_seconds(30.0, 5.0) == 0.0 and tracking.remaining_seconds(9.0, 5.0) == 16
+    )
+    assert tracking.remaining_seconds(30.0, None) is None
 
 
 def test_a_lasting_shift_of_the_trims_warns_in_flight_and_names_the_suspected_motor():

@@ -239,7 +239,7 @@ def test_the_settled_flight_that_margins_need_is_counted_between_two_reviews(rev
         # A climb has ended settled flight, which began again at 36 s.
         (37.0, None, "15 s to go: climb, landing and strong tilt do not count."),
         (39.0, 36.0, "12 s to go."),
-        (46.0, 25.0, "they are judged again in this flight."),
+        (46.0, 25.0, "they are being judged."),
     ):
         review.margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=short, rate=None)
         assert str(review.present_margins(now, settled_start)).endswith(text)
