@@ -131,7 +131,8 @@ def test_without_a_rate_setpoint_the_reason_includes_what_inputs_and_outputs_sho
     monkeypatch.setattr(loops, "identify_plant_in_loop", Mock(side_effect=not_logged))
     monkeypatch.setattr(loops, "physical", lambda flights: unmoved)
     reason = loops.identified_loop_or_reason(Signals(telemetry), log_of(telemetry))
-    assert reason.figures["reasons"] == (not_logged.fact.replace(recorder=""), unmoved.reason)
+    expected = not_logged.fact.replace(recorder="", autopilot="ARDUPILOTMEGA")
+    assert reason.figures["reasons"] == (expected, unmoved.reason)
 
 
 @mark.parametrize(

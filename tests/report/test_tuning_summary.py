@@ -145,6 +145,20 @@ def test_what_the_flight_shows_and_needs_is_said_once():
     assert not any(LIMITED.remedy in line.text for line in needs)
 
 
+def test_telemetry_of_px4_needs_a_command_to_have_the_rate_setpoint():
+    """ArduPilot's telemetry, and logs on board, name the messages."""
+    missing = NO_SETPOINT.replace(recorder="", autopilot="PX4")
+    assert missing.remedy == (
+        "To log the rate setpoint, in PX4's shell run `mavlink stream -d DEVICE -s ATTITUDE_TARGET -r 100`, "
+        "where DEVICE is the telemetry port (`-u PORT` for UDP)."
+    )
+    ardupilot = missing.replace(autopilot="ARDUPILOTMEGA")
+    assert ardupilot.remedy == "Log the rate setpoint: ATTITUDE_TARGET."
+    assert NO_SETPOINT.replace(autopilot="PX4").remedy.endswith(
+        "RATE and ATT (ArduCopter from 3.3 on)."
+    )
+
+
 def flight_of(reasons, *, axes_without_controller=(), is_after_repair=False, parameters=None):
     """The flight for gains of the axes that have these reasons for no gains, after a DataFlash log."""
     advice = {axis: Fact(LoopFact.NO_LOOP, reasons=(reason,)) for axis, reason in reasons.items()}

@@ -168,15 +168,18 @@ def _with_recording(reason: Fact, signals: Signals) -> Fact:
         signals: logged time series of the vehicle for the axis.
 
     Returns:
-        The reason, with the ``recorder`` (such as "DataFlash"; empty for telemetry) if the rate setpoint is missing,
-        with the rates of messages (:func:`_with_rates`) if another flight is advised, or with the firmware
-        (:func:`_with_firmware`) if parameters are missing.
+        The reason, with the ``recorder`` (such as "DataFlash"; empty for telemetry) and the ``autopilot`` (such as
+        "PX4") if the rate setpoint is missing, with the rates of messages (:func:`_with_rates`) if another flight is
+        advised, or with the firmware (:func:`_with_firmware`) if parameters are missing.
     """
     if reason.code is LoopFact.NO_LOOP:
         reasons = [_with_recording(each, signals) for each in reason.figures["reasons"]]
         return reason.replace(reasons=tuple(reasons))
     if reason.code is LoopFact.NO_RATE_SETPOINT:
-        return reason.replace(recorder=signals.telemetry.translated_from)
+        return reason.replace(
+            recorder=signals.telemetry.translated_from,
+            autopilot=signals.telemetry.autopilot,
+        )
     if reason.code in REASONS_WITH_RATES:
         return _with_rates(reason, signals)
     if reason.code in REASONS_OF_FIRMWARE:
