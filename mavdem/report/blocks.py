@@ -95,6 +95,22 @@ class Linked(str):
         return cell
 
 
+class Detailed(str):
+    """The text of a table's cell with a detail that a page shows in a smaller line below it.
+
+    Attributes:
+        detail: the detail, such as the interval of a figure.
+    """
+
+    detail: str
+
+    def __new__(cls, text: str, detail: str) -> Detailed:
+        """Returns a cell with a text and its detail."""
+        cell = super().__new__(cls, text)
+        cell.detail = detail
+        return cell
+
+
 class Moment(str):
     """The text of a table's cell that is a time of the flight, to which the plots of its page move by a click.
 

@@ -1,5 +1,6 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
+import re
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping
 from enum import StrEnum
 from math import nan
@@ -39,7 +40,7 @@ from mavdem.loops.gain_design import (
 )
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
-from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
+from mavdem.report.blocks import Blocks, Detailed, Sentence, Table, headline_sentence
 from mavdem.report.numbers import UNKNOWN_FIGURE, listed, rounded
 from mavdem.report.templates import headline, model_share, render_section, sentences_by_axes
 
@@ -88,6 +89,9 @@ OVERVIEW_HEADERS = {
 
 DOUBTFUL_HEADER = "doubtful"
 """What the overview calls loops whose margins may be wrong."""
+
+INTERVAL_IN_CELL = re.compile(r"\(.+ to .+?\)")
+"""The interval of a figure in a cell, such as "(23 to 35)"."""
 
 TRIED_HEADER = "tried, not to be loaded"
 """What tables call gains that another flight is to confirm before they are loaded."""
@@ -383,35 +387,88 @@ def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
     return words
 
 
-def margins_at_a_glance(tuning: Tuning) -> list[Table]:
-    """Returns a table of the margins now and with gains to load, such as "29 (23 to 35) → 44", for the top of a page.
+def margins_at_a_glance(tuning: Tuning, result: Fact) -> list[Table]:
+    """Returns tables of the margins now and with gains to load, such as "29 (23 to 35) → 44", for the top of a page.
 
-    Each loop of an axis whose gains are to be loaded or kept has a row. A phone shows the same without intervals.
+    Each loop of an axis whose gains are to be loaded or kept has a row. So has each axis of the headline, whose figures
+    a reader looks for here; if its margins are doubtful, in a table that says so. A phone has each interval below its
+    figure.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
+        result: the most important result (:func:`tuning_result`), which is the headline.
 
     Returns:
-        A list with the table; empty if no gains are to be loaded or kept.
+        The tables; empty if no gains are to be loaded or kept, and the headline is about no identified loop.
     """
     outcomes_shown = (GainOutcome.NEW, GainOutcome.KEEP, GainOutcome.KEEP_UNSURE)
+    shown_advice: list[Advice] = []
+    headline_advice_by_header = dict[str, list[Advice]]()
     has_new_gains = False
+    for axis, advice in tuning.axes.items():
+        if not isinstance(advice, Advice):
+            continue
+        outcome = _gain_outcome(tuning, axis)
+        if outcome in outcomes_shown and not tuning.waits(advice):
+            has_new_gains |= outcome is GainOutcome.NEW
+            shown_advice.append(advice)
+        elif axis in _axes_of_headline(result):
+            header = _overview_header(tuning, axis)
+            headline_advice_by_header.setdefault(header, []).append(advice)
+    tables = []
+    if shown_advice:
+        tables.append(_margins_table("now → new" if has_new_gains else "now", shown_advice))
+    for header, advice_of_axes in headline_advice_by_header.items():
+        tables.append(_margins_table(header, advice_of_axes))
+    return tables
+
+
+def _axes_of_headline(result: Fact) -> Names:
+    """Returns the axes that the headline of a tuning is about; empty if it is not about axes.
+
+    Args:
+        result: the headline, a coded finding. Its figure ``alike`` has the findings on other axes that it names, too.
+    """
+    axes = []
+    for fact in (result, *result.figures.get("alike", ())):
+        if "axis" in fact.figures:
+            axes.append(fact.figures["axis"])
+    return tuple(axes)
+
+
+def _margins_table(first_header: str, advice_of_axes: Iterable[Advice]) -> Table:
+    """Returns a table of the margins of some axes, with a row for each loop, and a narrower one for a phone.
+
+    Args:
+        first_header: header of the first column, such as "now → new".
+        advice_of_axes: advice on each axis, with its identified loops.
+    """
     rows = []
     rows_on_phone = []
-    for axis, advice in tuning.axes.items():
-        outcome = _gain_outcome(tuning, axis)
-        is_shown = outcome in outcomes_shown
-        if isinstance(advice, Advice) and is_shown and not tuning.waits(advice):
-            has_new_gains |= outcome is GainOutcome.NEW
-            rows += _overview_rows(advice, names_axis=True)
-            for row in _overview_rows(advice, has_intervals=False, names_axis=True):
-                # The spaces around an arrow are left out, so that all columns fit and no line breaks there.
-                rows_on_phone.append([cell.replace(" → ", "→") for cell in row])
-    if not rows:
-        return []
-    first_header = "now → new" if has_new_gains else "now"
+    for advice in advice_of_axes:
+        rows_with_intervals = _overview_rows(advice, names_axis=True)
+        values = _overview_rows(advice, has_intervals=False, names_axis=True)
+        rows += rows_with_intervals
+        for row, row_of_values in zip(rows_with_intervals, values, strict=True):
+            rows_on_phone.append(_cells_on_phone(row, row_of_values))
     headers = [first_header, *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
-    return [Table(headers, rows, phone_tables=[Table(headers, rows_on_phone)])]
+    return Table(headers, rows, phone_tables=[Table(headers, rows_on_phone)])
+
+
+def _cells_on_phone(row: Iterable[str], row_of_values: Iterable[str]) -> list[str]:
+    """Returns the cells of a row as a phone shows them: each figure, and its interval as a second line.
+
+    Args:
+        row: cells with intervals, such as "29 (23 to 35) → 44".
+        row_of_values: the same cells without, such as "29 → 44".
+    """
+    cells = []
+    for cell, value in zip(row, row_of_values, strict=True):
+        # The spaces around an arrow are left out, so that all columns fit and no line breaks there.
+        text = value.replace(" → ", "→")
+        interval = INTERVAL_IN_CELL.search(cell)
+        cells.append(Detailed(text, interval[0]) if interval else text)
+    return cells
 
 
 def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -> list[Sentence]:

@@ -470,14 +470,24 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert [row[0] for row in overview.rows] == ["roll rate", "  attitude"]
     phase_margin = overview.rows[0][1]
     assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
-    # A page has the same of gains to load or to keep, a phone without intervals and spaces.
-    [kept] = margins_at_a_glance(tunings["sound"])
+    # A page has the same of gains to load or to keep, a phone with the intervals below, and without spaces.
+    result = tuning_result(tuning)
+    # So has the axis of the headline, whose gains another flight is to confirm.
+    kept, tried = margins_at_a_glance(tunings["sound"], tuning_result(tunings["sound"]))
+    assert tried.header[0] == "now → tried" and tried.rows[0][0] == "pitch rate"
     assert kept.header[0] == "now" and kept.rows[1][0] == "roll attitude"
-    [expected] = margins_at_a_glance(tuning)
+    [expected] = margins_at_a_glance(tuning, result)
     assert [row[1:] for row in expected.rows] == [row[1:] for row in overview.rows]
     [on_phone] = expected.phone_tables
     assert re.fullmatch(r"\d+→\d+", on_phone.rows[0][1])
-    assert not margins_at_a_glance(tuning._replace(axes={"roll": NOT_STEERED}))
+    interval = on_phone.rows[0][1].detail
+    assert re.fullmatch(r"\(.+ to .+\)", interval) and interval in phase_margin
+    assert not margins_at_a_glance(tuning._replace(axes={"roll": NOT_STEERED}), result)
+    # Doubtful margins are shown only of the axis that the headline names.
+    doubted = tuning._replace(doubtful_axes=frozenset(["roll"]))
+    [doubtful] = margins_at_a_glance(doubted, result)
+    assert doubtful.header[0] == "doubtful" and doubtful.rows == expected.rows
+    assert not margins_at_a_glance(doubted, Fact(MotorsLight.MOTORS_EVEN, Level.GOOD))
 
 
 def test_what_the_flight_warns_of_stands_beside_new_gains_and_colours_their_card(tunings):

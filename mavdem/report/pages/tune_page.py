@@ -138,7 +138,7 @@ def _render_tune_page(
     ]
     # A chapter that only points to the headline says nothing.
     chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
-    summary: Blocks = [*tune_summary(tuning, result), *margins_at_a_glance(tuning)]
+    summary: Blocks = [*tune_summary(tuning, result), *margins_at_a_glance(tuning, result)]
     summary += field_sentences(tuning)
     summary += flight_sentences(assessment, has_headline_above=False)
     gains = gains_of_tuning(tuning, evidence, changes)
