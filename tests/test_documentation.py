@@ -235,7 +235,7 @@ def arguments(value):
 @cache
 def class_bodies(path):
     """The statements of each class of a file, by the name of the class."""
-    nodes = ast.walk(ast.parse(Path(path).read_text()))
+    nodes = ast.walk(ast.parse(Path(path).read_text(encoding="utf-8")))
     return {node.name: node.body for node in nodes if isinstance(node, ast.ClassDef)}
 
 
