@@ -1,13 +1,14 @@
 """Conditions of flights, such as battery voltage and lean, and by how much they alone may change a quantity."""
 
 from collections.abc import Iterable
-from math import hypot, isclose, log
+from math import hypot, log
 from statistics import fmean
 from typing import NamedTuple
 
 from mavdem.containers import Names, Numbers
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.flights import Flights, log_row
+from mavdem.fleet.health_figures import measured_voltage
 from mavdem.fleet.quantities import (
     ATTITUDE_GAIN_MARGIN,
     ATTITUDE_PHASE_MARGIN,
@@ -199,29 +200,6 @@ def _largest_vibration(row: FlightRow) -> float | None:
     if not row.vibration:
         return None
     return max(row.vibration)
-
-
-def measured_voltage(row: FlightRow) -> float | None:
-    """Returns the mean voltage of a flight's battery, if it was measured.
-
-    A voltage that never changes is a constant that the autopilot reports without a sensor. Flights cannot be compared
-    by it.
-
-    Args:
-        row: any row of the flight in the fleet's table; all have the same voltages.
-
-    Returns:
-        The mean, V; ``None`` if it is unknown or the voltage was constant.
-    """
-    mean_voltage = row.voltage_mean
-    if mean_voltage is None or row.voltage_end is None:
-        return mean_voltage
-    has_changed = row.voltage_start != row.voltage_end
-    # The mean of equal samples equals each of them, except for rounding.
-    is_mean_equal = isclose(mean_voltage, row.voltage_end)
-    if has_changed or not is_mean_equal:
-        return mean_voltage
-    return None
 
 
 def condition_allowance(kind: str, before: Conditions, after: Conditions) -> float:

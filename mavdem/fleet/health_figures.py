@@ -1,12 +1,13 @@
 """Figures of a flight by which the health of its motors is judged, from its row in the table of a fleet."""
 
+from math import isclose
+
 import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.facts import Level
 from mavdem.facts.urgency import Urgency, urgency_of_headline
-from mavdem.fleet.flight_conditions import measured_voltage
 from mavdem.fleet.row import FlightRow
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.healthy_flights import HealthFigures
@@ -80,6 +81,29 @@ def _is_sound(row: FlightRow) -> bool:
     saturated_share = max(row.saturated or (0.0,))
     is_at_limit = saturated_share >= MAX_SATURATED_SHARE
     return not (is_lost or has_bad_motors or is_at_limit or row.oscillation is not None)
+
+
+def measured_voltage(row: FlightRow) -> float | None:
+    """Returns the mean voltage of a flight's battery, if it was measured.
+
+    A voltage that never changes is a constant that the autopilot reports without a sensor. Flights cannot be compared
+    by it.
+
+    Args:
+        row: any row of the flight in the fleet's table; all have the same voltages.
+
+    Returns:
+        The mean, V; ``None`` if it is unknown or the voltage was constant.
+    """
+    mean_voltage = row.voltage_mean
+    if mean_voltage is None or row.voltage_end is None:
+        return mean_voltage
+    has_changed = row.voltage_start != row.voltage_end
+    # The mean of equal samples equals each of them, except for rounding.
+    is_mean_equal = isclose(mean_voltage, row.voltage_end)
+    if has_changed or not is_mean_equal:
+        return mean_voltage
+    return None
 
 
 def column_array(values: Numbers | None, count: int) -> Array:

@@ -10,8 +10,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
-from mavdem.fleet.flight_conditions import measured_voltage
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
+from mavdem.fleet.health_figures import measured_voltage
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.trims_without_lean import trims_without_lean
 from mavdem.report.blocks import truncated
