@@ -27,14 +27,20 @@ TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
 WORD_PATTERN = re.compile(r'(?:"[^"]*"?|[^\s"])+')
 """A word of a search; what stands between quotes, such as the name of a vehicle, may contain spaces."""
 
-HALF_TYPED_TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])")
-"""Such a word while its value is still to be typed, as ``motors:``."""
+HALF_TYPED_TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>]),*")
+"""Such a word while its value is still to be typed, as ``motors:`` or ``motors:,``."""
 
 TEXT_COLUMNS = {"level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
 
-DATE_PATTERN = re.compile(r"\d{4}(-\d\d(-\d\d([ T]\d\d(:\d\d)?)?)?)?", re.IGNORECASE)
-"""A date of a search: a year, month, day, hour or minute in UTC, as in ISO 8601."""
+DATE_PATTERN = re.compile(
+    r"\d{4}(-(0[1-9]|1[0-2])(-(0[1-9]|[12]\d|3[01])([ T]([01]\d|2[0-3])(:[0-5]\d)?)?)?)?",
+    re.IGNORECASE | re.ASCII,
+)
+"""A date of a search: a year, month, day, hour or minute in UTC, as in ISO 8601.
+
+The numbers are in the digits 0 to 9, since dates are compared as texts.
+"""
 
 WIND_LOW_SQL = "round(coalesce(wind_low, wind_speed), 1)"
 """SQL expression of the lower end of the wind speed's 90 % interval, m/s, rounded as the list shows it.
@@ -344,7 +350,7 @@ def _problems_of_term(term: _Term) -> list[str]:
         return [f"{value} is no {column}: these are {listed(CHOICES[column])}"]
     if column in LEVEL_COLUMNS and operator in (":", "=") and not _is_number(value):
         # A light (the level of a part of the vehicle), such as motors:bad or motors:bad,watch.
-        wrong_levels = [level for level in value.split(",") if level.lower() not in LEVELS]
+        wrong_levels = [level for level in _typed_levels(value) if level.lower() not in LEVELS]
         return [f"{level} is no level: these are {listed(LEVELS)}" for level in wrong_levels]
     if column == "date" and not DATE_PATTERN.fullmatch(value):
         return [f"{value} is no date: write 2026-05-31, 2026-05 or 2026"]
@@ -415,7 +421,7 @@ def _comparison_condition(term: _Term) -> SqlCondition | None:
     if column == "date":
         return _date_comparison(operator, value)
     if column in LEVEL_COLUMNS and operator == "=" and "," in value:
-        return _level_condition(column, value.split(","))
+        return _level_condition(column, _typed_levels(value))
     if column in TEXT_COLUMNS:
         expression = COMPARED_LEVELS_SQL.get(column, column)
         return SqlCondition(_text_comparison(expression, operator), (value,))
@@ -499,6 +505,15 @@ def _date_comparison(operator: str, value: str) -> SqlCondition | None:
     shortened_date = f"substr(date, 1, {len(value)})"
     # Dates are stored with a T before the time of day.
     return SqlCondition(_text_comparison(shortened_date, operator), (value.replace(" ", "T"),))
+
+
+def _typed_levels(value: str) -> list[str]:
+    """Returns the different levels in a value such as "bad,watch", in their order.
+
+    A comma after which no level is typed yet, as in "bad,", adds none.
+    """
+    levels = dict.fromkeys(value.split(","))
+    return [level for level in levels if level]
 
 
 def _level_condition(column: str, levels: Sequence[str]) -> SqlCondition:

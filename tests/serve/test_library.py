@@ -83,12 +83,15 @@ def test_a_search_says_which_value_is_no_number_and_which_no_level():
     assert search_problems("mc_roll_p<6 BATT_CAPACITY>0") == [
         "BATT_CAPACITY is not searched: of the parameters, only gains and filters of rate and attitude control are"
     ]
+    assert search_problems("motors:bad, motors:bad,,watch") == []
+    assert len(search_problems("motors:foo,foo,,")) == 1
     (sharing,) = search_problems("sharing:mine")
     assert sharing == "mine is no sharing: these are private, link and public"
 
 
 def test_a_term_that_is_still_typed_limits_no_search_and_says_what_it_lacks():
-    assert search_condition("quad motors:") == search_condition("quad")
+    assert search_condition("quad motors: motors:,,") == search_condition("quad")
+    assert search_condition("motors:bad,,bad") == search_condition("motors:bad,")
     level, number, choice = half_typed_terms("motors: Wind> sharing= colour: quad 12:30 motors:bad")
     assert level == "motors: lacks its level: these are good, watch, bad and unknown"
     assert number == "Wind> lacks its number"
@@ -221,6 +224,15 @@ def test_a_day_month_or_year_of_a_search_is_an_interval():
     assert search_problems("date:9.3.22") == [
         "9.3.22 is no date: write 2026-05-31, 2026-05 or 2026"
     ]
+    # Digits of other scripts are later than all dates as texts, so that a search would find every flight by them.
+    for no_date in (
+        "\u0662\u0660\u0662\u0666",
+        "2022-13",
+        "2022-00",
+        "2022-03-32",
+        "2022-03-09T24",
+    ):
+        assert len(search_problems(f"date<={no_date}")) == 1, no_date
 
 
 def test_a_search_by_an_unknown_property_names_the_known_ones():
