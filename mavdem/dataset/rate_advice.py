@@ -35,6 +35,8 @@ ALL_LOG_BACKENDS = 7
 FAST_ATTITUDE_BIT = 1
 """Bit of ArduPilot's LOG_BITMASK that logs the attitude at the rate of the main loop."""
 
+HIGH_RATE_BIT = 16
+"""Bit of PX4's SDLOG_PROFILE that logs attitude and motor outputs at a high rate."""
 
 FIRST_VERSION_WITH_DEMAND = (3, 3)
 """First version of ArduCopter that logs the demands (RATE); some development builds of it did not yet."""
@@ -78,6 +80,29 @@ def rate_advice(
     if requesting_components or SET_MESSAGE_INTERVAL in acknowledged_commands:
         return Fact(Remedy.STOP_ASKING_FOR_RATES, names=requesting_components, remedy=remedy)
     return remedy
+
+
+def names_setting(advice: Fact) -> bool:
+    """Returns whether advice on higher rates names a setting to change.
+
+    It names none if the autopilot was set already to log on board as fast as it can, and lost nothing.
+
+    Args:
+        advice: The advice (:func:`rate_advice`).
+    """
+    figures = advice.figures
+    if advice.code is Remedy.LOG_FAST_ATTITUDE:
+        # The names are those of parameters that limit the rates of messages.
+        is_limited = bool(figures["names"]) or bool(figures["dropouts"])
+        return is_limited or not _has_bit(figures["bitmask"], FAST_ATTITUDE_BIT)
+    if advice.code is Remedy.LOG_HIGH_RATE:
+        return bool(figures["dropouts"]) or not _has_bit(figures["profile"], HIGH_RATE_BIT)
+    return True
+
+
+def _has_bit(value: int | None, bit: int) -> bool:
+    """Returns whether a bit of a parameter is set; False if the value of the parameter is not known (None)."""
+    return value is not None and bool(value & bit)
 
 
 def _settings_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fact:
@@ -169,7 +194,7 @@ def _dataflash_advice(telemetry: Telemetry) -> Fact:
     parameters = telemetry.parameters
     firmware = telemetry.firmware
     bitmask = int(parameters["LOG_BITMASK"]) if "LOG_BITMASK" in parameters else None
-    is_fast = bitmask is not None and bool(bitmask & FAST_ATTITUDE_BIT)
+    is_fast = _has_bit(bitmask, FAST_ATTITUDE_BIT)
     # An empty version, of a firmware without one in its name, is before every other.
     version = firmware_version(telemetry) or ()
     is_first_version = version == FIRST_VERSION_WITH_DEMAND

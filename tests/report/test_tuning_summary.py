@@ -176,6 +176,7 @@ def flight_of(reasons, *, axes_without_controller=(), is_after_repair=False, par
 
 
 SLOW = Fact(LoopFact.NOT_STEERED, share=0.16, names=("ATT", "RCOU"), rates=(9.8, 9.8))
+SLOWER = SLOW.replace(share=0.1)
 NO_SETPOINT = Fact(LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0, recorder="DataFlash")
 NOT_FOUND = Fact(LoopFact.LOOP_NOT_FOUND)
 
@@ -192,7 +193,7 @@ NOT_FOUND = Fact(LoopFact.LOOP_NOT_FOUND)
             "and run `mavdem tune --axis all` on that log.",
         ),
         (
-            {"roll": NOT_STEERED, "pitch": NOT_STEERED, "yaw": SLOW},
+            {"roll": NOT_STEERED, "pitch": SLOWER, "yaw": SLOW},
             {"LOG_BITMASK": 176126.0},
             "LOG_BITMASK is 176126 in this log: set it to 176127, with bit 0 (fast attitude), which logs attitude "
             "and the demand at 50 Hz or more. Then fly ten quick doublets about each of roll, pitch and yaw in calm "
@@ -212,6 +213,7 @@ def test_one_next_step_for_all_axes_says_what_to_set_and_which_doublets_to_fly(
 ):
     flight = flight_of(reasons, parameters=parameters)
     assert flight.sentence == text
+    assert len(set(flight.figures["also"])) == len(flight.figures["also"])
     tuning = tuning_of(NOT_STEERED, NOT_STEERED, {}, flight_for_gains=flight)
     axes = {axis: Fact(LoopFact.NO_LOOP, reasons=(reason,)) for axis, reason in reasons.items()}
     judgement = judgement_with_tuning_step(

@@ -11,7 +11,7 @@ from math import inf
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision
 from mavdem.assessment.axis.lowered_gains import LOWERING, fact_and_contained_facts
 from mavdem.assessment.evidence import Evidence
-from mavdem.dataset.rate_advice import FAST_ATTITUDE_BIT, rate_advice
+from mavdem.dataset.rate_advice import names_setting, rate_advice
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.learnability import NotLearnableReason, Remedy
@@ -54,9 +54,6 @@ REMOVED_BY_LOGGING = (
 
 SETTINGS_ON_BOARD = (Remedy.LOG_FAST_ATTITUDE, Remedy.LOG_HIGH_RATE)
 """Advice on what autopilots log on board: ArduPilot's RATE and PX4's high rate have the setpoint of the rate, too."""
-
-HIGH_RATE_BIT = 16
-"""Bit of PX4's SDLOG_PROFILE that logs attitude and motor outputs at a high rate."""
 
 
 def flight_for_gains(
@@ -198,16 +195,18 @@ def _logging_steps(evidence: Evidence, reasons: Iterable[Fact]) -> Facts:
         reasons: why axes get no gains.
 
     Returns:
-        Facts whose remedy, or else sentence, is what to set, such as a bit of LOG_BITMASK. Their texts do not
-        say to fly anew, which the advice on the flight says already.
+        Facts whose remedy, or else sentence, is what to set, such as a bit of LOG_BITMASK, each once. Their texts do
+        not say to fly anew, which the advice on the flight says already.
     """
     advice = rate_advice(evidence.signals.telemetry, components=evidence.log.components)
-    names_setting = _names_setting(advice)
+    is_setting_named = names_setting(advice)
     steps = []
     for fact in reasons:
         if _advises_to_log(fact):
             steps.append(fact)
-        if names_setting and (_has_slow_messages(fact) or _adds_setpoint(advice, fact)):
+        # One setting makes all messages faster, which several reasons may ask for.
+        is_advice_needed = _has_slow_messages(fact) or _adds_setpoint(advice, fact)
+        if is_setting_named and is_advice_needed and advice not in steps:
             steps.append(advice)
     return tuple(_with_flight_stated(step) for step in steps)
 
@@ -221,25 +220,6 @@ def _adds_setpoint(advice: Fact, reason: Fact) -> bool:
     """
     lacks_setpoint = reason.code is LoopFact.NO_RATE_SETPOINT and _advises_to_log(reason)
     return lacks_setpoint and advice.code in SETTINGS_ON_BOARD
-
-
-def _names_setting(advice: Fact) -> bool:
-    """Returns whether advice on faster messages names a setting to change.
-
-    It names none if the autopilot was set already to log on board as fast as it can, and lost nothing.
-
-    Args:
-        advice: the advice (:func:`rate_advice`).
-    """
-    figures = advice.figures
-    if advice.code is Remedy.LOG_FAST_ATTITUDE:
-        is_set = figures["bitmask"] is not None and bool(figures["bitmask"] & FAST_ATTITUDE_BIT)
-        # The names are those of parameters that limit the rates of messages.
-        return not is_set or bool(figures["names"]) or bool(figures["dropouts"])
-    if advice.code is Remedy.LOG_HIGH_RATE:
-        is_set = figures["profile"] is not None and bool(figures["profile"] & HIGH_RATE_BIT)
-        return not is_set or bool(figures["dropouts"])
-    return True
 
 
 def _with_flight_stated(fact: Fact) -> Fact:
