@@ -15,7 +15,7 @@ from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning_step import (
     _advice_on_changed_loops,
     _allows_new_gains,
-    _next_step_with_new_gains,
+    judgement_with_tuning_step,
 )
 from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
@@ -383,24 +383,32 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     assert replace(unclear, sure=SURE_SHARE).is_sound
     headline = Fact(MarginsLight.LOOP_MARGINS, Level.WATCH)
     judgement = Judgement(headline, headline, {})
+
+    def next_step(judgement, advice, flight=None):
+        """The next step with new gains of roll, or of roll and pitch."""
+        advice_by_axis = dict(zip(("roll", "pitch"), advice, strict=False))
+        return judgement_with_tuning_step(
+            judgement,
+            advice_by_axis,
+            (),
+            flight,
+            has_new_gains=True,
+            is_written=True,
+            must_be_repaired=False,
+        ).next_step
+
     steps = {}
     for name, advice in {"sound": [lacks, unclear], "unclear": [unclear]}.items():
-        steps[name] = _next_step_with_new_gains(
-            judgement, advice, (), (), None, None, is_written=True
-        )
+        steps[name] = next_step(judgement, advice)
     assert steps["sound"].code is NextStep.LOAD_GAINS
     # Gains that are lowered on another axis are loaded with these, and come before a flight that changes none.
     lower = Fact(LoopAction.LOWER_BY_A_THIRD, subject="rate", axis="pitch", changes=(("P", 3, 2),))
     pitch = LoopDecision("pitch", LoopDiagnosis.BELOW_GOAL, headline, lower)
     lowering = Judgement(headline.replace(action=lower), lower, {}, {"pitch": pitch})
     assert _allows_new_gains(lowering.headline)
-    step = _next_step_with_new_gains(
-        lowering, [lacks, unclear], (), (), None, lower, is_written=True
-    )
+    step = next_step(lowering, [lacks, unclear])
     assert step.code is NextStep.LOAD_GAINS and step.figures["names"] == ("roll", "pitch")
-    assert lower == _next_step_with_new_gains(
-        lowering, [unclear], (), (), None, lower, is_written=True
-    )
+    assert lower == next_step(lowering, [unclear])
     assert steps["unclear"].code is NextStep.FLY_BEFORE_GAINS
     assert steps["unclear"].sentence == (
         "Keep the gains, and fly ten small, quick doublets about roll in calm air; then run "
@@ -408,7 +416,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     )
     # The same flight serves an axis of which nothing is known yet.
     flight = Fact(NextStep.FLY_FOR_GAINS, axes=("yaw",), also=(), names=(), rates=())
-    step = _next_step_with_new_gains(judgement, [unclear], (), (), flight, None, is_written=True)
+    step = next_step(judgement, [unclear], flight)
     assert "quick doublets about roll and yaw in calm air" in step.sentence
 
 

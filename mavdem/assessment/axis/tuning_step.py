@@ -42,11 +42,13 @@ def judgement_with_tuning_step(
     """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
 
     What must be repaired comes first, and then gains that must be lowered: no one flies a resonance for longer to learn
-    more of it. There are seven cases:
+    more of it. There are eight cases:
 
     - There are new gains, but of axes with enough margin, while others lack it: the next step is to tune those first.
-    - There are new gains, and no other fault comes before them: the next step is to load the gains, with any that are
-      to be lowered on another axis.
+    - There are new gains, no other fault comes before them, and the flight is a basis for those of an axis
+      (``Advice.is_sound``): the next step is to load the gains, with any that are to be lowered on another axis.
+    - There are such gains, but of no axis is the flight a basis for them: gains are lowered first or, if none must be,
+      the vehicle flies once more.
     - There are none, and no repair comes before: gains are lowered on axes that lack margin by a measurement.
     - There are none, and the loops probably have their margins: the next step is to keep the gains, or to make sure.
     - There are none, although the next step was to tune the vehicle, or to fly doublets: it becomes to tune other axes
@@ -70,6 +72,11 @@ def judgement_with_tuning_step(
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
     is_refused = not any(advice.gains for advice in advice_on_loops)
     step_to_lower_gains = _step_to_lower_gains(judgement, advice_by_axis)
+    changed_loops = _advice_on_changed_loops(advice_on_loops)
+    allows_new_gains = has_new_gains and (
+        _allows_new_gains(judgement.headline)
+        or _makes_margins_sure(judgement.headline, advice_by_axis)
+    )
     if has_new_gains and _raises_gains_while_others_lack_margin(
         judgement, advice_on_loops, other_axes_to_tune
     ):
@@ -82,18 +89,13 @@ def judgement_with_tuning_step(
             arguments=tuple(argument for argument in arguments if argument != "--more"),
             are_first=True,
         )
-    elif has_new_gains and (
-        _allows_new_gains(judgement.headline)
-        or _makes_margins_sure(judgement.headline, advice_by_axis)
-    ):
-        next_step = _next_step_with_new_gains(
-            judgement,
-            advice_on_loops,
-            other_axes_to_tune,
-            arguments,
-            flight_for_gains,
-            step_to_lower_gains,
-            is_written=is_written,
+    elif allows_new_gains and any(advice.is_sound for advice in changed_loops):
+        next_step = _step_to_load_gains(
+            judgement, changed_loops, other_axes_to_tune, arguments, is_written=is_written
+        )
+    elif allows_new_gains:
+        next_step = step_to_lower_gains or _step_to_fly_before_gains(
+            judgement, changed_loops, flight_for_gains
         )
     elif must_be_repaired or _is_repair(judgement):
         return judgement
@@ -289,44 +291,6 @@ def _leads_to_tuning(headline: Fact) -> bool:
     return flies_doublets or _allows_new_gains(headline)
 
 
-def _next_step_with_new_gains(
-    judgement: Judgement,
-    advice_on_loops: Sequence[Advice],
-    other_axes: Sequence[str],
-    arguments: Sequence[str],
-    flight_for_gains: Fact | None,
-    step_to_lower_gains: Fact | None,
-    *,
-    is_written: bool,
-) -> Fact:
-    """Returns the next step if gains change: to load them or, if they are too uncertain, to fly first.
-
-    Args:
-        judgement: headline, next step and status lights of the flight, and decisions on its loops.
-        advice_on_loops: advice on the loops of the requested axes.
-        other_axes: axes that were not requested, but whose gains should change too.
-        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
-        flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
-        step_to_lower_gains: the next step if gains must be lowered; None if none must.
-        is_written: whether the gains are written to a file.
-
-    Returns:
-        The fact (coded finding) ``LOAD_GAINS`` if the flight is a basis for the new gains of an axis
-        (``Advice.is_sound``). Otherwise the step to lower gains and, without one, ``FLY_BEFORE_GAINS``.
-    """
-    changed_loops = _advice_on_changed_loops(advice_on_loops)
-    if any(advice.is_sound for advice in changed_loops):
-        return _step_to_load_gains(
-            judgement, changed_loops, other_axes, arguments, is_written=is_written
-        )
-    if step_to_lower_gains is not None:
-        return step_to_lower_gains
-    further_axes: Names = ()
-    if flight_for_gains is not None:
-        further_axes = flight_for_gains.figures["axes"]
-    return _step_to_fly_before_gains(judgement, changed_loops, further_axes)
-
-
 def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
     """Selects the advice on those axes whose control loops behave differently once the new parameters are set.
 
@@ -341,14 +305,15 @@ def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
 
 
 def _step_to_fly_before_gains(
-    judgement: Judgement, changed_loops: Sequence[Advice], further_axes: Names
+    judgement: Judgement, changed_loops: Sequence[Advice], flight_for_gains: Fact | None
 ) -> Fact:
     """Returns the advice to fly once more, since this flight is too uncertain a basis for new gains on any axis.
 
     Args:
         judgement: the flight's most serious finding (headline), and what was found about its motors, power and so on.
         changed_loops: for each axis whose gains should change, the advice with the new gains.
-        further_axes: axes of which this flight gives no gains at all, and about which doublets are flown too.
+        flight_for_gains: the flight for axes of which this one gives no gains, about which doublets are flown too; None
+            if there are no such axes.
 
     Returns:
         The fact (coded finding) ``FLY_BEFORE_GAINS``. Its ``reason`` says which flight is needed, and names all these
@@ -356,7 +321,9 @@ def _step_to_fly_before_gains(
     """
     # One flight serves all axes. The advice with the strongest case for new gains describes it.
     advice_with_strongest_case = max(changed_loops, key=_certainty_of_change)
-    axes = (*[advice.before.axis for advice in changed_loops], *further_axes)
+    axes: Names = tuple(advice.before.axis for advice in changed_loops)
+    if flight_for_gains is not None:
+        axes += flight_for_gains.figures["axes"]
     needed_flight = advice_with_strongest_case.flight_before_gains.replace(names=axes)
     return Fact(
         NextStep.FLY_BEFORE_GAINS,
