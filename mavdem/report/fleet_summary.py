@@ -15,6 +15,7 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Sentence, Table, shortened, truncated
 from mavdem.report.fleet import ANOMALOUS_HEALTHS, vehicle_label
+from mavdem.report.heading import listed_headline
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import (
     as_clause,
@@ -50,9 +51,6 @@ MAX_VEHICLE_LINES = 20
 
 MAX_LINES_BEFORE_LIST = 3
 """Vehicles that need a look with a line above the page's list: a choice, the first screen of a telephone."""
-
-MAX_FINDING_LENGTH = 100
-"""Letters of what such a line says of the latest flight: with the next step, two lines of a terminal. A choice."""
 
 MAX_STEP_LENGTH = 120
 """Letters of what such a line says to do: the page has the rest. A choice."""
@@ -153,7 +151,7 @@ def _urgent_vehicle_lines(
     max_lines = MAX_LINES_BEFORE_LIST if lists_follow else MAX_VEHICLE_LINES
     lines = []
     for vehicle in urgent[:max_lines]:
-        finding = as_clause(shortened(vehicle.flights.texts.latest_flight, MAX_FINDING_LENGTH))
+        finding = as_clause(listed_headline(vehicle.flights.texts.latest_flight))
         next_step = shortened(first_sentence(vehicle.flights.texts.next_step), MAX_STEP_LENGTH)
         text = f"{finding} · {next_step}" if vehicle.flights.texts.next_step else f"{finding}."
         lines.append(Sentence(text, lead=f"{vehicle.label}:"))

@@ -287,10 +287,10 @@ def _wind_text(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", file_name, "15rem", "flight"),
-    "vehicle": Column("text", _vehicle, "11rem", "vehicle"),
-    "date": Column("text", _date, "6rem", "date"),
-    "health": Column("health", _badge, "5rem", "health"),
+    "flight": Column("text", file_name, "13.5rem", "flight"),
+    "vehicle": Column("text", _vehicle, "9.5rem", "vehicle"),
+    "date": Column("text", _date, "6.5rem", "date"),
+    "health": Column("health", _badge, "4.6rem", "health"),
     "lights": Column("lights", _warning_lights, "7.5rem", "lights"),
     "motor": Column("text", _suspect_motors, "3.6rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),

@@ -750,7 +750,7 @@ def _baseline_flights(count: int, are_chosen: bool) -> str:
         return counted(count, "healthy flight")
     if count == 1:
         return "the vehicle's one flight before, taken for healthy"
-    return f"{count} of the vehicle's first sound flights, taken for healthy"
+    return f"{count} of the vehicle's first flights, taken for healthy"
 
 
 def forbids_flight(fact: Fact) -> bool:

@@ -618,6 +618,6 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
         code_by_vehicle = assess_rows(code_by_vehicle, [])[0]
         assert code_by_vehicle.health_code == MotorsBetween.MOTORS_UNCHANGED
         assert code_by_vehicle.residual_mean == approx(2)
-        assert "against 3 of the vehicle's first sound flights" in code_by_vehicle.health_reason
+        assert "against 3 of the vehicle's first flights" in code_by_vehicle.health_reason
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     assert [row.health == "ok" for row in assess_rows(rows, rows[:3])] == [True] * 3 + [False]

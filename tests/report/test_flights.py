@@ -67,7 +67,7 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     assert f"Why: {reason}" in plain_text(fleet_blocks([explained]))
     # Page and terminal have the same headline of one vehicle.
     headline, *_ = fleet_blocks([explained])
-    assert headline.lead == "1 of 1 vehicle needs a look: beta (motor 2: fault)."
+    assert headline.lead == "1 vehicle needs a look: beta (motor 2: fault)."
     assert fleet_blocks([explained], lists_follow=True)[0] == headline
     motors = fleet_summary.motor_health_by_vehicle(vehicle_summaries([explained]))["beta"]
     assert motors == {"health": "fault", "sentence": reason, "next_step": inspect}

@@ -386,7 +386,7 @@ def test_a_flight_with_bad_motors_is_no_baseline_which_is_named_and_removed_agai
     assert served.ask("DELETE", "/api/baseline?vehicle=quad%207").status == 204
     assert {row.vehicle for row in served.library.store.healthy} == {"Red"}
     assert (
-        "No baseline: its first sound flights are taken for healthy"
+        "No baseline: its first flights are taken for healthy"
         in served.get("/vehicle?name=quad%207").text
     )
     (flight,) = served.get("/api/flights?q=motors:bad").json["flights"]

@@ -1,7 +1,7 @@
 """The HTML index of a fleet: a summary, the charts of each vehicle over its flights, and a table of all flights."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from math import ceil
@@ -30,6 +30,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.fleet_summary import fleet_blocks, flown_time_text, vehicles_with_section
 from mavdem.report.flight_lines import COLUMNS, FlightLine, flight_line
+from mavdem.report.heading import listed_headline
 from mavdem.report.numbers import listed
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.vehicle_summary import LastFlight, VehicleFlights, VehicleSummary
@@ -100,7 +101,8 @@ def fleet_page(
         names: names that were given to vehicles and flights.
     """
     lines = _newest_first(summaries)
-    cells = [_named_cells(line, names) for line in lines]
+    shared_logs = _logs_of_several_vehicles(lines)
+    cells = [_named_cells(line, names, is_log_shared=line.content in shared_logs) for line in lines]
     vehicles = _vehicle_sections(summaries, changes or {}, charts, names)
     blocks = fleet_blocks(summaries, names, lists_follow=True)
     # The page begins with the summary; the reasons why logs were not used come at its end. Without a vehicle there are
@@ -180,11 +182,18 @@ def _table_of_scripts(
         "urgencies": [line.urgency for line in lines],
         "lights": [line.light_levels for line in lines],
         "counted": [line.is_counted and not _is_unused(line) for line in lines],
+        "findings": [_finding_in_short(line) for line in lines],
         "levels": BADGE_LEVELS,
         # In JSON the keys of an object come in the order of the alphabet, and not in that of urgency.
         "healths": [*BADGE_LEVELS],
         "labels": serial_labels,
     }
+
+
+def _finding_in_short(line: FlightLine) -> str:
+    """Returns the first note on a flight in few words, which the table shows until the notes are unfolded."""
+    notes = line.cells[[*COLUMNS].index("notes")]
+    return listed_headline(notes.split("\n")[0])
 
 
 def _is_unused(line: FlightLine) -> bool:
@@ -242,17 +251,36 @@ def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
     return [*reversed(dated_lines), *undated_lines]
 
 
-def _named_cells(line: FlightLine, names: GivenNames) -> list[str]:
+def _logs_of_several_vehicles(lines: Iterable[FlightLine]) -> set[str]:
+    """Returns the logs that hold flights of several vehicles, each of which has a line in the table of the fleet.
+
+    Args:
+        lines: lines of all flights.
+
+    Returns:
+        Hashes of the contents of these logs.
+    """
+    vehicles_by_log = defaultdict[str, set[str]](set)
+    for line in lines:
+        vehicles_by_log[line.content].add(line.vehicle)
+    return {content for content, vehicles in vehicles_by_log.items() if len(vehicles) > 1}
+
+
+def _named_cells(line: FlightLine, names: GivenNames, *, is_log_shared: bool = False) -> list[str]:
     """Returns the cells of a flight in the table of a fleet, with names that a user gave in the place of logged ones.
 
     Args:
         line: line of the flight, with a cell for each column of the table.
         names: names that users gave to vehicles and flights; those without one keep the name in their log.
+        is_log_shared: whether the log has flights of several vehicles. The name of the flight then ends with the name
+            of its vehicle in the log, as in "two_vehicles.tlog, px4-3".
     """
     cells = dict(zip(COLUMNS, line.cells, strict=True))
     given_flight_name = names.flights.get(line.content)
     if given_flight_name:
         cells["flight"] = given_flight_name
+    if is_log_shared:
+        cells["flight"] += f", {short_name(line.vehicle)}"
     if line.vehicle in names.vehicles:
         cells["vehicle"] = names.vehicle(line.vehicle)
     return list(cells.values())
@@ -365,6 +393,8 @@ class VehicleSection:
     """Its charts over the flights; empty without any."""
     is_open: bool = False
     """Whether it is unfolded at first."""
+    is_stated_above: bool = False
+    """Whether the summary at the top of the page states its note and its next step."""
 
     @property
     def is_line(self) -> bool:
@@ -410,7 +440,11 @@ def _vehicle_sections(
         if name in names_with_charts:
             # Charts are HTML that this program made itself, so that nothing in it has to be escaped.
             section.charts = Markup(charts(name))  # noqa: S704
-        section.is_open = vehicle.needs_look and urgent_count == 1
+        if vehicle.needs_look and urgent_count == 1:
+            section.is_open = True
+            section.is_stated_above = True
+            # The summary of the fleet has the reason, and the section what follows it.
+            section.summary = section.summary.removeprefix(vehicle.texts.reason).lstrip()
         sections.append(section)
     return sections
 

@@ -713,7 +713,9 @@ def test_only_the_first_sentence_of_a_headline_is_large(difference):
     heading = "In B: motor 1 (front right) lost about 25 % of its thrust with probability 0.87."
     assert headings == {"Motors:": heading}
     # No heading is cut within a clause, and a probability stays.
-    clause = "all motors work 8 % harder than in 3 of the vehicle's first sound flights, taken for healthy"
+    clause = (
+        "all motors work 8 % harder than in 3 of the vehicle's first flights, taken for healthy"
+    )
     bad["sentence"] = (
         f"{clause.capitalize()} (probability 0.66): check the load, then all propellers."
     )

@@ -21,6 +21,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.charts.chart import LineStyle
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.flight_lines import COLUMNS, file_name
+from mavdem.report.heading import MAX_HEADING_LENGTH
 from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.palette import BAD
@@ -67,9 +68,13 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     assert opened == ["quad-1"]
     assert "1 of 5 vehicles needs a look: quad-1 (motor" in text
     assert ">motor 3 works harder.</span>" in sections["quad-1"]
+    # The summary above has the reason and the next step: the unfolded section adds how often it was found.
+    body_of_open_section = sections["quad-1"].partition("</summary>")[2]
+    assert "motor 3 works harder" not in body_of_open_section
+    assert "Next:" not in body_of_open_section and "a fault in 1" in body_of_open_section
     # That nothing is wrong is said once, at the top: the vehicle's line has nothing to add.
-    last_cells = '<span>2026-01-08</span><span class="words"> <a href='
-    assert "<span>4 flights<" in sections["quad-0"] and last_cells in sections["quad-0"]
+    assert "<span>4 flights<" in sections["quad-0"]
+    assert '2026-01-08</a></span><span class="words"></span>' in sections["quad-0"]
     assert "Quadrotor · ArduCopter V4.5" in sections["quad-0"]
     assert '<path class="good" d="M8 0v1h.8v-1zM9' in sections["quad-0"]
     assert 'aria-label="Latest flights: 1 bad and 3 good"' in sections["quad-1"]
@@ -111,8 +116,7 @@ def test_a_lost_flight_without_figures_needs_a_look():
     rarer = FlightRow(file="3", status="No inputs.", status_code="motors_missing")
     text = fleet_page([flight_row("quad", 0, health="unknown", **lost), rarer, *unused])
     assert text.index("Never airborne</td>") < text.rindex("No inputs.</td>")
-    assert "1 of 1 vehicle needs a look: quad (" in text
-    assert "Lost at 70.9 s." in parts(text)["quad"]
+    assert "1 vehicle needs a look: quad (" in text and text.count("ost at 70.9 s") > 1
     assert (
         "Not compared with other flights. No settled flight." in text
         and "Their logs allow no figures (1)." in text
@@ -136,6 +140,24 @@ def test_a_fault_that_only_the_fleet_shows_is_the_note_of_its_flight():
     notes = [str(row) for row in table_of(text)["rows"]]
     assert "Motor 3 lost" in notes[0] and "Nothing wrong" not in notes[0]
     assert "Nothing wrong" in notes[1]
+    # The page of a single vehicle states its finding once: before the table of flights, the summary alone has it.
+    assert text.partition('id="every_flight"')[0].count("Motor 3 lost") == 1
+
+
+def test_flights_of_one_log_are_told_apart_by_their_vehicles():
+    """Of a log with two vehicles each flight has a line, and its finding is shown in few words."""
+    headline = "Motor 3 (front left) lost 19 to 41 % of its thrust at 47 s (probability > 0.99): it works 27 % harder "
+    headline += "(20 to 31 %) than in 3 of the vehicle's first flights, taken for healthy."
+    rows = [
+        flight_row(f"px4-{number}", 0, file="/logs/two.tlog", key="two", headline=headline)
+        for number in (2, 3)
+    ]
+    rows.append(flight_row("quad", 0))
+    table = table_of(fleet_page(rows))
+    names = {cells[2] for cells in table["rows"]}
+    assert names == {"two.tlog, px4-2", "two.tlog, px4-3", "0000.ulg"}
+    finding = headline.partition(":")[0] + "."
+    assert table["findings"].count(finding) == 2
 
 
 def test_what_changed_since_the_baseline_stands_with_its_vehicle():
@@ -410,7 +432,7 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     text = fleet_page(rows)
     table = table_of(text)
     columns_of_rows = {
-        name: table[name] * 10 for name in ("rows", "urgencies", "lights", "counted")
+        name: table[name] * 10 for name in ("rows", "urgencies", "lights", "counted", "findings")
     }
     large_table = json.dumps(table | columns_of_rows)
     _, shown_by_browser = browser.shown(
@@ -547,22 +569,25 @@ def test_a_phone_shows_bars_counts_of_lights_that_do_not_warn_and_whole_texts_of
 
 FOLDED = """(() => {
   const notes = [...document.querySelectorAll('#flights .note')];
-  const heights = notes.map(one => one.getBoundingClientRect().height);
+  const summary = notes[0].querySelector('summary');
+  const shown = () => [...summary.children].filter(one => one.getClientRects().length).map(one => one.textContent);
+  const folded = shown(), isWhole = summary.scrollHeight <= summary.clientHeight;
   notes[0].open = true;
-  return {lines: notes.length, most: Math.max(...heights), opened: notes[0].getBoundingClientRect().height};
+  return {lines: notes.length, folded, isWhole, opened: shown()};
 })()"""
-"""Heights of notes on flights, px: the largest of the folded ones, and of the first when it is unfolded."""
+"""The first note on a flight as it is shown, whether nothing of it is cut, and the same when it is unfolded."""
 
 
 @mark.slow
-def test_a_note_of_many_flights_has_two_lines_until_it_is_chosen(tmp_path, browser):
+def test_a_note_of_many_flights_is_in_few_words_until_it_is_chosen(tmp_path, browser):
     columns = {"headline": "What is wrong. " * 9, "headline_level": "bad"}
+    columns["headline"] = columns["headline"].strip()
     text = fleet_page([flight_row("quad", number, **columns) for number in range(9)])
     _, shown_by_browser = browser.shown(text, FOLDED, tmp_path, width=1280)
-    assert (
-        shown_by_browser["lines"] == 9
-        and shown_by_browser["most"] < 50 < shown_by_browser["opened"]
-    )
+    assert shown_by_browser["lines"] == 9 and shown_by_browser["isWhole"]
+    (finding,) = shown_by_browser["folded"]
+    assert 0 < len(finding) <= MAX_HEADING_LENGTH
+    assert shown_by_browser["opened"] == [columns["headline"]]
 
 
 BRIEF = """(() => {
