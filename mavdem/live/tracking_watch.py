@@ -20,8 +20,12 @@ from mavdem.live.messages import MESSAGE_FIELDS, Message
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
-SAMPLE_PERIOD = 0.05
-"""Least time between two samples of one message that are kept, s: angles that are controlled move at a few hertz."""
+MAX_SAMPLE_RATE = 400.0
+"""Rate of one message, Hz, up to which a whole minute of it is kept: that of ArduPilot's main loop (SCHED_LOOP_RATE).
+
+No message is left out, since a log is judged by all of its messages. Between samples a setpoint is interpolated: with
+fewer of them quick setpoints are smoothed, and the error looks up to a third smaller than it is.
+"""
 
 MIN_SETTLED_SECONDS = 20.0
 """Settled flight by which the tracking is judged, s: a choice, since a gust alone lasts for some seconds."""
@@ -37,7 +41,7 @@ class TrackingWatch:
         """Begins without a sample; ``slow_messages`` has those of the boot, among them the flight mode."""
         self._slow_messages = slow_messages
         self._samples: dict[str, deque[TimedValues]] = {
-            name: deque(maxlen=round(MEMORY_SECONDS / SAMPLE_PERIOD))
+            name: deque(maxlen=round(MEMORY_SECONDS * MAX_SAMPLE_RATE))
             for name in (*ATTITUDE_MESSAGES, SETPOINT_MESSAGE)
         }
         # Time of the latest attitude or setpoint, and of the first one after the latest gap, s of the boot clock.
@@ -45,7 +49,7 @@ class TrackingWatch:
         self._gap_end = -inf
 
     def add_message(self, message: Message, time: float) -> None:
-        """Keeps an attitude or a setpoint, unless it follows another one within ``SAMPLE_PERIOD``.
+        """Keeps an attitude or a setpoint.
 
         It also notes the end of a gap: the first of these messages after ``SILENCE_SECONDS`` without any.
 
@@ -56,10 +60,7 @@ class TrackingWatch:
         if time - self._latest_time > SILENCE_SECONDS:
             self._gap_end = time
         self._latest_time = time
-        samples = self._samples[message.name]
-        follows_too_soon = bool(samples) and time - samples[-1].time < SAMPLE_PERIOD
-        if not follows_too_soon:
-            samples.append(TimedValues(time, message.values))
+        self._samples[message.name].append(TimedValues(time, message.values))
 
     def has_setpoints(self, now: float) -> bool:
         """Returns whether a setpoint has come in the last ``MEMORY_SECONDS`` before ``now``, s of the boot clock."""

@@ -1,15 +1,19 @@
 """How a live vehicle follows its setpoints, by the light of a log."""
 
+from dataclasses import replace
 from math import cos, inf, sin
 
-from pytest import mark
+from pytest import approx, mark
 
+from mavdem.assessment.axis.tracking import tracking_of_axes
+from mavdem.dataset.segments import Segment
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.link import SILENCE_SECONDS
-from mavdem.live.messages import Message
-from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.messages import MESSAGE_FIELDS, Message
+from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
 from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS, TrackingWatch
 
 VEHICLE = Telemetry(1, component=1, vehicle="QUADROTOR", autopilot="ARDUPILOTMEGA", messages={})
@@ -45,6 +49,35 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
     assert watch.has_setpoints(seconds)
     light = watch.judge(seconds, VEHICLE, 0.0)
     assert (None if light is None else light.level) is level
+
+
+def quick_motion(seconds):
+    """Roll follows quick steps of a stick, as a first-order lag, at 100 Hz; every other row has a setpoint, too."""
+    roll = 0.0
+    for row in range(round(100 * seconds)):
+        time = row / 100
+        setpoint = 0.2 if time % 0.37 < 0.17 else -0.2
+        roll += (setpoint - roll) / 8
+        yield "ATTITUDE", TimedValues(time, (roll, 0.0, 0.0, 0.0, 0.0, 0.0))
+        if row % 2 == 0:
+            quaternion = (cos(setpoint / 2), sin(setpoint / 2), 0.0, 0.0)
+            yield "ATTITUDE_TARGET", TimedValues(time, (7, quaternion, 0.0, 0.0, 0.0))
+
+
+def test_errors_of_quick_motion_are_those_of_the_log():
+    """A log has all messages. Were some left out live, the setpoint would be interpolated there: another error."""
+    watch = TrackingWatch(RecentMessages())
+    seconds = 1.5 * MIN_SETTLED_SECONDS
+    messages = {"ATTITUDE": [], "ATTITUDE_TARGET": []}
+    for name, sample in quick_motion(seconds):
+        watch.add_message(Message(name, sample.time, inf, sample.values), sample.time)
+        messages[name].append(sample)
+    columns = {
+        name: columns_from(MESSAGE_FIELDS[name], samples, 0) for name, samples in messages.items()
+    }
+    log = tracking_of_axes(Signals(replace(VEHICLE, messages=columns)), [Segment(0, 0.0, seconds)])
+    live_error = watch.judge(seconds, VEHICLE, 0.0).figures["angle_error"]
+    assert live_error == approx(log["roll"].figures["angle_error"], rel=1e-6)
 
 
 @mark.slow
