@@ -33,6 +33,7 @@ class RefusalReason(Code):
     LOG_NOT_READ = "log_not_read"
     VEHICLE_IDENTIFIED = "vehicle_identified"
     MOTORS_BAD = "motors_bad"
+    NOT_FOR_BASELINE = "not_for_baseline"
     STILL_BEING_READ = "still_being_read"
 
 

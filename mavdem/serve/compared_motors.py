@@ -66,6 +66,16 @@ The column "judged" is empty until the vehicle is judged, and again once its fli
 the row says of the motors is then of an earlier comparison, and may not be true any more.
 """
 
+AWAITS_COMPARISON_SQL = (
+    f"({CONTENT_HASH_SQL} || entries.vehicle in"
+    f" (select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle from flights join logs using (log)"
+    f" where tracked and {IS_UNCOMPARED_SQL}))"
+)
+"""SQL condition of a flight of the library whose motors are still to be compared.
+
+Logs that the fleet does not track are never compared.
+"""
+
 ROWS_WITH_ANOMALY_SQL = f"""
 select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle as flight, {HEALTH_SQL} as health,
     json_extract(brief, '$.health_reason') as reason, json_extract(brief, '$.suspect_motor') as suspect_motor
@@ -129,6 +139,16 @@ def level_compared_with_fleet_sql(column: str) -> str:
     )
 
 
+def motors_level_sql() -> str:
+    """Returns the SQL expression of the level of the motors that is shown.
+
+    It is the SQL of :func:`entry_awaiting_comparison` and of :func:`entry_compared_with_fleet`.
+    """
+    compared_level = level_compared_with_fleet_sql("motors")
+    is_preliminary = f"motors = '{Level.GOOD}' and {AWAITS_COMPARISON_SQL}"
+    return f"case when {is_preliminary} then '{Level.UNKNOWN}' else {compared_level} end"
+
+
 def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:
     """Returns the SQL expression of the level that a flight gets if its motors have an anomaly.
 
@@ -170,6 +190,22 @@ def _reversed_sort_key(key: str) -> str:
     opposite_key = column if direction == "desc" else f"{column} desc"
     is_unknown = f"nullif({column}, '') is null"
     return f"{is_unknown}, {opposite_key}"
+
+
+def entry_awaiting_comparison(entry: LibraryEntry) -> LibraryEntry:
+    """Returns the index entry of a flight whose motors are still to be compared with other flights of the vehicle.
+
+    By its log alone smaller losses of thrust do not show, so that good motors are not known to be good yet.
+
+    Args:
+        entry: the entry, whose verdict is by the log alone.
+
+    Returns:
+        A copy in which the motors are unknown; the entry itself if the log already shows something wrong with them.
+    """
+    if entry.motors != Level.GOOD:
+        return entry
+    return replace(entry, motors=str(Level.UNKNOWN))
 
 
 def entry_compared_with_fleet(entry: LibraryEntry, row: FlightRow | None) -> LibraryEntry:

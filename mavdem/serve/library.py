@@ -65,6 +65,7 @@ from mavdem.serve.compared_motors import (
     BASELINE_VEHICLES_SQL,
     HAS_BALANCE_SQL,
     IS_UNCOMPARED_SQL,
+    entry_awaiting_comparison,
     entry_compared_with_fleet,
     order_sql,
 )
@@ -465,6 +466,7 @@ class Library:
         order: ListingOrder = ListingOrder.UPLOAD,
         *,
         is_reversed: bool = False,
+        judged_first: bool = False,
     ) -> FoundEntries:
         """Finds the entries that satisfy a condition.
 
@@ -476,9 +478,9 @@ class Library:
             values: values of the condition.
             limit: largest number of entries that are returned.
             offset: number of entries that are skipped.
-            order: the order in which entries are returned and skipped. Logs that could not be read come last in all; by
-                urgency, those that are still being read come first.
-            is_reversed: whether that order is reversed, except for logs that could not be read or are being read.
+            order: the order in which entries are returned and skipped. Logs that could not be read come last in all.
+            is_reversed: whether that order is reversed; logs that could not be read come last in any case.
+            judged_first: whether logs that are still to be read come after all flights with a verdict.
 
         Returns:
             The entries, and the number of all matches.
@@ -486,12 +488,13 @@ class Library:
         order_keys = order_sql(order, is_reversed=is_reversed)
         id_query = f"select rowid from entries where {condition} order by {order_keys}"
         matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
-        # Logs that could not be read come last. Among urgent flights those that are still being read come first.
-        rank_while_reading = -1 if order is ListingOrder.URGENCY else 0
         ranks = {}
         stage_query = "select rowid, stage from entries where stage <> ?"
         for id, stage in self.db.execute(stage_query, [Stage.DONE]):
-            ranks[id] = 1 if stage == Stage.FAILED else rank_while_reading
+            if stage == Stage.FAILED:
+                ranks[id] = 2
+            elif judged_first:
+                ranks[id] = 1
         # The sort is stable: each group stays in the wanted order.
         matching_ids.sort(key=lambda id: ranks.get(id, 0))
         returned_ids = matching_ids[offset : offset + limit]
@@ -571,7 +574,7 @@ class Library:
 
         Returns:
             The entries in the same order with their verdicts replaced, the faults of the motors, and the flights that
-            are not compared yet.
+            are not compared yet, whose motors are unknown unless their logs show something wrong with them.
         """
         if not entries:
             return ComparedEntries([], {}, set())
@@ -584,8 +587,11 @@ class Library:
             rows_with_fault.pop(id, None)
         compared_entries = []
         for entry in entries:
-            row_with_fault = rows_with_fault.get(entry.id)
-            compared_entries.append(entry_compared_with_fleet(entry, row_with_fault))
+            if entry.id in uncompared_ids:
+                compared_entries.append(entry_awaiting_comparison(entry))
+            else:
+                row_with_fault = rows_with_fault.get(entry.id)
+                compared_entries.append(entry_compared_with_fleet(entry, row_with_fault))
         return ComparedEntries(compared_entries, rows_with_fault, uncompared_ids)
 
     def _uncompared_ids(self, entries: Iterable[LibraryEntry]) -> set[str]:
@@ -842,7 +848,7 @@ class Library:
     def set_baseline(self, ids: Iterable[str]) -> Fact | None:
         """Marks some flights as healthy: the baseline with which other flights of the same vehicle are compared.
 
-        They replace those of the same vehicles that were marked before. Two kinds of flights are left out: those that
+        They replace those of the same vehicles that were marked before. Two kinds of flights are refused: those that
         could not be read, and those of a vehicle without a name of its own. Such a vehicle is known by its MAVLink
         system id alone, so that flights of other vehicles with this id would be compared with it.
 
@@ -853,7 +859,8 @@ class Library:
             The caution, with the names of the flights, that motors of some have the level "watch"; None if none have.
 
         Raises:
-            Refusal: there is no such flight, the motors of one are bad, or the disk is full.
+            Refusal: there is no such flight, one cannot be in a baseline, the motors of one are bad, or the disk is
+                full. The baselines then stay as they were.
         """
         entries = [self.entry(id) for id in ids]
         # They are looked up first, since they are then compared with the former baseline, as the pages show them.
@@ -863,7 +870,10 @@ class Library:
             rows = self.flight_rows([entry])
             if row_with_bad_motors(rows) is not None:
                 raise Refusal(RefusalReason.MOTORS_BAD, name=self._shown_name(entry))
-            healthy_rows += [row for row in rows if row.is_read and row.has_own_name]
+            usable_rows = [row for row in rows if row.is_read and row.has_own_name]
+            if not usable_rows:
+                raise Refusal(RefusalReason.NOT_FOR_BASELINE, name=self._shown_name(entry))
+            healthy_rows += usable_rows
         self._replace_baseline({row.vehicle for row in healthy_rows}, healthy_rows)
         if not watched_names:
             return None

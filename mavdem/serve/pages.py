@@ -52,6 +52,7 @@ from mavdem.report.pages.library_page import (
     vehicle_id_on_page,
     vehicle_page,
     vehicles_page,
+    with_pending_comparison,
     with_server_script,
     with_toolbar,
     without_last_position,
@@ -63,7 +64,7 @@ from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
-from mavdem.serve.search import needs_complete_entries, search_hints
+from mavdem.serve.search import UNFINISHED_SQL, needs_complete_entries, search_hints
 from mavdem.serve.stored_parameters import read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
@@ -197,6 +198,9 @@ class Pages:
         result = self._visible_library.search(request, FLIGHTS_PER_PAGE)
         # The rights of the visitor, and what else all pages have.
         visitor = self._visible_library.visitor_values(request)
+        unread_count = 0
+        if visitor["may_read"]:
+            unread_count = self._library.find(UNFINISHED_SQL, (), limit=0).total
         is_library_empty = not result.entries and not result.query and not result.offset
         html = render_server_page(
             "library",
@@ -209,6 +213,7 @@ class Pages:
             page=FLIGHTS_PER_PAGE,
             is_empty=is_library_empty,
             sample=self._sample_log,
+            unread_count=unread_count,
             is_live=self._session_summary is not None,
             session_summary=self._session_summary() if self._session_summary else "",
             **self._values_of_search(result, may_read=visitor["may_read"]),
@@ -676,17 +681,22 @@ class Pages:
         # A is the earlier flight, so that a change for the worse is not presented as an improvement.
         if entry_before.date and entry_after.date and entry_after.date < entry_before.date:
             entry_before, entry_after = entry_after, entry_before
+        # Before the verdicts are read: a comparison of motors that ends in between is then still called pending.
+        uncompared_ids = self._library.compared_entries([entry_before, entry_after]).uncompared_ids
         reviewed = self._comparison(entry_before, entry_after)
         given_names = self._library.names.flights
+        names = {}
+        for entry in (entry_before, entry_after):
+            names[entry.id] = given_names.get(entry.content_hash, entry.name)
         html = comparison_page(
-            names=(
-                given_names.get(entry_before.content_hash, entry_before.name),
-                given_names.get(entry_after.content_hash, entry_after.name),
-            ),
+            names=(names[entry_before.id], names[entry_after.id]),
             reviewed=reviewed,
             back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
             addresses=(f"/f/{entry_before.id}", f"/f/{entry_after.id}"),
+        )
+        html = with_pending_comparison(
+            html, [name for id, name in names.items() if id in uncompared_ids]
         )
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))

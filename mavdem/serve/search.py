@@ -15,6 +15,7 @@ from mavdem.serve.compared_motors import (
     SHOWN_HEADLINE_OF_LOG_SQL,
     has_anomaly_sql,
     level_compared_with_fleet_sql,
+    motors_level_sql,
 )
 from mavdem.serve.index import CONTENT_HASH_SQL
 
@@ -74,8 +75,8 @@ CHOICES = {"stage": tuple(map(str, Stage)), "sharing": tuple(map(str, Sharing))}
 LEVEL_SQL = level_compared_with_fleet_sql("level")
 """SQL expression of the level of the headline that pages show."""
 
-MOTORS_LEVEL_SQL = level_compared_with_fleet_sql("motors")
-"""SQL expression of the level of the motors as pages show it, as ``level_beside_other_flights`` has it."""
+MOTORS_LEVEL_SQL = motors_level_sql()
+"""SQL expression of the level of the motors that pages show."""
 
 COMPARED_LEVELS_SQL = {"level": LEVEL_SQL, str(Light.MOTORS): MOTORS_LEVEL_SQL}
 """SQL expressions of the levels that a comparison with other flights may make worse, by their names in a search."""

@@ -50,7 +50,7 @@ class SearchResult(NamedTuple):
     """What a search in the library found."""
 
     entries: list[LibraryEntry]
-    """the flights of one page of the result, the newest first"""
+    """the flights of one page of the result in the order that was asked for, logs without a verdict last"""
     total: int
     """number of all flights that match"""
     query: str
@@ -154,7 +154,13 @@ class VisibleLibrary:
         if not self.rights.allows(request, Permission.READ):
             condition = f"sharing = '{Sharing.PUBLIC}' and ({condition})"
         entries, entry_count = self.library.find(
-            condition, values, limit, offset, order, is_reversed=is_reversed
+            condition,
+            values,
+            limit,
+            offset,
+            order,
+            is_reversed=is_reversed,
+            judged_first=True,
         )
         return SearchResult(
             entries,

@@ -184,6 +184,15 @@ def test_progress_is_streamed_until_all_logs_are_read(tmp_path, monkeypatch):
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
         assert interface_words()["stages"][Stage.WAITING] in server.get(f"/f/{id}").text
+        # Beside flights with a verdict, a log to be read stands last, and is counted above the list.
+        note = "1 log is still to be read"
+        assert note not in server.get("/").text
+        server.library.change(id, stage=Stage.DONE)
+        later = server.add("b.ulg", "Two.")
+        listed = server.get("/").text
+        assert note in listed and listed.index("a.ulg") < listed.index("b.ulg")
+        server.library.delete(later)
+        server.library.change(id, stage=Stage.WAITING)
         with monkeypatch.context() as patch:
             patch.setattr(api, "MAX_PROGRESS_STREAMS", 0)
             full = server.get(f"/api/progress?id={id}")
@@ -270,6 +279,8 @@ def test_a_flight_is_changed_found_and_deleted(served):
     unknown = served.get("/api/flights?q=foo:bar")
     assert unknown.refusal == (400, RefusalReason.SEARCH_NOT_UNDERSTOOD)
     shown_hint = served.get("/?q=foo:bar").text.partition('id="problems"')[2]
+    # There are no headings of columns without a row.
+    assert '<div class="scroll" hidden>' in shown_hint
     for sentence in ("No such term: foo. Terms are vehicle, mode,", "and gains."):
         assert sentence in unknown.text and sentence in shown_hint
     assert served.get("/api/flights?q=motors:").status == 400
@@ -418,9 +429,19 @@ def test_a_comparison_that_ends_after_its_verdict_was_read_is_not_missed(served,
     begin_again()
     entry = served.library.entry(flight)
     assert served.library.compared_entries([entry]).uncompared_ids == {flight}
-    for path, note in (("/", "the vehicle’s other flights …"), (f"/f/{flight}", 'id="comparing"')):
+    for path, note in (
+        ("/", "the vehicle’s other flights …"),
+        (f"/f/{flight}", 'id="comparing"'),
+        (f"/compare?a={other}&b={flight}", "other.ulg and weak.ulg are still being compared"),
+    ):
         begin_again()
         assert note in served.get(path).text
+    # Good motors are unknown until then, in lists, searches and documents.
+    begin_again()
+    served.library.change(flight, motors="good")
+    assert f'data-id="{flight}"' not in served.get("/?q=motors:good").text
+    begin_again()
+    assert served.get(f"/api/flights/{flight}").json["flight"]["lights"]["motors"] == "unknown"
     monkeypatch.undo()
     served.work.run()
     assert "Motor 3 lost thrust." in served.get("/").text
@@ -490,7 +511,8 @@ def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_
     assert '<option value="">choose a flight</option>' in page_of_unnamed
     page = served.get("/vehicle?name=ardupilotmega-1").text
     assert "Over its flights" not in page and "Name their vehicle" in page
-    served.ask("PUT", "/api/baseline", {"flights": [a, b]})
+    refused = served.ask("PUT", "/api/baseline", {"flights": [a, b]})
+    assert refused.refusal == (409, RefusalReason.NOT_FOR_BASELINE) and "a.ulg" in refused.text
     assert served.library.store.healthy == []
 
     for flight in (a, b):

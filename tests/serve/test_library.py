@@ -108,6 +108,7 @@ def test_motors_are_searched_for_as_pages_show_them():
     create_or_update_table(db)
     db.execute("create table flights (log, vehicle, file, judged, row, brief)")
     db.execute("create table healthy (row)")
+    db.execute("create table logs (log, tracked)")
     for name, level, health in (
         ("own", "bad", "drift"),
         ("fault", "good", "fault"),
@@ -120,17 +121,18 @@ def test_motors_are_searched_for_as_pages_show_them():
         insert_entry(db, entry)
         row = [f"{digest[:KEY_HASH_DIGITS]}-1", "quad", "a.bin", json.dumps({"health": health})]
         judged = None if name == "outdated" else ""
+        db.execute("insert into logs values (?, 1)", row[:1])
         db.execute(
             "insert into flights (log, vehicle, file, brief, judged, row) values (?, ?, ?, ?, ?, ?)",
             [*row, judged, '{"balance": [0]}'],
         )
     db.execute("insert into healthy values (?)", ['{"vehicle": "quad"}'])
     motors = []
-    for search in ("motors:bad", "motors:watch", "motors:good"):
+    for search in ("motors:bad", "motors:watch", "motors:good", "motors:unknown"):
         condition = search_condition(search)
         query = f"select id from entries where {condition.expression} order by rowid"
         motors.append([row["id"] for row in db.execute(query, condition.values)])
-    assert motors == [["own", "fault"], ["drift"], ["sound", "outdated"]]
+    assert motors == [["own", "fault"], ["drift"], ["sound"], ["outdated"]]
 
 
 @mark.slow
@@ -185,6 +187,7 @@ def test_the_words_that_the_list_shows_of_a_simulated_or_unnamed_flight_are_foun
     create_or_update_table(db)
     db.execute("create table flights (log, vehicle, file, judged, row, brief)")
     db.execute("create table healthy (row)")
+    db.execute("create table logs (log, tracked)")
     db.execute("create table vehicle_names (vehicle, name)")
     db.execute("create table flight_names (content, name)")
     px4 = {"vehicle_basis": "system id", "autopilot": "PX4", "frame": "QUADROTOR"}
@@ -566,10 +569,15 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
     flights = [flight_row(serial, 0), flight_row(serial, 1, suspect_motor=1, **anomaly)]
     flights = [replace(flight, frame="HEXAROTOR") for flight in flights]
     unread = flight_row("quad 8", 2, status="No flight.", flight_time=None, headline_level=None)
-    fleet_of(tmp_path, [*flights, unread])
+    crash = {
+        "headline": "It fell.",
+        "headline_level": "bad",
+        "next_step": "Do not fly. Set A to 1.",
+    }
+    fleet_of(tmp_path, [*flights, unread, flight_row("quad 9", 0, **crash)])
     assert Library(tmp_path).vehicle_frames[serial] == "HEXAROTOR"
     with serving(tmp_path) as server:
-        assert '<a href="/vehicles">Vehicles (2)</a>' in server.get("/").text
+        assert '<a href="/vehicles">Vehicles (3)</a>' in server.get("/").text
         page = server.get("/vehicles").text
         page_of_vehicle = server.get(f"/vehicle?name={serial}").text
     # The page of the vehicle states the motor once.
@@ -580,6 +588,8 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
     assert blocks.count("Motor 1 lost") == 1
     assert ">Hexarotor 001a…\N{WORD JOINER}333539</a>" in page and f'title="{serial}"' in page
     assert '<td data-label="flights">2</td>' in page
+    # The table of vehicles has the first sentence of a long next step.
+    assert '<td class="next" title="Do not fly. Set A to 1.">Do not fly.</td>' in page
     # An anomaly of the motors is stated as on the flight's page.
     assert '<span class="said bad">Motor 1 lost about 25' in page
     assert (
@@ -703,9 +713,12 @@ def test_the_most_urgent_flights_come_first_and_unread_logs_last_in_every_order(
         ids.append(library.change(entry.id, **columns, received=float(number)).id)
     unread = stored_entry(library, "unread.")
     library.change(unread.id, stage=Stage.FAILED, received=9.0)
-    # How urgent a new log is, is not known before it was read: it is seen first.
+    # In lists a new log, without a verdict, comes after the flights that have one.
     new = stored_entry(library, "new.")
-    assert library.find(*ALL, 1, order=ListingOrder.URGENCY).entries[0].id == new.id
+    for order in (ListingOrder.URGENCY, ListingOrder.UPLOAD):
+        listed = library.find(*ALL, 5, order=order, judged_first=True).entries
+        assert [entry.id for entry in listed[3:]] == [new.id, unread.id]
+    assert library.find(*ALL, 1).entries[0].id == new.id
     library.delete(new.id)
     for order, expected in (
         (ListingOrder.URGENCY, [ids[1], ids[2], ids[0], unread.id]),

@@ -47,6 +47,7 @@ from mavdem.report.heading import listed_headline
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.motor_anomaly import MotorAnomaly, with_motor_anomaly
 from mavdem.report.pages.page import PageEvent
+from mavdem.report.templates import first_sentence
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
@@ -144,6 +145,7 @@ def _server_environment() -> Environment:
     jinja.filters["minutes"] = minutes_text
     jinja.filters["metres"] = _metres_text
     jinja.filters["listed_headline"] = listed_headline
+    jinja.filters["first_sentence"] = first_sentence
     # Constants and functions that the templates use by these names.
     values = {
         "lights": [str(light) for light in Light],
@@ -322,6 +324,20 @@ def vehicle_id_on_page(page: str) -> str:
 def without_last_position(page: str) -> str:
     """Returns the page of a flight without the sentence on where it was seen last, for visitors without its log."""
     return LAST_POSITION.sub("", page)
+
+
+def with_pending_comparison(page: str, names: Sequence[str]) -> str:
+    """Returns the page of a comparison with a remark that the verdict on the motors may become worse.
+
+    Args:
+        page: HTML of the page.
+        names: names of the compared flights whose motors are still to be compared with others of the vehicle. Without
+            any the page stays as it is.
+    """
+    if not names:
+        return page
+    remark = render_server_page("comparing", names=names)
+    return page.replace("<main>\n", f"<main>\n{remark}", 1)
 
 
 def with_server_script(page: str, **values: Any) -> str:

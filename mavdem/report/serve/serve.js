@@ -69,6 +69,8 @@
       shownRows = list.tBodies[0].innerHTML;
       const keptIds = new Set(chosenIds());
       flightRows().replaceChildren(...list.tBodies[0].rows);
+      // Without a flight there are no headings of columns either.
+      $("flights").parentElement.hidden = !flightRows().rows.length;
       for (const box of document.querySelectorAll('#flights input[name="id"]')) box.checked = keptIds.has(box.value);
       for (const flight of progressById.values()) showStage(flight);
     }
@@ -289,7 +291,7 @@
   const isHidden = () => document.visibilityState !== "visible";
   const watchProgress = remainingId => {
     const workingFlight = document.querySelector("#reading[data-working]"), id = remainingId || workingFlight?.dataset.id;
-    if (source || isHidden() || !(workingFlight || uploadItems.size || document.querySelector("#flights [data-working]"))) return;
+    if (source || isHidden() || !(workingFlight || uploadItems.size || document.querySelector(":is(#flights, #problems) [data-working]"))) return;
     source = new EventSource(id ? `/api/progress?id=${id}` : "/api/progress");
     source.onmessage = event => {
       const flights = JSON.parse(event.data);
@@ -353,7 +355,9 @@
     comparison.onerror = stop;
     comparison.addEventListener("end", () => {
       stop();
-      const isChanged = flight && (flight.headline !== shown.headline || flight.lights.motors !== shown.motors);
+      // Motors that are not compared yet are unknown; the page has their light by the log alone, which then stays.
+      const areMotorsConfirmed = $("comparing") && shown.motors === "unknown" && flight?.lights.motors === "good";
+      const isChanged = flight && (flight.headline !== shown.headline || flight.lights.motors !== shown.motors && !areMotorsConfirmed);
       if (isChanged && !$("edit")?.contains(document.activeElement)) return location.reload();
       if (!isChanged) $("comparing")?.remove();
     });
