@@ -277,7 +277,12 @@ def _with_given_name(page: str, given_name: str) -> str:
 
 
 def with_toolbar(
-    page: str, given_name: str = "", anomaly: MotorAnomaly | None = None, **values: Any
+    page: str,
+    given_name: str = "",
+    anomaly: MotorAnomaly | None = None,
+    *,
+    is_compared: bool = True,
+    **values: Any,
 ) -> str:
     """Returns the page of a flight as the server sends it: with a bar of downloads and settings at its top.
 
@@ -289,19 +294,22 @@ def with_toolbar(
             Empty if there is none.
         anomaly: fault or drift of the motors that a comparison with other flights of the vehicle shows. It is written
             into the page. None without any.
+        is_compared: whether that comparison was made; False while it is still to be made.
         **values: further values that the templates of the bar and of the script use, by name: the flight with its
             files, the flights it can be compared with, and what the visitor may do.
 
     Returns:
         The page as HTML.
     """
-    page = with_motor_anomaly(page, anomaly).replace(LINK_TO_FLEET_HTML, "", 1)
+    page = with_motor_anomaly(page, anomaly, is_compared=is_compared)
+    page = page.replace(LINK_TO_FLEET_HTML, "", 1)
     if given_name:
         page = _with_given_name(page, given_name)
     page = with_server_script(page, **values)
     bar = render_server_page(
         "bar",
         given_name=given_name,
+        is_compared=is_compared,
         # The script of the bar, which compares parameters with those of the last flight, marks the ones that the
         # autopilot itself learns in flight.
         self_set_parameters=AUTOPILOT_SET_PARAMETERS.pattern,

@@ -288,7 +288,7 @@ def _sentence_document(anomaly: MotorAnomaly, text: str, subject: str = "") -> J
     }
 
 
-def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None) -> str:
+def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None, *, is_compared: bool = True) -> str:
     """Returns the HTML page of a flight with an anomaly of the motors that only a comparison with other flights shows.
 
     The page was made from the log of the flight alone. Regular expressions find the two parts of it that change:
@@ -302,8 +302,10 @@ def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None) -> str:
     Args:
         page: HTML of the page, or its beginning up to the status lights.
         anomaly: the anomaly; None if there is none, which restores the page of the log alone.
+        is_compared: whether the motors were compared with those of the vehicle's other flights, or never will be. If
+            they are still to be compared, good motors are unknown: the log alone does not show smaller losses.
     """
-    light_with_anomaly = partial(_light_html, anomaly=anomaly)
+    light_with_anomaly = partial(_light_html, anomaly=anomaly, is_compared=is_compared)
     page = MOTORS_LIGHT_HTML.sub(light_with_anomaly, page, count=1)
     result_with_anomaly = partial(_result_html, anomaly=anomaly)
     return RESULT_HTML.sub(result_with_anomaly, page, count=1)
@@ -356,7 +358,7 @@ def _level_of_section(classes: str) -> Level:
     return Level.UNKNOWN
 
 
-def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
+def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None, *, is_compared: bool) -> str:
     """Returns the HTML of the motors' status light with the worse of two levels.
 
     One is the level that the flight's own log shows. The other is the level of the anomaly, which only a comparison
@@ -366,11 +368,14 @@ def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     Args:
         light: match of ``MOTORS_LIGHT_HTML`` in the page, in which an earlier call may have changed the level.
         anomaly: the anomaly of the motors; None without any.
+        is_compared: whether the comparison with other flights is not pending.
     """
     level_of_log = Level(light["level_of_log"] or light["level"])
     level = level_of_log
     if anomaly is not None:
         level = level_beside_other_flights(level_of_log, anomaly.level)
+    elif not is_compared and level_of_log is Level.GOOD:
+        level = Level.UNKNOWN
     return render_page(
         environment().get_template("motors_light.html"),
         heading=light["heading"],

@@ -355,9 +355,7 @@
     comparison.onerror = stop;
     comparison.addEventListener("end", () => {
       stop();
-      // Motors that are not compared yet are unknown; the page has their light by the log alone, which then stays.
-      const areMotorsConfirmed = $("comparing") && shown.motors === "unknown" && flight?.lights.motors === "good";
-      const isChanged = flight && (flight.headline !== shown.headline || flight.lights.motors !== shown.motors && !areMotorsConfirmed);
+      const isChanged = flight && (flight.headline !== shown.headline || flight.lights.motors !== shown.motors);
       if (isChanged && !$("edit")?.contains(document.activeElement)) return location.reload();
       if (!isChanged) $("comparing")?.remove();
     });

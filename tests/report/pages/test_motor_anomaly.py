@@ -88,6 +88,16 @@ def test_the_light_of_the_motors_with_a_figure_is_as_bad_as_the_anomaly_too():
     assert page_with_anomaly(with_fault, "ok") == page
 
 
+def test_good_motors_are_unknown_until_they_are_compared_with_other_flights():
+    """What the log alone warns of stands also before the comparison."""
+    page = PAGE.replace('"watch">watch', '"good">good')
+    pending = with_motor_anomaly(page, None, is_compared=False)
+    assert '<dd class="unknown" data-alone="good">unknown</dd>' in pending
+    assert "<b>Not compared with other flights yet, by this log alone good:</b> Uneven." in pending
+    assert with_motor_anomaly(pending, None) == page
+    assert with_motor_anomaly(PAGE, None, is_compared=False) == PAGE
+
+
 @mark.parametrize("health", ["ok", "unknown"])
 @mark.parametrize("page", [PAGE, CRASHED_PAGE])
 @mark.parametrize("earlier_health", ["fault", "drift"])
