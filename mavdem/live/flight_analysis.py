@@ -22,6 +22,7 @@ class FlightAnalysis:
         judging: judges that model.
         latencies: measures how late the estimates of the flight come.
         postponed_rows: number of rows of free flight that this computer had no time to learn from.
+        settled_seconds: duration of settled flight (without take-off and landing), s, learned from or not.
         unusable_messages_reason: why the latest messages in flight that no motion could be computed from were
             unusable, such as that the attitude was missing; None if there were none.
     """
@@ -49,4 +50,5 @@ class FlightAnalysis:
         self.judging = ModelJudging(executor, recording_name)
         self.latencies = LatencyMeter()
         self.postponed_rows = 0
+        self.settled_seconds = 0.0
         self.unusable_messages_reason: Fact | None = None

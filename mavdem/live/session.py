@@ -655,6 +655,8 @@ class LiveSession:
         if is_new_segment:
             self._begin_segment(row_format)
         learning.is_free_flight = row.is_free_flight
+        if row.is_settled:
+            self.flight.settled_seconds += row_format.dt
         estimate = self._learn_row(row)
         # The latency counts from the packet's arrival to the estimate, without the time for drawing below.
         self.flight.latencies.add(clock.monotonic() - arrival_time)

@@ -26,6 +26,7 @@ from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.assessment.severity import FALLS
 from mavdem.containers import Numbers
+from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dem import Estimate
 from mavdem.facts import Code, Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
@@ -56,6 +57,7 @@ from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
+from mavdem.loops.identification import MIN_IDENTIFIED_SECONDS
 from mavdem.motors.motor_changes import MotorChange, thrust_losses, torque_changes
 
 STATUS_PERIOD = 1.0
@@ -229,6 +231,9 @@ class SessionStatus(ImmutableResult):
 
     postponed_rows: int = 0
     """Number of rows of free flight that this computer had no time to learn from."""
+
+    settled_seconds: float = 0.0
+    """Duration of settled flight (without take-off and landing) in the latest flight, s, learned from or not."""
 
     shortfall: Fact | None = None
     """Why less was learned of the latest flight than could be; None where nothing is known to be missing."""
@@ -965,21 +970,50 @@ class SessionStatus(ImmutableResult):
                 # That the flight is over does not say why this part was not judged in it.
                 lights_of_flight[name] = Fact(Unjudged.NOT_JUDGED, reason=None)
             elif reason.code is LoopFact.LOOP_TOO_SHORT:
-                # Until when, and on how many seconds, the margins were judged matters only while the flight goes on.
-                lights_of_flight[name] = light.replace(
-                    reason=reason.replace(clock=None, settled=None)
-                )
+                lights_of_flight[name] = light.replace(reason=self._why_loop_too_short(reason))
         return lights_of_flight
 
     @property
     def _why_not_learned(self) -> Fact:
         """The fact why a flight that is over gave neither model nor margins.
 
-        This computer was too slow if it had no time for most samples; otherwise too little was received.
+        This computer was too slow if it had no time for most samples, or if the flight was long enough for margins;
+        otherwise too little was received.
         """
-        if self.postponed_rows > self.learned_rows:
-            return Fact(SessionFact.TOO_SLOW_TO_JUDGE, is_recorded=self.is_recorded)
+        has_postponed_most = self.postponed_rows > self.learned_rows
+        if has_postponed_most or self.was_long_enough_for_margins:
+            return self._too_slow_to_judge
         return self._too_little_received
+
+    def _why_loop_too_short(self, reason: Fact) -> Fact:
+        """Returns why the latest review of a flight that is over found it too short for margins.
+
+        Args:
+            reason: the reason of the review. Its figure ``settled`` is how long the settled flight was until then, s;
+                None if it is not known.
+
+        Returns:
+            That this computer was too slow, if the flight became long enough after that review, and no other one came.
+            Otherwise the reason without the figures that matter only while the flight goes on.
+        """
+        reviewed_seconds = reason.figures.get("settled") or 0.0
+        was_reviewed_too_early = reviewed_seconds < MIN_IDENTIFIED_SECONDS
+        if was_reviewed_too_early and self.was_long_enough_for_margins:
+            return self._too_slow_to_judge
+        return reason.replace(clock=None, settled=None)
+
+    @property
+    def was_long_enough_for_margins(self) -> bool:
+        """Whether the latest flight is, or was, settled for as long as a review of the margins needs it.
+
+        Its end, in which the landing is not recognised yet, was counted as settled and does not count here.
+        """
+        return self.settled_seconds >= MIN_IDENTIFIED_SECONDS + TRANSIENT_SECONDS
+
+    @property
+    def _too_slow_to_judge(self) -> Fact:
+        """The fact that this computer was too slow to judge a flight in time."""
+        return Fact(SessionFact.TOO_SLOW_TO_JUDGE, is_recorded=self.is_recorded)
 
     @property
     def _too_little_received(self) -> Fact:

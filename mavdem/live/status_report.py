@@ -79,6 +79,7 @@ class StatusReport:
             learned_rows=self.flight.learning.learned_rows,
             unlearned_rows=self.flight.learning.unlearned_rows,
             postponed_rows=self.flight.postponed_rows,
+            settled_seconds=self.flight.settled_seconds,
             latency=self.flight.latencies.latency,
             no_model_reason=status.no_model_reason or no_learning_reason,
             state=self.stream.vehicle_state(),

@@ -417,6 +417,32 @@ def test_after_a_flight_no_light_waits_for_more_of_it(slow):
     assert "again" not in str(landed.overall_judgement.lights[Light.MARGINS])
 
 
+@mark.parametrize(
+    "reviewed, figure, code",
+    [
+        (2.0, "computer too slow", SessionFact.TOO_SLOW_TO_JUDGE),
+        (30.0, "flight too short", LoopFact.LOOP_TOO_SHORT),
+    ],
+)
+def test_a_flight_that_was_long_enough_for_margins_was_not_too_short(slow, reviewed, figure, code):
+    """The computer did not review it again; a review of all of it found gaps, which no other one would fill."""
+    short = Fact(LoopFact.LOOP_TOO_SHORT, least_duration=20.0, settled=reviewed, clock=13.0)
+    margins = Fact(MarginsLight.MARGINS_UNKNOWN, rate=None, reason=short)
+    landed = replace(
+        slow,
+        is_flying=False,
+        flight_number=1,
+        settled_seconds=45.0,
+        learned_rows=4000,
+        margins=margins,
+    )
+    assert {row.name: row.figure for row in light_rows(landed)}["margins"] == figure
+    assert landed.overall_judgement.lights[Light.MARGINS].figures["reason"].code is code
+    landing = replace(landed, is_flying=True, state=VehicleState("Land", lands_by_itself=True))
+    assert {row.name: row.figure for row in light_rows(landing)}["margins"] == "being judged"
+    assert replace(landed, margins=None)._why_not_learned.code is SessionFact.TOO_SLOW_TO_JUDGE
+
+
 def test_a_voltage_that_is_not_judged_is_as_old_as_the_silence_of_the_link(slow):
     unmeasured = Fact(PowerLight.POWER_UNMEASURED, voltage=12.6, airborne=True, is_constant=True)
     lost = replace(

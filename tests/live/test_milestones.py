@@ -132,7 +132,7 @@ def test_a_landing_says_why_nothing_is_known():
     verdict = headline(status.verdict.judgement.headline)
     assert [str(fact) for fact in facts] == [
         f"Landed at 40 s. {verdict} Mean wind not known ({as_clause(still)}). Roll: control effectiveness, "
-        "rate damping and margins not known (the flight left no time to fit physical parameters)."
+        "rate damping and margins not known (this computer did not fit the physical parameters in time)."
     ]
     milestones.report_end(learning, status, 41.0, None)
     assert len(facts) == 1, "a flight is reported once"

@@ -272,6 +272,7 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     assert_allclose(learned_record.inputs, flight.inputs[rows_of_record], atol=0.01)
     assert len(learned_record.outputs) > 700
     live = session.flight.learning.learner.learn_now()
+    assert 4.0 < session.status.settled_seconds < 0.01 * session.status.learned_rows
     assert session.status.learned_rows == len(
         [1 for *_, estimate in screen.rows if estimate is not None]
     )
