@@ -241,37 +241,66 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     Returns:
         The summary, which can be stored as JSON.
     """
-    # A log is represented by the list of its rows, and so is a flight. Only some logs hold a flight.
+    # A log is the list of its rows, and so is a flight. Logs without a flight that can be analysed are among the logs.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
     real_flights = [flight for flight in flights if not log_row(flight).simulated]
-    # Real and simulated flights may share a system id. The state of the vehicle follows from the real ones, if any.
-    flights_of_vehicle = real_flights or flights
-    vehicle_state = None
-    if flights_of_vehicle:
-        vehicle_state = _vehicle_flights(name, flights_of_vehicle)
-    # Simulated flights count where the headline of a fleet has them: if nothing else is known of an identified vehicle.
-    counts_simulated = not real_flights and vehicle_state is not None and vehicle_state.has_section
-
-    def is_counted(log: AxisRows) -> bool:
-        """Returns whether a log counts where flights are counted."""
-        return counts_simulated or not log_row(log).simulated
-
-    counted_logs = [log for log in logs if is_counted(log)]
+    vehicle = _vehicle_of_flights(name, real_flights, flights)
+    counts_simulated = _counts_simulated_flights(vehicle, real_flights)
+    lines = []
+    counted_logs = []
+    for log in logs:
+        is_counted = counts_simulated or not log_row(log).simulated
+        lines.append(flight_line(log, is_counted=is_counted))
+        if is_counted:
+            counted_logs.append(log)
     flights_by_level = Counter(badge_level([flight]) for flight in real_flights)
     return VehicleSummary(
         name=name,
         has_shared_name=name == UNKNOWN or has_shared_name(flights),
         really_flown=_flown_flights(name, real_flights),
         flown=_flown_flights(name, flights),
-        vehicle=vehicle_state,
+        vehicle=vehicle,
         watched_flights=flights_by_level[Level.WATCH],
         bad_flights=flights_by_level[Level.BAD],
         light_counts=_light_counts(counted_logs),
         winds=_mean_winds(counted_logs),
-        lines=[flight_line(log, is_counted=is_counted(log)) for log in logs],
+        lines=lines,
         unused=_unused_rows(rows),
     )
+
+
+def _vehicle_of_flights(
+    name: str, real_flights: Flights, flights: Flights
+) -> VehicleFlights | None:
+    """Returns what is known of a vehicle from its flights together; None without a flight.
+
+    Real and simulated flights may share a MAVLink system id. Simulated ones tell nothing of the real vehicle, so that
+    they are left out if there is a real one.
+
+    Args:
+        name: name of the vehicle in its logs.
+        real_flights: rows of each flight that was not simulated, in the order of date.
+        flights: rows of each flight, likewise.
+    """
+    flights_of_vehicle = real_flights or flights
+    if not flights_of_vehicle:
+        return None
+    return _vehicle_flights(name, flights_of_vehicle)
+
+
+def _counts_simulated_flights(vehicle: VehicleFlights | None, real_flights: Flights) -> bool:
+    """Returns whether simulated flights under a name are included in the numbers of flights on a fleet's page.
+
+    They are if the name identifies a vehicle, which then has a section on the page, and all its flights were simulated.
+
+    Args:
+        vehicle: what is known of the vehicle from its flights; None without a flight.
+        real_flights: rows of each flight under the name that was not simulated.
+    """
+    if real_flights or vehicle is None:
+        return False
+    return vehicle.has_section
 
 
 def _mean_winds(logs: Sequence[AxisRows]) -> list[Wind]:

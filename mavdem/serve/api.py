@@ -527,26 +527,25 @@ class Api:
         """Returns how far the server has read and judged each of some flights, for the list of flights in a browser.
 
         Args:
-            entries: the index entries of the flights. That of a log which is read already has its headline by the log
-                alone.
+            entries: index entries of the flights, with the verdicts that follow from each log alone.
 
         Returns:
-            The progress of each flight, and those without a final verdict. The headline of a flight whose motors differ
-            from those of the vehicle's other flights states that.
+            The progress of each flight, and the ids of those without a final verdict. A flight that was read has the
+            verdict that pages show, to which the comparison of its motors with the vehicle's other flights belongs.
         """
-        finished_entries = [entry for entry in entries if entry.is_done]
-        places_in_queue = dict[str, QueuePlace]()
-        if len(finished_entries) < len(entries):
-            # A thousand logs may wait: one query finds the places of all.
-            places_in_queue = queue_places(self._library)
-        compared = self._library.compared_entries(finished_entries)
-        compared_entry_by_id = {entry.id: entry for entry in compared.entries}
+        read_entries = [entry for entry in entries if entry.is_done]
+        compared = self._library.compared_entries(read_entries)
+        shown_entries = {entry.id: entry for entry in compared.entries}
+        # A thousand logs may wait: one query finds the places of all in the queue.
+        are_all_read = len(read_entries) == len(entries)
+        places_in_queue = {} if are_all_read else queue_places(self._library)
         progress_by_id = {}
         unfinished_ids = []
         for entry in entries:
-            shown_entry = compared_entry_by_id.get(entry.id, entry)
+            shown_entry = shown_entries.get(entry.id, entry)
             progress_by_id[entry.id] = self._flight_progress(shown_entry, places_in_queue)
-            if not entry.is_done or entry.id in compared.uncompared_ids:
+            is_verdict_final = entry.is_done and entry.id not in compared.uncompared_ids
+            if not is_verdict_final:
                 unfinished_ids.append(entry.id)
         return _ProgressOfFlights(progress_by_id, unfinished_ids)
 

@@ -1086,30 +1086,38 @@ class Library:
             self._remove_log(entry)
 
     def _columns_of_outcome(self, entry: LibraryEntry, outcome: JobOutcome) -> JsonValues:
-        """Returns the new values of a log's row in the index after it was read.
+        """Returns the columns of a log's index entry that change once the log was read.
 
         The log was read successfully if its folder of results has a page. Otherwise the status of its first row is the
         reason of the failure.
 
         Args:
-            entry: the log, as a server claimed it for reading.
-            outcome: result of reading it, with the fleet's rows.
+            entry: index entry of the log, as a server claimed it for reading.
+            outcome: result of reading it, with the rows of the fleet's table.
 
         Returns:
-            New values by the names of the columns. The server's claim (``claimed``) is cleared.
+            New values by the name of the column: what the reading process reported, such as the headline; the stage,
+            ``DONE`` or ``FAILED``, with the reason of a failure as ``problem``; and of a log that was read its vehicle,
+            where a user assigned one, and its result files. The claim of the server is cleared.
         """
-        columns = self.progress_columns(entry) | {"claimed": ""}
+        columns = self.progress_columns(entry)
+        columns["claimed"] = ""
         has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
         if not has_page:
-            return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
+            columns["stage"] = Stage.FAILED
+            columns["problem"] = outcome.rows[0].status
+            return columns
+        columns["stage"] = Stage.DONE
+        columns["problem"] = ""
         (first_row,) = rows_with_assigned_vehicles(self.db, outcome.rows[:1])
-        if first_row.vehicle_basis == GIVEN_BASIS:
-            # A user has assigned a vehicle to the flight.
-            columns |= {"vehicle": first_row.vehicle, "vehicle_basis": GIVEN_BASIS}
-        # So far this column names the recordings that can be made on request, separated by commas.
+        is_vehicle_assigned = first_row.vehicle_basis == GIVEN_BASIS
+        if is_vehicle_assigned:
+            columns["vehicle"] = first_row.vehicle
+            columns["vehicle_basis"] = GIVEN_BASIS
+        # The reading process reports as files the recordings that can be made on request, separated by commas.
         recordings = columns.get("files", "")
-        file_columns = self._columns_of_result_files(entry, recordings)
-        return columns | {"stage": Stage.DONE, "problem": ""} | file_columns
+        columns.update(self._columns_of_result_files(entry, recordings))
+        return columns
 
     def _columns_of_result_files(self, entry: LibraryEntry, recordings: str) -> JsonValues:
         """Returns the columns of the index on the result files of a log: their size, and which can be downloaded.

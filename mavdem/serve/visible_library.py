@@ -262,17 +262,22 @@ class VisibleLibrary:
         return self.library.find(condition, values, len(logs), order=ListingOrder.FLIGHT).entries
 
     def _earlier_flights(self, entry: LibraryEntry, limit: int) -> list[LibraryEntry]:
-        """Returns earlier flights of the same vehicle by date, the latest first.
+        """Returns the flights of a vehicle that began before one of them and can be compared with it.
 
         Args:
-            entry: a flight. If it has no date, or its vehicle is unnamed, no flight is known to be earlier.
+            entry: index entry of the flight.
             limit: largest number of flights that are returned.
+
+        Returns:
+            The entries by date, the latest first. There are none if the flight has no date or its vehicle is unnamed:
+            then no flight is known to be an earlier one of the same vehicle.
         """
         if not entry.date or entry.is_vehicle_unnamed:
             return []
-        # Copies of the log have the same date, so only an entry with an earlier date is another flight.
-        condition = f"vehicle = ? and {COMPARABLE_SQL} and date != '' and date < ?"
-        values = [entry.vehicle, Stage.DONE, entry.id, entry.date]
+        # Dates are texts. Flights without one have an empty text, which precedes every date. Copies of the log have the
+        # same date, and are no earlier flights.
+        condition = f"vehicle = ? and date != '' and date < ? and {COMPARABLE_SQL}"
+        values = [entry.vehicle, entry.date, Stage.DONE, entry.id]
         return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
 
     def comparable_flights(
