@@ -33,7 +33,7 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published("review.Review", 21, "report.json of review, and `--json` of review"),
+    "review": Published("review.Review", 22, "report.json of review, and `--json` of review"),
     "learn": Published("flight.LearnReport", 14, "report.json, and `--json` of learn and open"),
     "info": Published("inventory.Inventory", 10, "`--json` of info"),
     "wind": Published("wind.Wind", 9, "`--json` of wind"),

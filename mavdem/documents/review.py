@@ -51,7 +51,9 @@ class Response(Document):
     windows: int
     """windows that it was estimated from"""
     is_identified: bool
-    """whether the step is that of the identified loop, for a rate that its messages are too slow to show"""
+    """whether the step is that of the identified loop, for a rate too fast for its messages"""
+    is_doubtful: bool
+    """whether the step is doubtful; the gain is not"""
     overshoot: list[Number]
     """largest step less 1, and the ends of its 90 % interval; likewise of what follows"""
     rise_time: list[Seconds]
@@ -345,7 +347,10 @@ def _values_of_response(assessment: Assessment, axis: str, loop_name: str) -> Js
     measured_document = None
     if not isinstance(measured_response, Fact):
         measured_document = Response.from_results(
-            measured_response, response, highest=measured_response.max_frequency
+            measured_response,
+            response,
+            highest=measured_response.max_frequency,
+            is_doubtful=response.is_step_doubtful,
         )
     return {"measured": measured_document, "facts": response.facts}
 

@@ -164,6 +164,11 @@ class Fact:
         return self.replace(**grounded_figures | {"is_grounded": True})
 
     @property
+    def advises_only_flight(self) -> bool:
+        """Whether another flight is all that it advises to do, such as one with doublets."""
+        return bool(self.remedy) and not self.without_flight_advice.remedy
+
+    @property
     def without_measurements(self) -> Hashable:
         """Its content without measured numbers, as a key: facts with equal keys report the same.
 

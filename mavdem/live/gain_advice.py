@@ -199,7 +199,7 @@ def advise_gains(recording: Path, vehicle: str, thrust_loss: Fact | None = None)
         log = log_of_latest_flight(read_log(recording))
         assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
-        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=_decisive_reason(error.fact)),))
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=_root_cause(error.fact)),))
     if thrust_loss is not None:
         gains_left = Fact(GainFact.GAINS_LEFT, reason=thrust_loss)
         return GainAdvice((gains_left,), assessment.judgement)
@@ -207,7 +207,7 @@ def advise_gains(recording: Path, vehicle: str, thrust_loss: Fact | None = None)
     assert assessment.evidence is not None
     tuning = tune_loops(assessment, AXES, is_written=True)
     if tuning.no_loop is not None:
-        gains_left = Fact(GainFact.GAINS_LEFT, reason=_decisive_reason(tuning.no_loop))
+        gains_left = Fact(GainFact.GAINS_LEFT, reason=_root_cause(tuning.no_loop))
         return GainAdvice((gains_left,), assessment.judgement)
     facts = facts_of_tuning(tuning)
     texts: Mapping[str, str] = {}
@@ -271,7 +271,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
             continue
         # Without advice there is a fact with the reason in its place.
         conclusion = advice.conclusion if isinstance(advice, Advice) else advice
-        axes_by_reason.setdefault(_decisive_reason(conclusion), []).append(axis)
+        axes_by_reason.setdefault(_root_cause(conclusion), []).append(axis)
     for reason, axes in _with_common_reason_to_keep_gains(axes_by_reason).items():
         facts_without_gains.append(Fact(GainFact.GAINS_LEFT, axes=tuple(axes), reason=reason))
     return (*facts_on_new_gains, *facts_without_gains)
@@ -304,25 +304,27 @@ def _with_common_reason_to_keep_gains(
     return dict(merged_axes)
 
 
-def _decisive_reason(finding: Fact) -> Fact:
-    """Returns the reason at the root of a finding on control loops: that of its reason, and so on to one without any.
+def _root_cause(finding: Fact) -> Fact:
+    """Returns the finding at which one arrives by asking again and again why a finding on control loops holds.
 
-    For example, no gains are advised since an axis has no loop, and it has none since the vehicle crashed: the crash is
-    the reason to show.
+    For example, no gains are advised since an axis has no loop, and it has none since the vehicle crashed: the root
+    cause is the crash.
 
     Args:
-        finding: a reason why gains stay as they are, or a decision on a loop.
+        finding: a reason why gains stay as they are, or a decision on a loop; a coded finding. It may have its reason,
+            or several, as a figure.
 
     Returns:
-        The reason; of several reasons for one finding, the first, which is the most important. The finding itself if it
-        has no reason.
+        The root cause. Of several reasons for one finding the first counts, which is the most important. A finding
+        without a reason is its own root cause.
     """
     if finding.code in FINDINGS_WITH_REASONS:
-        reasons = finding.figures["reasons"]
-        return _decisive_reason(reasons[0])
-    if finding.code in FINDINGS_WITH_ONE_REASON:
-        return _decisive_reason(finding.figures["reason"])
-    return finding
+        reason = finding.figures["reasons"][0]
+    elif finding.code in FINDINGS_WITH_ONE_REASON:
+        reason = finding.figures["reason"]
+    else:
+        return finding
+    return _root_cause(reason)
 
 
 def _new_gains_fact(axis: str, advice: Advice) -> Fact:

@@ -43,6 +43,7 @@ from mavdem.loops.gain_design import (
     Stage,
     bandwidth_of_estimate,
     logged_gains,
+    round_gain,
     scores_of_models,
 )
 from mavdem.loops.limit_cycles import Oscillation
@@ -491,9 +492,10 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
         value_in_flight = parameters.values.get(name)
         if not value_in_flight:
             continue
-        advised_value = GAIN_REDUCTION * value_in_flight
+        advised_value = round_gain(GAIN_REDUCTION * value_in_flight)
         value_at_end = parameters.last_values.get(name, value_in_flight)
-        if value_at_end > advised_value:
+        # Logs have single precision, so that a gain that was set to the advised value may be larger by a rounding.
+        if round_gain(value_at_end) > advised_value:
             advised_changes.append((name, value_at_end, advised_value))
         else:
             must_others_stay = True

@@ -111,6 +111,15 @@ class Loop(Margins):
         return any(caution.code is LoopFact.EFFECT_BIASED for caution in self.cautions)
 
     @property
+    def is_logged_too_slowly(self) -> bool:
+        """Whether the margins rest on frequencies that the log hardly shows, for which their intervals do not allow.
+
+        Then the crossover is near the rate of the log, or the gain margin beyond its Nyquist frequency.
+        """
+        codes = {caution.code for caution in self.cautions}
+        return LoopFact.CROSSOVER_FAST in codes or LoopFact.GAIN_MARGIN_EXTRAPOLATED in codes
+
+    @property
     def advice(self) -> Advice:
         """Gains to set, with what to expect, or why there are none; :func:`mavdem.loops.advice.advise`."""
         from mavdem.loops.advice import advise

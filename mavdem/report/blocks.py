@@ -145,6 +145,9 @@ class Table(NamedTuple):
     phone_tables: Sequence[Table] = ()
     """Narrower tables with the same cells that a phone shows in its place; empty for none."""
 
+    phone_title: str = ""
+    """What a phone shows of these tables until they are opened; empty where they are open."""
+
     @property
     def longest_cell(self) -> int:
         """Number of letters of the longest cell behind the first column; 0 where there is none."""

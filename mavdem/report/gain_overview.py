@@ -100,20 +100,24 @@ class GainOverview(NamedTuple):
         return any(cell.is_to_be_loaded for cell in self.cells)
 
     @property
-    def changed_rows(self) -> Mapping[str, tuple[GainCell, ...]]:
-        """The rows of the axes with a new gain, which is to be loaded or was tried; all rows if no axis has one."""
-        rows = {}
+    def table_rows(self) -> Mapping[str, tuple[GainCell, ...]]:
+        """The rows that a page shows as a table, by axis.
+
+        They are those of the axes with a new gain, which is to be loaded or was tried. The other axes have sentences
+        then (:attr:`sentences_on_other_rows`). If no axis has a new gain, the table has all rows.
+        """
+        rows_with_new_gain = {}
         for axis, row in self.rows.items():
             if any(cell.new is not None for cell in row):
-                rows[axis] = row
-        return rows or self.rows
+                rows_with_new_gain[axis] = row
+        return rows_with_new_gain or self.rows
 
     @property
     def sentences_on_other_rows(self) -> list[Sentence]:
-        """A sentence for each other axis: what becomes of its gains, and their values in the log."""
+        """A sentence on each axis that is not in the table: what becomes of its gains, and their values in the log."""
         sentences = []
         for axis in self.rows:
-            if axis not in self.changed_rows:
+            if axis not in self.table_rows:
                 sentences += self.sentences_on_axis(axis, self.outcomes.get(axis, ""))
         return sentences
 

@@ -96,6 +96,9 @@ INTERVAL_IN_CELL = re.compile(r"\(.+ to .+?\)")
 TRIED_HEADER = "tried, not to be loaded"
 """What tables call gains that another flight is to confirm before they are loaded."""
 
+PHONE_TITLE_OF_MARGINS = "All margins with intervals"
+"""What a phone shows of the table of all margins until it is opened."""
+
 REASONS_FOR_GAINS = (GainFact.STEP_BOUND, GainFact.INTEGRAL_FALLS)
 """Notes on gains that say why they are no others; they stand beside the gains. The remaining ones are details."""
 
@@ -117,7 +120,7 @@ class GainOutcome(StrEnum):
     KEEP = "keep"
     """The loops have their margins, and the gains stay."""
     KEEP_UNSURE = "keep_unsure"
-    """The gains stay, but too few models of the vehicle have the margins, or wind biases these models."""
+    """The gains stay, but too few models of the vehicle have the margins, or wind or a slow log biases these."""
     FLY_FIRST = "fly_first"
     """Other gains were tried, and another flight is to confirm them before they are loaded."""
     LOWER = "lower"
@@ -141,7 +144,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
        the gains of each axis.
     2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
        that needs a repair.
-    3. The next step, and a higher cut-off of the gyro's filter to try instead, if one is advised.
+    3. The next step, and a higher cut-off of the gyro's filter to try in a later flight, if one is advised.
     4. What axes that get no gains need: what to correct, and the flight with doublets from which gains follow.
 
     Args:
@@ -160,7 +163,9 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     texts_beside += [next_step.text, *_texts_in_next_step(tuning)]
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
     if tuning.gyro_cutoff is not None:
-        summary.append(Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Instead of lower gains:"))
+        summary.append(
+            Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Later, instead of lower gains:")
+        )
     if tuning.axes_also_to_lower:
         summary += render_section("tune_also_to_lower", axes=tuning.axes_also_to_lower)
     is_after_repair = not _has_next_step_on_loops(tuning.judgement)
@@ -207,7 +212,8 @@ def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
     steps = {}
     for axis, advice in tuning.axes.items():
         # Gains of a controller that is not known cannot be computed from any flight.
-        is_useless_flight = axis in tuning.axes_without_controller and _advises_flight(advice)
+        advises_only_flight = _conclusion_on_gains(advice).advises_only_flight
+        is_useless_flight = axis in tuning.controller_faults and advises_only_flight
         if _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_GAINS and not is_useless_flight:
             steps_of_axis = _steps_towards_gains_of_axis(tuning, axis)
             if steps_of_axis:
@@ -238,7 +244,8 @@ def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
     """Returns what to do about one axis, such as a parameter to set, without the flight that would give its gains.
 
     That flight (``Tuning.flight_for_gains``) serves several axes and is stated once. There may be remedies of two
-    kinds: towards gains, and against another fault of the loops.
+    kinds: towards gains, and against another fault of the loops. If the vehicle must be repaired first, what leads to
+    gains is only to complete the parameters of the controller, so that a later flight gives them.
 
     Args:
         tuning: for each axis the advice on its gains, or the finding that says why there is none.
@@ -251,6 +258,9 @@ def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
     advice_on_gains = advice if isinstance(advice, Fact) else _advice_on_gains(tuning, advice)
     remedies = _remedies_besides_tuning(tuning, axis)
     if _next_step_has_priority(tuning, advice_on_gains):
+        controller_fault = tuning.controller_faults.get(axis)
+        if controller_fault is not None and controller_fault.remedy:
+            remedies.append(controller_fault.sentence_and_remedy)
         return remedies
     if axis not in tuning.axes_to_fly_for_gains:
         return [advice_on_gains.remedy, *remedies]
@@ -366,7 +376,7 @@ def axes_with_kept_gains(tuning: Tuning) -> list[str]:
 
 
 def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
-    """Returns what becomes of the gains of each axis in words, such as "new gains" or "no gains (margins not known)".
+    """Returns what becomes of the gains of each axis in words, such as "new gains" or "no gains, margins not known".
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
@@ -622,10 +632,11 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         return GainOutcome.DOUBTFUL
     if advice.parameters:
         return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
-    has_sure_margins = advice.rating.is_good or advice.sure >= SURE_SHARE
-    if has_sure_margins and not advice.before.has_biased_effectiveness:
-        return GainOutcome.KEEP
-    return GainOutcome.KEEP_UNSURE
+    loop = advice.before
+    if loop.has_biased_effectiveness or loop.is_logged_too_slowly:
+        return GainOutcome.KEEP_UNSURE
+    reaches_goal = advice.rating.is_good or advice.sure >= SURE_SHARE
+    return GainOutcome.KEEP if reaches_goal else GainOutcome.KEEP_UNSURE
 
 
 def tune_blocks(
@@ -664,9 +675,10 @@ def tune_blocks(
         if isinstance(advice, Fact):
             blocks += _sentences_without_loop(tuning, axes, headline_above)
             continue
+        facts = _stated_ratings(tuning, axis, is_page=is_page)
         # The gains of axes with the same advice were described together, above.
-        has_gains = axis not in axes_in_shared_sentences
-        facts = _facts_on_axis(tuning, axis, has_gains=has_gains, is_page=is_page)
+        if axis not in axes_in_shared_sentences:
+            facts += _facts_on_new_gains(tuning, axis)
         facts = [_without_reason_above(fact, headline_above) for fact in facts]
         report = _joined_sentences(facts, headline_above)
         remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
@@ -1149,36 +1161,35 @@ def _fact_on_axes(fact: Fact, axis_names: str) -> Fact:
     return fact
 
 
-def _facts_on_axis(tuning: Tuning, axis: str, *, has_gains: bool, is_page: bool) -> list[Fact]:
-    """Returns the facts (coded findings) whose sentences make the report of a tuning on one axis with a known loop.
+def _stated_ratings(tuning: Tuning, axis: str, *, is_page: bool) -> list[Fact]:
+    """Returns the rating of the stability margins of an axis, a coded finding, if the report on the axis states it.
+
+    It is left out in these cases:
+
+    - A measured response contradicts the identified loop, so that its margins are doubtful.
+    - The margins may be wrong for another reason, as the table beside the report says, and the rating is good.
+    - The report is on a terminal, which has the margins in a table above, and the axis follows its setpoint.
 
     Args:
-        tuning: advice on the gains of each axis, or the fact that says why there is none.
+        tuning: advice on the gains of each axis; the loop of this one is identified.
         axis: "roll", "pitch" or "yaw".
-        has_gains: whether what to do with the gains is among the facts; a sentence on several axes may say it already.
-        is_page: whether a page has the report. Only there it rates the margins: a terminal has them in a table above,
-            and so only a rating that the axis does not follow its setpoint, which no table shows.
+        is_page: whether the report is on a page, and not on a terminal.
 
     Returns:
-        Facts in the order of their sentences:
-
-        - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
-        - otherwise the rating of the margins, and what to do with the gains. A good rating is left out where the
-          margins may be wrong: the table beside it calls them doubtful.
+        A list with the rating; empty if it is left out, or if there is none (:func:`_rating_unless_contradicted`).
     """
     advice = tuning.axes[axis]
-    # The loop of this axis is identified.
+    # An axis has a fact instead of advice only if its loop is not identified.
     assert isinstance(advice, Advice)
-    facts_on_gains = _facts_on_new_gains(tuning, axis) if has_gains else []
     if axis in tuning.doubtful_axes:
-        return facts_on_gains
+        return []
     ratings = _rating_unless_contradicted(advice, tuning.judgement.loop_decisions.get(axis))
     if _has_doubtful_margins(tuning, axis):
         ratings = [rating for rating in ratings if not rating.is_good]
     if not is_page:
         # Only a rating that the axis does not follow its setpoint has the figure "follows".
         ratings = [rating for rating in ratings if "follows" in rating.figures]
-    return [*ratings, *facts_on_gains]
+    return ratings
 
 
 def _facts_on_slower_rate(advice: Advice) -> list[Fact]:
@@ -1321,12 +1332,13 @@ def _axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
 def _advice_on_gains(tuning: Tuning, advice: Advice) -> Fact:
     """Returns what to do with the gains of an axis, for example to load new ones, as a fact with a sentence.
 
-    Three figures of the fact (a coded finding) fit its sentence to this report:
+    Four figures of the fact (a coded finding) fit its sentence to this report:
 
     - ``waits``: whether these gains are not to be loaded yet. Gains are loaded in stages, with a flight after each, and
       those of stage 2 wait while another axis has gains of stage 1.
     - ``is_goal_stated``: that the sentence need not state the goal of the margins, as :func:`goal_sentences` does so.
     - ``is_biased``: whether wind biases the estimated control effectiveness, so that the margins are not sure.
+    - ``is_log_slow``: whether they are not sure since the log hardly shows the frequencies that they are of.
 
     Args:
         tuning: advice for all axes, which shows whether one of them has gains of an earlier stage.
@@ -1336,6 +1348,7 @@ def _advice_on_gains(tuning: Tuning, advice: Advice) -> Fact:
         waits=tuning.waits(advice),
         is_goal_stated=True,
         is_biased=advice.before.has_biased_effectiveness,
+        is_log_slow=advice.before.is_logged_too_slowly,
     )
 
 
@@ -1344,7 +1357,7 @@ def _faults_in_flight(
 ) -> list[Sentence]:
     """Returns what is wrong with axes whose loops are not known, such as that they swing, and what to do about it.
 
-    What stands in the report on these axes, in the headline, or in the next step is not repeated.
+    What stands in the report on these axes, in the headline, or in what to do by the summary is not repeated.
 
     Args:
         tuning: the judgement of the flight, with its next step and a decision on the loops of each axis.
@@ -1358,6 +1371,8 @@ def _faults_in_flight(
         if decision is not None and decision.reason.is_watch_or_bad:
             faults[axis] = decision
     texts_elsewhere = [headline_above, report, *_texts_in_next_step(tuning)]
+    for steps in _steps_towards_gains(tuning).values():
+        texts_elsewhere += steps
     return decision_sentences(faults, texts_elsewhere, lead_end=" in flight:")
 
 
@@ -1383,7 +1398,8 @@ def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
         # The remedy of a fault, such as that the axis swings, does not make the loop known. So it does not stand with
         # what leads to new gains, but in a sentence on the fault.
         return []
-    if decision.action.code is LoopAction.FLY_DOUBLETS and _advises_flight(tuning.axes[axis]):
+    conclusion = _conclusion_on_gains(tuning.axes[axis])
+    if decision.action.code is LoopAction.FLY_DOUBLETS and conclusion.advises_only_flight:
         # One flight is enough: the reason why no gains are advised names it already.
         return []
     if _next_step_has_priority(tuning, decision.action):
@@ -1393,15 +1409,13 @@ def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
     return [decision.action.sentence_and_remedy]
 
 
-def _advises_flight(advice: Advice | Fact) -> bool:
-    """Returns whether the advice on an axis without new gains is to make a flight, after which gains are known.
+def _conclusion_on_gains(advice: Advice | Fact) -> Fact:
+    """Returns the fact (coded finding) that sums up the advice on an axis: what to do with its gains, or why no loop.
 
     Args:
-        advice: advice on the gains of the axis, or the fact that its loop is not known.
+        advice: advice on the gains of the axis, or the fact that says why its loop is not known.
     """
-    conclusion = advice if isinstance(advice, Fact) else advice.conclusion
-    # A remedy that is left out for a vehicle which must not fly is one that advises a flight.
-    return bool(conclusion.remedy) and not conclusion.without_flight_advice.remedy
+    return advice if isinstance(advice, Fact) else advice.conclusion
 
 
 def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
@@ -1415,20 +1429,36 @@ def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -
         decision: decision on the loops of the axis; None if there is none.
 
     Returns:
-        A list with the rating. If the axis does not follow its setpoint, the rating is "watch" at best, and its
-        sentence says that the margins are not enough. The list is empty if the loop cannot be relied on, so that no
-        gains are advised, and the decision was made for another reason than the margins.
+        A list with the rating (:func:`_rating_of_margins`). If the axis does not follow its setpoint, the rating is
+        "watch" at best, and its sentence says that the margins are not enough. The list is empty if the loop cannot be
+        relied on, so that no gains are advised, and the decision was made for another reason than the margins.
     """
+    rating = _rating_of_margins(advice)
     if decision is None:
-        return [advice.rating]
+        return [rating]
     is_decided_by_margins = decision.reason.code is MarginsLight.LOOP_MARGINS
     if advice.refusals and not is_decided_by_margins:
         return []
     if decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
-        level = Level.BAD if advice.rating.is_bad else Level.WATCH
+        level = Level.BAD if rating.is_bad else Level.WATCH
         # The figure ``follows`` = False adds to the sentence "but the axis does not follow its setpoint".
-        return [advice.rating.replace(level, follows=False)]
-    return [advice.rating]
+        return [rating.replace(level, follows=False)]
+    return [rating]
+
+
+def _rating_of_margins(advice: Advice) -> Fact:
+    """Returns the rating of an axis' stability margins, at best "watch" if their intervals may be wrong.
+
+    The intervals do not allow for wind that biases the control effectiveness, nor for a log that is slow for the loop.
+
+    Args:
+        advice: advice on the gains of the axis, with the rating of the margins of its identified loop.
+    """
+    loop = advice.before
+    are_intervals_wrong = loop.has_biased_effectiveness or loop.is_logged_too_slowly
+    if advice.rating.is_good and are_intervals_wrong:
+        return advice.rating.replace(Level.WATCH)
+    return advice.rating
 
 
 def decision_sentences(
@@ -1515,7 +1545,7 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
         flies_doublets = (
             decision.action is not None and decision.action.code is LoopAction.FLY_DOUBLETS
         )
-        is_flown_next = main_reason is not None and _advises_flight(main_reason)
+        is_flown_next = main_reason is not None and main_reason.advises_only_flight
         is_step_with_doublets = is_flown_next or next_step.code in STEPS_WITH_DOUBLETS
         if flies_doublets and (is_step_with_doublets or axis in tuning.axes_to_fly_for_gains):
             texts.add(decision.fact.remedy)
@@ -1875,7 +1905,9 @@ def tuned_loops_table(tuning: Tuning, axes_with_feedforward: Collection[str]) ->
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append(["error by wind torque, sd (°)", *wind_errors])
     table = Table(["90 % interval", *_marked_headers(loops, doubtful_headers)], rows)
-    return [table._replace(phone_tables=_tables_by_axis(table, [*loops]))]
+    narrow_tables = _tables_by_axis(table, [*loops])
+    # The summary above has the margins that decide, so that a phone shows all of them only on demand.
+    return [table._replace(phone_tables=narrow_tables, phone_title=PHONE_TITLE_OF_MARGINS)]
 
 
 def _tables_by_axis(table: Table, headers: Iterable[str]) -> list[Table]:
@@ -1886,14 +1918,12 @@ def _tables_by_axis(table: Table, headers: Iterable[str]) -> list[Table]:
         headers: headers of these columns without marks, such as "roll, now".
 
     Returns:
-        The tables; empty if the table has a single axis.
+        The tables, one for each axis in the order of their columns.
     """
     columns_by_axis: dict[str, list[int]] = {}
     for column, header in enumerate(headers, start=1):
         axis, _, _ = header.partition(", ")
         columns_by_axis.setdefault(axis, []).append(column)
-    if len(columns_by_axis) < 2:
-        return []
     tables = []
     for columns in columns_by_axis.values():
         rows = [[row[column] for column in (0, *columns)] for row in table.rows]
@@ -2010,7 +2040,7 @@ def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:
         return ("", "")
     overshoot, rise_time = step.overshoot, step.rise_time
     return (
-        _with_interval(overshoot.value, overshoot.interval, scale=100),
+        _text_with_interval(overshoot.value, overshoot.interval, scale=100),
         _rise_time_text(rise_time, duration),
     )
 
@@ -2031,7 +2061,7 @@ def _rise_time_text(rise_time: IntervalEstimate, duration: float) -> str:
         return limit
     if rise_time.high >= duration:
         return f"{rounded(1e3 * rise_time.value)} ({rounded(1e3 * rise_time.low)} to {limit})"
-    return _with_interval(rise_time.value, rise_time.interval, scale=1e3)
+    return _text_with_interval(rise_time.value, rise_time.interval, scale=1e3)
 
 
 def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
@@ -2130,7 +2160,9 @@ def _figure_text(loop: OpenLoop, figure_name: str) -> str:
     if not _has_figure(loop, figure_name):
         return rounded(nan)
     interval = getattr(loop, f"{figure_name}_interval")
-    return _with_interval(getattr(loop, figure_name), interval, LOOP_FIGURES[figure_name].scale)
+    return _text_with_interval(
+        getattr(loop, figure_name), interval, LOOP_FIGURES[figure_name].scale
+    )
 
 
 def _value_text(loop: OpenLoop, figure_name: str) -> str:
@@ -2157,7 +2189,7 @@ def _has_figure(loop: OpenLoop, figure_name: str) -> bool:
     return loop.is_stable or figure_name not in FIGURES_OF_STABLE_LOOPS
 
 
-def _with_interval(value: float, interval: tuple[float, float], scale: float) -> str:
+def _text_with_interval(value: float, interval: tuple[float, float], scale: float) -> str:
     """Returns a figure with its interval as text, such as "57 (50 to 63)".
 
     The interval is left out if one of its ends is NaN, or if it is narrower than the last digit that is shown.

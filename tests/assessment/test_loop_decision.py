@@ -41,7 +41,7 @@ RESONANCE = Resonance(
 )
 """A response whose Ms is surely beyond the least margins."""
 PEAK = Resonance("roll", 5.0, 22.0, 0.9, 40.0)
-LOWER_RATE_GAINS = {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_I": 0.133333, "MC_ROLLRATE_D": 0.002}
+LOWER_RATE_GAINS = {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_I": 0.133, "MC_ROLLRATE_D": 0.002}
 
 
 def falls_short(at_limit_share):
@@ -315,7 +315,7 @@ def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
     for loop in (made_up(), NOT_STEERED):
         decision = decision_on_roll(loop, OVERSHOOTS)
         assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
-        assert changed_gains(decision) == {"MC_ROLL_P": 4.333333}
+        assert changed_gains(decision) == {"MC_ROLL_P": 4.33}
         assert decision.reasons_against_gains == (decision.reason,)
     unnamed = decision_on_roll(NOT_STEERED, OVERSHOOTS, parameters={}).action
     assert unnamed.sentence == "Lower the P gain of the roll angle by a third."
@@ -391,7 +391,7 @@ def test_gains_of_several_axes_are_lowered_in_one_sentence():
     roll = decision_on_roll(NOT_STEERED, OVERSHOOTS).action
     pitch = roll.replace(axis="pitch", changes=[("MC_PITCH_P", 6.0, 4.0)])
     assert common_action([None, roll, pitch]).sentence == (
-        "Lower MC_ROLL_P from 6.5 to 4.333 and MC_PITCH_P from 6 to 4."
+        "Lower MC_ROLL_P from 6.5 to 4.33 and MC_PITCH_P from 6 to 4."
     )
     unnamed = [action.replace(changes=()) for action in (roll, pitch)]
     assert common_action(unnamed).sentence == (

@@ -42,3 +42,5 @@ def test_the_cut_off_is_raised_if_it_takes_the_margin_and_noise_allows_it(
         assert advice.figures["noise"] == approx(4e-4)
         assert advice.figures["new_phase_lag"] < 0.6 * advice.figures["phase_lag"]
         assert "IMU_GYRO_CUTOFF at 15 Hz costs" in advice.sentence
+        assert advice.remedy.startswith("Fly the lower gains first:")
+        assert "Then set the old gains with IMU_GYRO_CUTOFF 30," in advice.remedy

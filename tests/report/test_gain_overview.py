@@ -74,12 +74,12 @@ def test_an_axis_that_keeps_its_gains_beside_new_ones_has_them_in_one_sentence()
     signals = {axis: Signals(Hover().telemetry(parameters=parameters)) for axis in ("roll", "yaw")}
     changes = GainChanges((), (), new_values=NEW_VALUES)
     gains = gain_overview(signals, changes, {"yaw": "keep the gains"})
-    assert [*gains.changed_rows] == ["roll"]
+    assert [*gains.table_rows] == ["roll"]
     [sentence] = gains.sentences_on_other_rows
     assert sentence.lead == "Yaw, keep the gains:"
-    unknown = gains._replace(outcomes={"yaw": "no gains (margins not known)"})
+    unknown = gains._replace(outcomes={"yaw": "no gains, margins not known"})
     [sentence_if_unknown] = unknown.sentences_on_other_rows
-    assert sentence_if_unknown.lead == "Yaw, no new gains (margins not known):"
+    assert sentence_if_unknown.lead == "Yaw, no new gains, margins not known:"
     [of_terminal] = gains.sentences_on_axis("yaw")
     assert of_terminal == sentence._replace(lead="Gains of yaw:")
     assert (
@@ -87,7 +87,7 @@ def test_an_axis_that_keeps_its_gains_beside_new_ones_has_them_in_one_sentence()
     )
     # Where no axis has new gains, all have a row.
     kept = gain_overview(signals, None)
-    assert kept.changed_rows == kept.rows and not kept.sentences_on_other_rows
+    assert kept.table_rows == kept.rows and not kept.sentences_on_other_rows
 
 
 def test_parameters_that_are_no_gains_have_a_table_of_their_own():

@@ -217,7 +217,7 @@ def test_a_report_has_one_repair_to_make_before_the_next_flight(reason, is_state
         axes={"roll": no_loop},
         advice=(),
         judgement=judgement,
-        axes_without_controller=frozenset(),
+        controller_faults={},
     )
     assert "No gains, because motor 2 is at its upper limit" in plain_text(tune_blocks(tuning))
     summary = plain_text(tune_summary(tuning, reason))

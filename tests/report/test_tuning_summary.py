@@ -21,7 +21,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import GainFact, LoopAction, LoopFact
+from mavdem.facts.loops import ControllerFact, GainFact, LoopAction, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.model import ParameterDoubt
 from mavdem.facts.motors import MotorsLight
@@ -39,10 +39,9 @@ from mavdem.report.loops import (
     tuning_result,
 )
 from mavdem.report.pages.page import Chapter
+from mavdem.report.pages.step_captions import is_too_fast, step_caption
 from mavdem.report.pages.tune_page import (
     _only_points_to_headline,
-    attitude_fit_sentences,
-    fast_step_sentences,
     rate_disagreement_sentences,
 )
 from mavdem.report.templates import Medium, render_section, sentences_for
@@ -244,6 +243,24 @@ def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
     assert last_sentence.text.startswith("Fly ten quick doublets about pitch")
 
 
+def test_after_a_repair_a_firmware_without_the_gains_is_updated_before_any_doublets():
+    too_old = Fact(
+        ControllerFact.PARAMETERS_MISSING,
+        names=("MOT_THST_EXPO",),
+        firmware="ArduCopter V3.2.1",
+        is_too_old=True,
+    )
+    tuning = tuning_of(LIMITED, LIMITED, {}, controller_faults={"roll": too_old, "pitch": too_old})
+    crashed = Fact(LoopFact.NO_LOOP, reasons=(LIMITED,))
+    tuning = tuning._replace(axes={"roll": crashed, "pitch": crashed})
+    *_, last_sentence = tune_summary(tuning, LIMITED)
+    assert last_sentence == Sentence(
+        "ArduCopter V3.2.1 has no MOT_THST_EXPO, and so cannot be tuned with mavdem. "
+        "Update ArduCopter, and log all of its parameters.",
+        "Then, for gains of roll and pitch:",
+    )
+
+
 @mark.parametrize(
     "doubt, is_removed",
     [
@@ -293,9 +310,9 @@ def test_lowered_gains_are_one_set_for_headline_report_and_files():
         NOT_STEERED, lower, {"pitch": decision}, gains_to_lower={"ATC_RAT_PIT_P": Gain(0.2, 0.1333)}
     )
     [outcome] = outcome_sentences(tuning)
-    assert outcome.lead == "Pitch: lower gains. Roll: no gains (margins not known)."
+    assert outcome.lead == "Pitch: lower gains. Roll: no gains, margins not known."
     assert outcome_by_axis(tuning) == {
-        "roll": "no gains (margins not known)",
+        "roll": "no gains, margins not known",
         "pitch": "lower gains",
     }
     report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED.sentence)
@@ -348,7 +365,7 @@ def test_gains_on_trial_are_a_table_and_files():
     gains = lowered_gains(tuning.judgement.next_step)
     assert gains == {"ATC_RAT_RLL_P": Gain(0.135, 0.09)}
     tuning = tuning._replace(gains_to_lower=gains)
-    assert outcome_by_axis(tuning)["roll"] == "lower gains on trial (margins not known)"
+    assert outcome_by_axis(tuning)["roll"] == "lower gains on trial, margins not known"
     with sentences_for(Medium(table_gains=frozenset(gains))):
         assert hover.sentence.startswith(
             "Hover for a minute with these lower gains on trial: a peak"
@@ -379,7 +396,7 @@ def test_gains_are_lowered_of_requested_axes_alone_and_others_are_named(axes, ot
 
 
 @mark.parametrize(
-    "sluggish_axes, words", [(["roll", "pitch"], "sluggish"), (["roll"], "roll sluggish")]
+    "sluggish_axes, words", [(["roll", "pitch"], "sluggish"), (["roll"], "roll is sluggish")]
 )
 def test_axes_that_are_all_sluggish_are_not_named_twice(sluggish_axes, words):
     [outcome] = render_section(
@@ -390,19 +407,32 @@ def test_axes_that_are_all_sluggish_are_not_named_twice(sluggish_axes, words):
         has_gains=True,
         sluggish_axes=sluggish_axes,
     )
-    assert outcome.lead == f"Roll and pitch: keep the gains ({words})."
+    assert outcome.lead == f"Roll and pitch: keep the gains, though {words}."
 
 
-def test_an_attitude_that_rings_more_than_predicted_has_its_fit_beside_the_chart():
+def test_an_attitude_that_rings_more_than_predicted_has_its_fit_below_the_chart():
     step = np.array([0.0, 1.0, 1.3, 1.0])
     overshoot = IntervalEstimate(0.3, 0.2, 0.4)
     measured = partial_record(StepResponse, step=step, overshoot=overshoot)
     predicted_step = np.array([0.0, 1.0, 1.0, 1.0])
-    responses = {"roll": {"attitude": LoopResponse(measured, predicted_step)}, "pitch": {}}
-    [sentence] = attitude_fit_sentences(responses)
     # The RMS of the difference is 0.15, the standard deviation of the step 0.49.
-    assert sentence.text.startswith("roll 70 % (overshoot 30 %, predicted 0 %). 100 % is")
-    assert not attitude_fit_sentences({"roll": {"attitude": LoopResponse(measured)}})
+    caption = step_caption(LoopResponse(measured, predicted_step))
+    assert caption == "Measured: overshoot 30 %, predicted 0 %; fit 70 %."
+    without_loop = step_caption(LoopResponse(measured))
+    assert without_loop.endswith("no loop is identified to compare with.")
+    assert step_caption(None) == "Identified loop; no step was measured."
+
+
+@mark.parametrize("code, is_doubtful", [("AGREES", False), ("DOUBTED", True)])
+def test_an_identified_step_that_the_measured_gain_contradicts_is_doubtful(code, is_doubtful):
+    rise_time = IntervalEstimate(0.056, 0.05, 0.07)
+    step = partial_record(StepResponse, is_identified=True, rise_time=rise_time)
+    compared = Fact(StepResponseFact[f"PREDICTION_{code}"])
+    response = LoopResponse(step, compared=compared)
+    assert response.is_step_doubtful is is_doubtful
+    caption = step_caption(response)
+    assert "rises in 56 ms, too fast for this log" in caption
+    assert caption.startswith("Doubtful:" if is_doubtful else "Identified loop:")
 
 
 @mark.parametrize("predicted_end, differs", [(0.68, True), (0.9, False)])
@@ -424,17 +454,16 @@ def test_a_rate_whose_predicted_step_ends_outside_the_measured_band_is_named(
         )
 
 
-@mark.parametrize("message_rate, is_too_fast", [(50.0, True), (400.0, False)])
-def test_a_measured_step_that_is_too_fast_for_its_messages_has_a_warning(message_rate, is_too_fast):
+@mark.parametrize("message_rate, is_step_too_fast", [(50.0, True), (400.0, False)])
+def test_a_measured_step_is_too_fast_if_it_rises_within_few_messages(
+    message_rate, is_step_too_fast
+):
     """At 50 Hz twelve messages take 240 ms, at 400 Hz 30 ms."""
     rise_time = IntervalEstimate(0.06, 0.05, 0.07)
     measured = partial_record(StepResponse, is_identified=False, rise_time=rise_time)
     time = np.arange(0.0, 5.0, 1 / message_rate)
     series = TimeSeries(time, np.zeros(len(time), int), np.zeros(len(time)))
-    assessment = Mock()
-    assessment.evidence.signals.for_axis().rate_and_setpoint = (series, series)
-    sentences = fast_step_sentences({"pitch": {"rate": LoopResponse(measured)}}, assessment)
-    assert [sentence.lead for sentence in sentences] == ["Pitch rate:"] * is_too_fast
+    assert is_too_fast(measured, (series, series)) is is_step_too_fast
 
 
 @mark.parametrize(

@@ -25,6 +25,7 @@ from mavdem.flight import Flights
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.loops.axis_loops import Loop
+from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.motors.motor_changes import MotorChange
@@ -140,6 +141,27 @@ def identified_loop_or_reason(
         return loop_of_axis(signals, log, start, estimates)
     except NotLearnable as error:
         return _with_recording(error.fact, signals)
+
+
+def controller_fault(signals: Signals, loop_or_reason: Loop | Fact) -> Fact | None:
+    """Returns what the logged parameters lack of an axis' controller or mixer, so that no flight leads to its gains.
+
+    Args:
+        signals: logged time series of the vehicle for the axis, with its parameters.
+        loop_or_reason: the loop of the axis, or the fact (coded finding) why it is not known.
+
+    Returns:
+        The fact, for example that the firmware is too old; None if the parameters describe the controller.
+    """
+    if isinstance(loop_or_reason, Fact) and isinstance(loop_or_reason.code, ControllerFact):
+        return loop_or_reason
+    # A single weight stands for any mixer.
+    any_mixer = (1.0,)
+    try:
+        controller_from_parameters(signals.telemetry.parameters, signals.axis, any_mixer)
+    except NotLearnable as error:
+        return _with_recording(error.fact, signals)
+    return None
 
 
 REASONS_WITH_RATES = (

@@ -13,6 +13,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
+from mavdem.facts.loops import StepResponseFact
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.attitude_response import predicted_attitude_response
 from mavdem.loops.axis_loops import Loop
@@ -46,6 +47,19 @@ class LoopResponse(NamedTuple):
         if self.compared is None or self.compared.is_good:
             return None
         return self.compared
+
+    @property
+    def is_step_doubtful(self) -> bool:
+        """Whether the step of ``measured`` is doubtful; False if there is none.
+
+        A measured step is so for itself (``StepResponse.is_doubtful``), that of the identified loop if the measured
+        gain of the loop contradicts it.
+        """
+        if isinstance(self.measured, Fact):
+            return False
+        if self.measured.is_identified and self.compared is not None:
+            return self.compared.code is StepResponseFact.PREDICTION_DOUBTED
+        return self.measured.is_doubtful
 
     @property
     def facts(self) -> Facts:

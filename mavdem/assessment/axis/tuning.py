@@ -10,11 +10,13 @@ The results are facts (coded findings), in these roles:
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.assessment.axis.flight_for_gains import flight_for_gains
 from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
+from mavdem.assessment.axis.loops import controller_fault
 from mavdem.assessment.axis.lowered_gains import (
     LOWERING,
     LOWERING_ON_TRIAL,
@@ -47,7 +49,9 @@ from mavdem.loops.advice import Advice, AdviceByAxis, Gain, advise, reasons_for_
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import Stage
 from mavdem.loops.gyro_cutoff import gyro_cutoff_advice
-from mavdem.loops.resonance import controller_if_known
+
+NO_FAULTS: Mapping[str, Fact] = MappingProxyType({})
+"""The faults of controllers that the logged parameters describe."""
 
 
 class Tuning(NamedTuple):
@@ -67,14 +71,14 @@ class Tuning(NamedTuple):
     """The judgement of the flight, whose next step is to load the new gains, unless something else is bad."""
     doubtful_axes: frozenset[str] = frozenset()
     """The axes whose measured response contradicts the identified loop, so that its margins may be wrong."""
-    axes_without_controller: frozenset[str] = frozenset()
-    """The axes whose controller or mixer the logged parameters do not describe, so that no flight leads to gains."""
+    controller_faults: Mapping[str, Fact] = NO_FAULTS
+    """By axis, what the logged parameters lack of its controller or mixer, so that no flight leads to its gains."""
     no_loop: Fact | None = None
     """Why the loops of no axis are known; None if those of at least one axis are."""
     gains_to_lower: Mapping[str, Gain] = NO_GAINS
     """Gains to lower, of axes for which none can be computed; they are among ``parameters``."""
     gyro_cutoff: Fact | None = None
-    """A higher cut-off of the gyro's low-pass to try instead of lower gains; None if that is not advised."""
+    """A higher cut-off of the gyro's low-pass to try after a flight with lower gains; None if that is not advised."""
     axes_also_to_lower: Names = ()
     """Axes that were not requested, but whose gains the flight advises to lower, too."""
     flight_for_gains: Fact | None = None
@@ -226,12 +230,12 @@ def tune_loops(
     arguments = _arguments_of_command(
         evidence, margins, raises_sound_gains=raises_sound_gains, filters=filters
     )
-    axes_without_controller = _axes_without_controller(evidence, axes)
+    controller_faults = _controller_faults(evidence, axes)
     flight = flight_for_gains(
         evidence,
         advice_by_axis,
         decisions,
-        axes_without_controller,
+        controller_faults,
         is_after_repair=bool(reasons_of_vehicle),
     )
     tuning_judgement = judgement_with_tuning_step(
@@ -251,7 +255,7 @@ def tune_loops(
         notch=notch,
         judgement=tuning_judgement,
         doubtful_axes=axes_with_doubtful_loop(assessment.margins, evidence.loops),
-        axes_without_controller=axes_without_controller,
+        controller_faults=controller_faults,
         no_loop=no_loop,
         gains_to_lower=gains_to_lower,
         gyro_cutoff=gyro_cutoff,
@@ -486,25 +490,32 @@ def _joined_by_reason(refusals: Mapping[str, Fact]) -> list[Fact]:
     return reasons
 
 
-def _axes_without_controller(evidence: Evidence, axes: Iterable[str]) -> frozenset[str]:
-    """Selects the axes whose controller or mixer the logged parameters do not describe.
+def _controller_faults(evidence: Evidence, axes: Iterable[str]) -> dict[str, Fact]:
+    """Returns what the logged parameters lack of the controller or mixer of some axes.
 
     Without both no margins can be computed, so that another flight would not lead to gains either.
 
     Args:
         evidence: signals of the vehicle with its parameters; and its loops, or why they are not known.
-        axes: axes to select from: "roll", "pitch" and "yaw".
+        axes: the axes: "roll", "pitch" and "yaw".
+
+    Returns:
+        By axis, the fact (coded finding) that says so; an axis whose parameters are complete is left out. Missing
+        parameters are those of all axes together, so that one sentence can report them.
     """
-    axes_without_controller = set[str]()
+    faults = {}
+    missing_names: list[str] = []
     for axis in axes:
-        loop_or_reason = evidence.loops[axis]
-        # A reason with such a code says what the parameters lack, such as the mixer.
-        lacks_parameters = isinstance(loop_or_reason, Fact) and isinstance(
-            loop_or_reason.code, ControllerFact
-        )
-        if lacks_parameters or controller_if_known(evidence.signals.for_axis(axis)) is None:
-            axes_without_controller.add(axis)
-    return frozenset(axes_without_controller)
+        fault = controller_fault(evidence.signals.for_axis(axis), evidence.loops[axis])
+        if fault is None:
+            continue
+        faults[axis] = fault
+        if fault.code is ControllerFact.PARAMETERS_MISSING:
+            missing_names += [name for name in fault.figures["names"] if name not in missing_names]
+    for axis, fault in faults.items():
+        if fault.code is ControllerFact.PARAMETERS_MISSING:
+            faults[axis] = fault.replace(names=tuple(missing_names))
+    return faults
 
 
 def _arguments_of_command(

@@ -409,12 +409,15 @@ class Chart(NamedTuple):
     group: str = ""
     """Charts of the same group, unless empty, are zoomed together."""
 
+    caption: str = ""
+    """A line below it, such as where what it shows comes from; empty for none."""
+
     @property
     def description(self) -> str:
         """The chart in words, for screen readers: title, axes, and the range of each line with a finite value.
 
         An example is "Rates in °/s over time since boot (s): roll from -20 to 31.". A chart without such a line, such
-        as a spectrogram, is called "a picture".
+        as a spectrogram, is called "a picture". The caption follows.
         """
         ranges = []
         for line in self.lines:
@@ -425,7 +428,7 @@ class Chart(NamedTuple):
         content = "; ".join(ranges)
         if not ranges:
             content = "a picture"
-        return f"{self.title}{unit} over {self.x.label}: {content}."
+        return f"{self.title}{unit} over {self.x.label}: {content}. {self.caption}".strip()
 
     def thinned(self, max_points: int) -> Chart:
         """Returns the chart with all lines on one common even grid of at most about ``max_points`` points.

@@ -130,8 +130,8 @@ def step_charts(
             step_lines = _step_lines(response, measured_response, advised_step)
             # The title says it, since a line that is alone has no legend.
             kind = "identified step" if measured_response.is_identified else "step"
-            if measured_response.is_doubtful:
-                kind = "doubtful step"
+            if response.is_step_doubtful:
+                kind = f"doubtful {kind}"
             charts.append(step_chart(f"{title}: {kind}", step_lines))
             if has_gain and loop_name == "rate":
                 charts.append(_gain_chart(title, response, measured_response))
@@ -169,7 +169,7 @@ def _step_lines(
        where both are equal.
 
     If the messages were too slow to measure a step, the third line takes the place of the first, with its 90 % band. A
-    doubtful step is dashed, and has no band.
+    doubtful step, measured or identified, is dashed in the colour of the first line, and has no band.
 
     Args:
         response: the response with its prediction, if the loop is identified.
@@ -181,8 +181,8 @@ def _step_lines(
     step = measured_response.step
     half_width = measured_response.step_half
     lines = []
-    if measured_response.is_doubtful:
-        # Its band is that of the estimate, which does not know of what the setpoint does not excite.
+    if response.is_step_doubtful:
+        # Its band is that of the estimate, which does not know of what speaks against it.
         lines.append(Line("doubtful", MEASURED, time, step, style=LineStyle.DASHES))
     elif not measured_response.is_identified:
         lines.append(
@@ -190,11 +190,11 @@ def _step_lines(
         )
     if advised_step is not None:
         lines.append(Line("new gains", PHYSICAL, time, advised_step))
-    if measured_response.is_identified:
+    if measured_response.is_identified and not response.is_step_doubtful:
         lines.append(
             Line.with_band("identified", PREDICTED, time, step, half_width, style=LineStyle.DASHES)
         )
-    elif response.predicted_step is not None:
+    elif not measured_response.is_identified and response.predicted_step is not None:
         predicted_step = response.predicted_step
         lines.append(Line("predicted", PREDICTED, time, predicted_step, style=LineStyle.DASHES))
     return lines

@@ -3,6 +3,7 @@
 from itertools import cycle
 
 from mavdem.assessment.axis.responses import Responses
+from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import Chart, Line, step_chart
 from mavdem.report.palette import DISTINCT
@@ -21,13 +22,16 @@ def step_overview_charts(responses: Responses) -> dict[str, Chart]:
         The charts by loop; loops without a measured response, or with a doubtful one, are left out.
     """
     colours = dict(zip(responses, cycle(DISTINCT), strict=False))
-    steps_by_loop: dict[str, dict[str, StepResponse]] = {}
+    # Rate comes before attitude, also if the rate of the first axis is left out.
+    steps_by_loop: dict[str, dict[str, StepResponse]] = {name: {} for name in LOOP_NAMES}
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
-            if isinstance(response.measured, StepResponse) and not response.measured.is_doubtful:
-                steps_by_loop.setdefault(loop_name, {})[axis] = response.measured
+            if isinstance(response.measured, StepResponse) and not response.is_step_doubtful:
+                steps_by_loop[loop_name][axis] = response.measured
     charts = {}
     for loop_name, step_by_axis in steps_by_loop.items():
+        if not step_by_axis:
+            continue
         are_all_identified = all(step.is_identified for step in step_by_axis.values())
         lines = []
         for axis, step in step_by_axis.items():

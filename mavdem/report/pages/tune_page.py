@@ -2,11 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import NamedTuple
 
-import numpy as np
-
-from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import (
     LoopResponse,
@@ -17,12 +13,11 @@ from mavdem.assessment.axis.responses import (
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import GainTrial, try_gains
 from mavdem.assessment.evidence import Evidence
-from mavdem.dataset.signals import rate_between_outages
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import LOOP_NAMES
-from mavdem.loops.step_response import MIN_RISE_MESSAGES, StepResponse
+from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Chart, Group, Note, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
@@ -55,6 +50,7 @@ from mavdem.report.pages.loop_chapters import (
 )
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
+from mavdem.report.pages.step_captions import FIT_MEANING, has_fit, step_caption
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import MEDIUM, render_section, sentences_for
@@ -218,25 +214,35 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     """
     responses = {axis: assessment.responses.get(axis, {}) for axis in tuning.axes}
     steps = advised_steps(responses, tuning.axes)
-    charts = {axis: _step_panels(axis, tuning, responses[axis], steps) for axis in tuning.axes}
+    charts = {axis: _step_panels(axis, tuning, assessment, steps) for axis in tuning.axes}
     charts_and_notes = _with_notes(charts, responses)
-    # A note in the place of a chart says already why no response was measured.
-    responses_without_note: dict[str, dict[str, LoopResponse]] = {}
-    for axis, responses_of_axis in responses.items():
-        names_of_notes = charts_and_notes[axis].keys() - charts[axis].keys()
-        responses_without_note[axis] = {
-            name: response
-            for name, response in responses_of_axis.items()
-            if name not in names_of_notes
-        }
-    reasons = sentences_without_response(responses_without_note)
-    reasons += _sentences_on_identified_steps(responses)
-    reasons += fast_step_sentences(responses, assessment)
-    reasons += rate_disagreement_sentences(responses)
-    reasons += attitude_fit_sentences(responses)
+    sentences = sentences_without_response(_responses_without_note(responses, charts_and_notes))
+    sentences += rate_disagreement_sentences(responses)
     caption = _caption_of_step_chapter(charts_and_notes, responses)
     groups = _groups_of_columns(charts_and_notes, assessment, caption)
-    return Chapter("Step response", reasons, groups)
+    return Chapter("Step response", sentences, groups)
+
+
+def _responses_without_note(
+    responses: Responses, panels: Mapping[str, Mapping[str, Sequence[Panel]]]
+) -> dict[str, dict[str, LoopResponse]]:
+    """Returns the responses without those that have a note in the place of their chart.
+
+    Such a note says already why the response was not measured.
+
+    Args:
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
+        panels: charts and notes by axis, and then by loop.
+    """
+    responses_without_note: dict[str, dict[str, LoopResponse]] = {}
+    for axis, responses_of_axis in responses.items():
+        responses_without_note[axis] = {}
+        for loop_name, response in responses_of_axis.items():
+            panels_of_loop = panels[axis].get(loop_name, ())
+            has_note = any(isinstance(panel, Note) for panel in panels_of_loop)
+            if not has_note:
+                responses_without_note[axis][loop_name] = response
+    return responses_without_note
 
 
 def _caption_of_step_chapter(
@@ -254,67 +260,9 @@ def _caption_of_step_chapter(
     has_gain_chart = any(response.contradiction is not None for response in rate_responses)
     if has_gain_chart:
         caption = f"{caption} {GAIN_MEANING}"
+    if any(has_fit(response) for loops in responses.values() for response in loops.values()):
+        caption = f"{caption} {FIT_MEANING}"
     return caption
-
-
-def _sentences_on_identified_steps(responses: Responses) -> list[Sentence]:
-    """Returns the sentence that says why some charts show the step of a model of the loop instead of a measured one.
-
-    A step that rises within fewer than ``MIN_RISE_MESSAGES`` messages of the log cannot be measured. Its place takes
-    the step that the loop has by the model that was identified in the flight.
-
-    Args:
-        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
-
-    Returns:
-        A list with the sentence, which names these loops and the range of their rise times; empty if all steps were
-        measured.
-    """
-    loop_names = []
-    rise_times = []
-    for axis, responses_of_axis in responses.items():
-        for loop_name, response in responses_of_axis.items():
-            step = response.measured
-            if isinstance(step, StepResponse) and step.is_identified:
-                loop_names.append(f"{axis} {loop_name}")
-                rise_times.append(step.rise_time.value)
-    if not loop_names:
-        return []
-    return render_section(
-        "step_identified",
-        names=loop_names,
-        rise_times=(min(rise_times), max(rise_times)),
-        least_messages=MIN_RISE_MESSAGES,
-    )
-
-
-def fast_step_sentences(responses: Responses, assessment: Assessment) -> list[Sentence]:
-    """Returns the sentence that warns of measured steps of the rate that are too fast for the messages of the log.
-
-    Such a step is shown if no identified loop can take its place.
-
-    Args:
-        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
-        assessment: assessment of the log, with the messages of body rates and their setpoints.
-
-    Returns:
-        A list with the sentence, which names these steps; empty without any.
-    """
-    assert assessment.evidence is not None
-    names = []
-    for axis, responses_of_axis in responses.items():
-        response = responses_of_axis.get("rate")
-        rate_and_setpoint = assessment.evidence.signals.for_axis(axis).rate_and_setpoint
-        if response is None or rate_and_setpoint is None:
-            continue
-        step = response.measured
-        message_rate = min(rate_between_outages(series) for series in rate_and_setpoint)
-        if isinstance(step, StepResponse) and not step.is_identified and not step.is_doubtful:
-            if step.rise_time.value < MIN_RISE_MESSAGES / message_rate:
-                names.append(f"{axis} rate")
-    if not names:
-        return []
-    return render_section("step_too_fast", names=names, least_messages=MIN_RISE_MESSAGES)
 
 
 def rate_disagreement_sentences(responses: Responses) -> list[Sentence]:
@@ -348,53 +296,15 @@ def rate_disagreement_sentences(responses: Responses) -> list[Sentence]:
     return sentences
 
 
-class _StepAgreement(NamedTuple):
-    """How well the measured step of one axis' attitude agrees with the predicted one; all as fractions."""
-
-    fit: float
-    """1 less the RMS of their difference relative to the standard deviation of the measured step; at least 0."""
-    overshoot: float
-    """Overshoot of the measured step."""
-    predicted_overshoot: float
-    """Overshoot of the predicted step."""
-
-
-def attitude_fit_sentences(responses: Responses) -> list[Sentence]:
-    """Returns the sentence that says how well the measured steps of the attitude agree with the predicted ones.
-
-    Args:
-        responses: by axis and loop, the measured response, with the predicted step of an axis whose loop is known.
-
-    Returns:
-        A list with the sentence; empty if no axis has both steps.
-    """
-    agreements = {}
-    for axis, responses_of_axis in responses.items():
-        response = responses_of_axis.get("attitude")
-        if response is None or not isinstance(response.measured, StepResponse):
-            continue
-        if not response.measured.is_doubtful and response.predicted_step is not None:
-            agreements[axis] = _step_agreement(response.measured, response.predicted_step)
-    return render_section("step_agreement", steps=agreements) if agreements else []
-
-
-def _step_agreement(measured: StepResponse, predicted_step: Array) -> _StepAgreement:
-    """Compares a measured step response with a predicted one, (K,) at the same times."""
-    error = np.sqrt(np.mean((measured.step - predicted_step) ** 2))
-    return _StepAgreement(
-        fit=max(0.0, 1 - float(error / measured.step.std())),
-        overshoot=max(0.0, measured.overshoot.value),
-        predicted_overshoot=max(0.0, float(predicted_step.max()) - 1),
-    )
-
-
 def _step_panels(
     axis: str,
     tuning: Tuning,
-    responses: Mapping[str, LoopResponse],
+    assessment: Assessment,
     advised: StepsByLoop,
 ) -> dict[str, Sequence[Panel]]:
     """Returns the charts of the step responses of one axis, by loop: "rate" and "attitude"; gains under ``GAIN_PANEL``.
+
+    Below each step a line says whether it was measured, and whether model and flight agree.
 
     A loop without a measured response and without an identified model has no chart. Where the measurement contradicts
     the prediction, a rate loop also has the chart of its gain, measured and predicted. It comes last, so
@@ -403,25 +313,32 @@ def _step_panels(
     Args:
         axis: "roll", "pitch" or "yaw".
         tuning: the advice for each axis, or the reason why there is none.
-        responses: responses of this axis by loop, with what was measured.
+        assessment: assessment of the log, with the measured responses, and the messages that they were measured from.
         advised: the step responses that are predicted with the advised gains.
     """
+    assert assessment.evidence is not None
     advice = tuning.axes[axis]
+    responses = assessment.responses.get(axis, {})
     panels: dict[str, Sequence[Panel]] = {}
     gain_charts: Sequence[Panel] = ()
     for loop_name in LOOP_NAMES:
         response = responses.get(loop_name)
+        rate_and_setpoint = None
+        if loop_name == "rate":
+            rate_and_setpoint = assessment.evidence.signals.for_axis(axis).rate_and_setpoint
+        caption = step_caption(response, rate_and_setpoint)
         if response is not None and isinstance(response.measured, StepResponse):
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
             has_gain = response.contradiction is not None
             charts_by_axis = step_charts(response_of_loop, advised, has_gain=has_gain)
             step_chart, *gain_charts_of_loop = charts_by_axis[axis]
-            panels[loop_name] = [step_chart]
+            panels[loop_name] = [step_chart._replace(caption=caption)]
             gain_charts = [*gain_charts, *gain_charts_of_loop]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
-            panels[loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
+            predicted_chart = predicted_step_chart(compared_loops(advice), loop_name)
+            panels[loop_name] = [predicted_chart._replace(caption=caption)]
     if gain_charts:
         panels[GAIN_PANEL] = gain_charts
     if isinstance(advice, Advice) and not advice.is_sound:
