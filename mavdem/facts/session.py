@@ -46,6 +46,7 @@ class LinkFact(Code):
     FOLDER_IS_NO_LINK = "folder_is_no_link"
     CONNECTION_LOST = "connection_lost"
     LOST_IN_FLIGHT = "lost_in_flight"
+    WAS_LOST_IN_FLIGHT = "was_lost_in_flight"
     LINK_OPEN_AGAIN = "link_open_again"
     TWO_ADDRESSES = "two_addresses"
     STREAM_FILE_EXISTS = "stream_file_exists"

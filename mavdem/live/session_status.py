@@ -66,6 +66,9 @@ STATUS_PERIOD = 1.0
 HEADLINES_WITHOUT_ALARM = (HeadlineCode.NOTHING_WRONG, WatchFact.NO_ALARM)
 """Headlines that state that nothing is wrong."""
 
+VERDICTS_ON_FLIGHT = (HeadlineCode.NOTHING_WRONG, SessionFact.RECORDING_JUDGED)
+"""Headlines of a flight that is over that may state that nothing is wrong."""
+
 NOT_RECEIVED_CODES = (
     LinkFact.CONNECTION_LOST,
     RowsFact.NOTHING_RECEIVED,
@@ -285,7 +288,7 @@ class SessionStatus(ImmutableResult):
     """Time since the take-off, s; None on the ground, or where the take-off was not seen."""
 
     link_outage: float | None = None
-    """Longest time without messages in the present flight, s, if that was an alarm; None without one."""
+    """Longest time without messages in the latest flight, s, if that was an alarm; None without one."""
 
     has_landed: bool = True
     """Whether the latest flight ended on the ground; false while the vehicle may be falling with its motors stopped."""
@@ -413,6 +416,7 @@ class SessionStatus(ImmutableResult):
         3. It is not certain that the flight ended well, unless something was wrong in it anyway.
         4. What the recording of the flight shows, or that it is not judged yet.
 
+        Where none of these is a fault, an outage of the link in the flight is added (:meth:`_judgement_with_outage`).
         If the session has ended in flight, the next step begins with the landing.
 
         Args:
@@ -430,6 +434,8 @@ class SessionStatus(ImmutableResult):
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=uncertainty)
             return replace(judgement, headline=uncertainty, next_step=next_step)
         judgement = self._judgement_with_recording(judgement)
+        if self.link_outage is not None:
+            judgement = _judgement_with_outage(judgement, self.link_outage)
         has_ended_in_flight = self._is_in_air and self.loss is None
         if has_ended_in_flight:
             return self._judgement_until_landing(judgement)
@@ -1643,6 +1649,34 @@ def _is_event(fact: Fact) -> bool:
     if code is WatchFact.ALARM_OVER:
         code = fact.figures["reason"].code
     return code in FALLS or isinstance(code, (Ending, MotionEvent, ReportedEvent))
+
+
+def _judgement_with_outage(judgement: Judgement, outage: float) -> Judgement:
+    """Adds to the judgement of a flight that is over that the link was lost for a while in flight.
+
+    The light of the log warns of it. Where nothing else is wrong, the headline states it and warns, too, and the next
+    step is what to do about the link. A fault of the vehicle keeps headline and next step.
+
+    Args:
+        judgement: judgement of the flight by this session, or by its recording.
+        outage: longest time without messages in the flight, s.
+    """
+    lost_link = Fact(LinkFact.WAS_LOST_IN_FLIGHT, Level.WATCH, duration=outage)
+    lights = dict(judgement.lights)
+    if not lights[Light.LOG].is_watch_or_bad:
+        lights[Light.LOG] = lost_link
+    headline = judgement.headline
+    states_no_fault = headline.code in VERDICTS_ON_FLIGHT and not headline.is_watch_or_bad
+    if not states_no_fault:
+        return replace(judgement, lights=lights)
+    # A verdict that too little was checked stays unknown.
+    level = Level.WATCH if headline.is_good else headline.level
+    return replace(
+        judgement,
+        headline=headline.replace(level, outage=outage),
+        next_step=Fact(NextStep.DO_AS_ADVISED, reason=lost_link),
+        lights=lights,
+    )
 
 
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:

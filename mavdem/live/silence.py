@@ -25,7 +25,8 @@ class SilenceMonitor:
         noise_time: when bytes without an intact message came last, s of that clock.
         motion_time: when a sample of attitude or motors came last, s of that clock.
         attitude_time: when an attitude of any vehicle came last, followed or not, s of that clock.
-        outage: longest time without messages in the latest flight, s, if that was an alarm; None without one.
+        outage: longest time without messages in the latest flight, s, if that was an alarm; None without one. It stays
+            until the next take-off, since the flight is judged after its landing.
     """
 
     def __init__(self) -> None:
@@ -38,6 +39,7 @@ class SilenceMonitor:
         self._resumption_time = -inf
         self.attitude_time = -inf
         self.outage: float | None = None
+        self._was_flying = False
         self._sample_count = 0
         self._attitude_count = 0
         # Whether any message has come: before that nothing can resume.
@@ -68,11 +70,13 @@ class SilenceMonitor:
 
         Args:
             silence: duration, s.
-            is_flying: whether the vehicle flies by the latest messages; the outages of a flight end with it.
+            is_flying: whether the vehicle flies by the latest messages. A take-off begins another flight.
         """
-        if not is_flying:
+        has_taken_off = is_flying and not self._was_flying
+        self._was_flying = is_flying
+        if has_taken_off:
             self.outage = None
-        elif silence >= LONG_LOSS_SECONDS:
+        if is_flying and silence >= LONG_LOSS_SECONDS:
             self.outage = max(silence, self.outage or 0.0)
 
     def note_noise(self, last_arrival: float) -> None:

@@ -89,7 +89,7 @@ class StatusReport:
             analysis_delay=analysis_delay,
             is_recorded=self.intake.recording is not None,
             absent_messages=self.rates.absent_messages,
-            link_outage=self.silence.outage if status.is_flying else None,
+            link_outage=self.silence.outage,
         )
         if self.flight.learning.estimate is not None:
             status = status.with_predictions(self.flight.learning.estimate)

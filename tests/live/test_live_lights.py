@@ -33,6 +33,7 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.global_position import GlobalPosition
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.silence import SilenceMonitor
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.tracking_watch import TrackingWatch
 from mavdem.live.vehicle_state import VehicleState
@@ -326,6 +327,38 @@ def test_a_recording_does_not_advise_to_ask_for_what_was_asked_for_in_vain(slow,
     assert str(flown.overall_judgement.next_step) == step
     asked = replace(flown, absent_messages=frozenset({message}))
     assert asked.overall_judgement.next_step.code is NextStep.KEEP_LOG
+
+
+def test_a_flight_whose_link_was_lost_for_a_while_is_not_called_sound_afterwards(slow):
+    monitor = SilenceMonitor()
+    outages = []
+    for silence, is_flying in ((0.0, True), (15.0, True), (0.0, False), (60.0, False), (0.0, True)):
+        monitor.note_outage(silence, is_flying=is_flying)
+        outages.append(monitor.outage)
+    assert outages == [None, 15.0, 15.0, 15.0, None], "it is kept until the next take-off"
+    lights = dict.fromkeys(VEHICLE_LIGHTS, Fact(LogLight.RECORDED_FAST, Level.GOOD))
+    landed = SessionStatus("1:1", flight_number=1, worst_lights=lights, link_outage=15.0)
+    judged = Fact(
+        SessionFact.RECORDING_JUDGED,
+        Level.GOOD,
+        headline="Nothing wrong found: power was checked.",
+        next_step="Keep this log.",
+        levels=dict.fromkeys(Light, "good"),
+        light_sentences={},
+    )
+    for verdict, statement in (
+        (None, "Nothing wrong found but the link, lost for 15 s in flight: motors"),
+        (judged, "The link was lost for 15 s in flight. Nothing wrong found: power was checked."),
+    ):
+        judgement = replace(landed, recording_verdict=verdict).overall_judgement
+        assert str(judgement.headline).startswith(statement)
+        assert judgement.headline.level is judgement.lights[Light.LOG].level is Level.WATCH
+        assert "antennas" in str(judgement.next_step)
+    # A fault of the vehicle stays the headline, with its own next step.
+    fault = judged.replace(Level.BAD, headline="Motor 3 is weak.", next_step="Inspect motor 3.")
+    judgement = replace(landed, recording_verdict=fault).overall_judgement
+    assert judgement.headline == fault and str(judgement.next_step) == "Inspect motor 3."
+    assert judgement.lights[Light.LOG].code is LinkFact.WAS_LOST_IN_FLIGHT
 
 
 def test_no_all_clear_returns_where_the_recording_could_not_be_read(slow):
