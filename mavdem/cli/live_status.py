@@ -521,8 +521,8 @@ class StatusLines:
         is_due = is_new or now - self._print_time >= UNCHANGED_STATE_PERIOD
         if not is_due:
             return
-        is_switched_off = status.is_silent and not status.is_flying
-        if is_switched_off and not is_new:
+        is_silent_on_ground = status.is_silent and not status.is_flying
+        if is_silent_on_ground and not is_new:
             # The line is not repeated however long the vehicle stays switched off; only a new next step is news.
             self._print_next_step(status)
             return

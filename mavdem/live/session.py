@@ -46,7 +46,7 @@ from mavdem.live.presentation import OpenDisplay, Presentation
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.rows import AlignedRow, RowFormat
-from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
+from mavdem.live.session_status import STATUS_PERIOD, SessionStatus, are_most_rows_postponed
 from mavdem.live.silence import SUCCESSION_SECONDS, SilenceMonitor, resumption
 from mavdem.live.status_report import StatusReport
 from mavdem.live.stream import LiveStream
@@ -893,8 +893,10 @@ class LiveSession:
 
     @property
     def _is_computer_too_slow(self) -> bool:
-        """Whether this computer had no time to learn from most samples of free flight, settled or climbing."""
-        return self.flight.postponed_rows > self.flight.learning.learned_rows
+        """Whether this computer had no time to learn from most samples of the latest flight."""
+        return are_most_rows_postponed(
+            self.flight.postponed_rows, self.flight.learning.learned_rows
+        )
 
     @property
     def _too_slow_fact(self) -> Fact:

@@ -451,11 +451,18 @@ class SessionStatus(ImmutableResult):
         if self._is_urgent(judgement.headline):
             # The end of the session has not changed how urgent the fault is.
             step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=step_on_ground)
-        elif self.lands_by_itself:
-            step = Fact(NextStep.LET_LAND, reason=step_on_ground)
         else:
-            step = Fact(NextStep.LAND_BY_SIGHT, reason=step_on_ground)
+            step = self._landing_before(step_on_ground)
         return replace(judgement, next_step=step)
+
+    def _landing_before(self, step_on_ground: Fact) -> Fact:
+        """Returns the next step after a session that ended in flight: to land, and what to do after the landing.
+
+        Args:
+            step_on_ground: what to do after the landing, such as a repair.
+        """
+        landing = NextStep.LET_LAND if self.lands_by_itself else NextStep.LAND_BY_SIGHT
+        return Fact(landing, reason=step_on_ground)
 
     @property
     def _is_left_in_air(self) -> bool:
@@ -480,11 +487,19 @@ class SessionStatus(ImmutableResult):
                 cause.
         """
         cause = judgement.headline if judgement.headline.is_watch_or_bad else None
-        delay = self.analysis_delay if self.is_late else None
-        headline = Fact(SessionFact.ENDED_IN_FLIGHT, Level.BAD, cause=cause, delay=delay)
+        headline = self._ended_in_flight_fact(cause)
         lights = lights_during_silence(judgement.lights, None, MissingMessages.MESSAGES)
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=headline)
         return Judgement(headline, next_step, lights)
+
+    def _ended_in_flight_fact(self, cause: Fact | None) -> Fact:
+        """Returns the fact that the session ended in flight, so that nobody watches the vehicle any more.
+
+        Args:
+            cause: the fault that was found before; None without one.
+        """
+        delay = self.analysis_delay if self.is_late else None
+        return Fact(SessionFact.ENDED_IN_FLIGHT, Level.BAD, cause=cause, delay=delay)
 
     @property
     def _uncertainty_after_landing(self) -> Fact | None:
@@ -673,12 +688,8 @@ class SessionStatus(ImmutableResult):
         """
         if self.link_loss is not None:
             return latest_judgement
-        delay = self.analysis_delay if self.is_late else None
-        headline = Fact(
-            SessionFact.ENDED_IN_FLIGHT, Level.BAD, cause=earlier_verdict.fact, delay=delay
-        )
-        landing = NextStep.LET_LAND if self.lands_by_itself else NextStep.LAND_BY_SIGHT
-        next_step = Fact(landing, reason=earlier_verdict.judgement.next_step)
+        headline = self._ended_in_flight_fact(earlier_verdict.fact)
+        next_step = self._landing_before(earlier_verdict.judgement.next_step)
         return replace(latest_judgement, headline=headline, next_step=next_step)
 
     @property
@@ -986,7 +997,7 @@ class SessionStatus(ImmutableResult):
         This computer was too slow if it had no time for most samples, or if the flight was long enough for margins;
         otherwise too little was received.
         """
-        has_postponed_most = self.postponed_rows > self.learned_rows
+        has_postponed_most = are_most_rows_postponed(self.postponed_rows, self.learned_rows)
         if has_postponed_most or self.was_long_enough_for_margins:
             return self._too_slow_to_judge
         return self._too_little_received
@@ -1623,6 +1634,16 @@ class SessionStatus(ImmutableResult):
             mean_error_ratio = estimate.ahead_ratio[useful_index].mean()
             useful_horizon = UsefulHorizon(horizons[useful_index], mean_error_ratio)
         return replace(self, prediction_band=prediction_band, useful_horizon=useful_horizon)
+
+
+def are_most_rows_postponed(postponed_rows: int, learned_rows: int) -> bool:
+    """Returns whether this computer was too slow for a flight: it had no time to learn from most of its samples.
+
+    Args:
+        postponed_rows: number of samples of free flight, settled or climbing, for which it had no time.
+        learned_rows: number of samples that it learned from.
+    """
+    return postponed_rows > learned_rows
 
 
 def cause_of_alarm(fact: Fact) -> Fact:
