@@ -197,6 +197,11 @@ CONTENT_HASH_SQL = (
 )
 """SQL expression of :attr:`LibraryEntry.content_hash`."""
 
+IS_VEHICLE_UNNAMED_SQL = (
+    f"(entries.vehicle in ('', '{UNKNOWN}') or entries.vehicle_basis = '{SYSTEM_ID_BASIS}')"
+)
+"""SQL condition of :attr:`LibraryEntry.is_vehicle_unnamed`."""
+
 INCOMPLETE_SQL = (
     "(entries.digest = '' and entries.gains in ('', '{}') and entries.modes = ''"
     f" and entries.flight_time is null and entries.stage = '{Stage.DONE}')"
@@ -227,6 +232,15 @@ unknown number null, which come last."""
 
 INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 """SQL that creates the table's indexes."""
+
+
+def vehicle_page_name(vehicle: str) -> str:
+    """Returns the file name of the page of a further vehicle of a log.
+
+    Args:
+        vehicle: MAVLink ids of its system and component, such as "3_1".
+    """
+    return f"{VEHICLE_PAGE_PREFIX}{vehicle}.html"
 
 
 def create_or_update_table(db: sqlite3.Connection) -> None:

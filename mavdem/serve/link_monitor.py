@@ -699,7 +699,7 @@ class LinkMonitor:
         except Refusal:
             # Somebody has deleted the recording; the page stays as it is.
             return flight
-        verdict = self._present_verdict(entry)
+        (verdict,) = self._present_verdicts([entry])
         if verdict == flight.verdict:
             return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
@@ -715,17 +715,24 @@ class LinkMonitor:
             )
         return judged_flight
 
-    def _present_verdict(self, entry: LibraryEntry) -> Fact:
-        """Returns the verdict on a recording by its log and by comparison with the vehicle's other flights.
+    def _present_verdicts(self, entries: Sequence[LibraryEntry]) -> list[Fact]:
+        """Returns the verdicts on recordings by their logs and by comparison with the vehicle's other flights.
 
         The comparison may show a loss of thrust that the log alone does not show. It is made a moment after the log was
         read; before that the recording counts as not judged.
 
         Args:
-            entry: the recording in the library.
+            entries: the recordings in the library.
+
+        Returns:
+            A verdict on each, in the same order.
         """
-        compared = self._library.compared_entries([entry])
-        return _verdict_on_recording(compared.entries[0], is_compared=not compared.uncompared_ids)
+        compared = self._library.compared_entries(entries)
+        verdicts = []
+        for entry in compared.entries:
+            is_compared = entry.id not in compared.uncompared_ids
+            verdicts.append(_verdict_on_recording(entry, is_compared=is_compared))
+        return verdicts
 
     def _new_recording(self) -> _IncomingRecording:
         """Creates the recording of a session, among the incoming files of the library."""
@@ -1009,18 +1016,17 @@ class LinkMonitor:
             the latest one last.
         """
         named_entries = self._latest_judged_entries(state.library_name, vehicle)
-        flights = [
-            self._flight_of_entry(entry, vehicle, state.name_in_logs) for entry in named_entries
-        ]
+        flights = self._flights_of_entries(named_entries, vehicle, state.name_in_logs)
         name_by_id = system_id_name(state.autopilot, state.system)
         if name_by_id == state.library_name:
             return flights
         # Dates in ISO 8601 are compared as texts; the empty text is before all of them.
         date_of_named_flight = named_entries[-1].date if named_entries else ""
+        later_entries = []
         for entry in self._latest_judged_entries(name_by_id, vehicle):
             if entry.date > date_of_named_flight:
-                flights.append(self._flight_of_entry(entry, vehicle, name_in_logs=""))
-        return flights
+                later_entries.append(entry)
+        return flights + self._flights_of_entries(later_entries, vehicle, name_in_logs="")
 
     def _latest_judged_entries(self, name: str, vehicle: _LinkedVehicle) -> list[LibraryEntry]:
         """Finds the latest flights under a name that the library has judged, at most ``MAX_FLIGHTS_BEFORE_START``.
@@ -1046,18 +1052,21 @@ class LinkMonitor:
         )
         return list(found.entries)[::-1]
 
-    def _flight_of_entry(
-        self, entry: LibraryEntry, vehicle: _LinkedVehicle, name_in_logs: str
-    ) -> _StoredFlight:
-        """Returns a flight of the library with the verdict on it.
+    def _flights_of_entries(
+        self, entries: Sequence[LibraryEntry], vehicle: _LinkedVehicle, name_in_logs: str
+    ) -> list[_StoredFlight]:
+        """Returns flights of the library with the verdicts on them, in the same order.
 
         Args:
-            entry: the flight, which the library has judged.
-            vehicle: the vehicle that has flown it, perhaps.
-            name_in_logs: name by which logs of this vehicle are recognised; empty if another one may have flown it.
+            entries: the flights, which the library has judged.
+            vehicle: the vehicle that has flown them, perhaps.
+            name_in_logs: name by which logs of this vehicle are recognised; empty if another one may have flown them.
         """
-        flight = _StoredFlight.of_entry(entry, vehicle)
-        return flight._replace(verdict=self._present_verdict(entry), name_in_logs=name_in_logs)
+        flights = []
+        for entry, verdict in zip(entries, self._present_verdicts(entries), strict=True):
+            flight = _StoredFlight.of_entry(entry, vehicle)
+            flights.append(flight._replace(verdict=verdict, name_in_logs=name_in_logs))
+        return flights
 
     def _fault_of_earlier_flight(
         self, session: LiveSession, shown_flight: _StoredFlight | None = None

@@ -61,7 +61,7 @@ from mavdem.report.pages.motor_anomaly import motor_anomaly
 from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.guard import POLICY_HEADER
-from mavdem.serve.index import LibraryEntry
+from mavdem.serve.index import LibraryEntry, vehicle_page_name
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
 from mavdem.serve.search import UNFINISHED_SQL, needs_complete_entries, search_hints
@@ -333,7 +333,7 @@ class Pages:
                 is_compared=is_compared,
                 has_baseline=entry.vehicle in self._library.baseline_vehicles(),
                 follows_verdict=not vehicle,
-                first_vehicle=self._first_vehicle(entry) if entry.other_vehicles else "",
+                first_vehicle=self._first_vehicle(entry, html, vehicle),
                 files=entry.file_names if is_stored else [],
                 missing=RecordingRequests(self._library).missing_names(entry),
                 can_open=self._has_viewer and has_recording and values["may_read"],
@@ -341,17 +341,27 @@ class Pages:
             )
         )
 
-    def _first_vehicle(self, entry: LibraryEntry) -> str:
+    def _first_vehicle(self, entry: LibraryEntry, page: str, vehicle: str) -> str:
         """Returns the ids of system and component, such as "2:1", of the vehicle on the first page of a log.
 
         Args:
-            entry: index entry of the log, which has several vehicles.
+            entry: index entry of the log.
+            page: HTML of the page that is shown.
+            vehicle: the vehicle that the query names, such as "3_1"; if it is another one of the log, the shown page is
+                not the first one.
+
+        Returns:
+            The ids; empty if the log has a single vehicle.
 
         Raises:
-            Refusal: the page is gone.
+            Refusal: the first page is gone.
         """
-        with refuse_missing_file():
-            return vehicle_id_on_page(self._page_path(entry, vehicle="").read_text("utf-8"))
+        if not entry.other_vehicles:
+            return ""
+        if vehicle in entry.other_vehicles:
+            with refuse_missing_file():
+                page = self._page_path(entry, vehicle="").read_text("utf-8")
+        return vehicle_id_on_page(page)
 
     def _flight_to_compare_with(
         self, entry: LibraryEntry, *, has_anomaly: bool
@@ -477,7 +487,7 @@ class Pages:
         if not entry.digest:
             # Only the name is used, since an index that was tampered with must not lead to other folders.
             return self._library.folder / PAGES / Path(entry.files).name
-        page_name = f"vehicle_{vehicle}.html"
+        page_name = vehicle_page_name(vehicle)
         if page_name not in entry.file_names:
             page_name = PAGE_FILE
         return self._library.results_folder(entry) / page_name

@@ -43,7 +43,7 @@ from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.library_page import first_plots
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.results import PAGE_FILE, possible_recordings, result_files, write_result_files
-from mavdem.serve.index import columns_of_flight
+from mavdem.serve.index import columns_of_flight, vehicle_page_name
 from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS, RESULTS
 from mavdem.serve.stored_parameters import write_parameters
 from mavdem.serve.stored_series import write_series
@@ -254,7 +254,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
     files = {name: name for name in result_files(assessment, possible_recordings())}
     for vehicle in vehicles[1:]:
         first_row = vehicle.rows[0]
-        page_name = f"vehicle_{first_row.system}_{first_row.component}.html"
+        page_name = vehicle_page_name(f"{first_row.system}_{first_row.component}")
         files[page_name] = page_name
         html = review_page(vehicle.assessment)
         (folder / page_name).write_text(html, "utf-8", "replace")

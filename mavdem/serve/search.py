@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Sharing, Stage
-from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.numbers import listed
 from mavdem.serve.compared_motors import (
@@ -17,7 +16,7 @@ from mavdem.serve.compared_motors import (
     level_compared_with_fleet_sql,
     motors_level_sql,
 )
-from mavdem.serve.index import CONTENT_HASH_SQL
+from mavdem.serve.index import CONTENT_HASH_SQL, IS_VEHICLE_UNNAMED_SQL
 
 MAX_SEARCH_WORDS = 20
 """Words of a search that are used; further ones are ignored, so that the SQL stays short."""
@@ -110,7 +109,7 @@ FLIGHT_NAME_SQL = (
 """SQL expression of the name that was given to the flight of an entry; empty without one."""
 
 VEHICLE_KIND_SQL = (
-    f"iif((entries.vehicle in ('', '{UNKNOWN}') or vehicle_basis = '{SYSTEM_ID_BASIS}') and {VEHICLE_NAME_SQL} = '',"
+    f"iif({IS_VEHICLE_UNNAMED_SQL} and {VEHICLE_NAME_SQL} = '',"
     " 'unnamed ', '') || autopilot || ' ' || replace(frame, '_', ' ')"
 )
 """SQL expression of what an entry's vehicle is, such as "unnamed PX4 QUADROTOR"; only one without a name is unnamed."""

@@ -22,7 +22,7 @@ from mavdem.motors.healthy_flights import is_comparable
 from mavdem.report.pages.library_page import interface_words
 from mavdem.report.pages.motor_anomaly import motor_anomaly, review_with_anomaly
 from mavdem.results import REPORT_FILE
-from mavdem.serve.index import CONTENT_HASH_SQL, LibraryEntry
+from mavdem.serve.index import CONTENT_HASH_SQL, IS_VEHICLE_UNNAMED_SQL, LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
@@ -314,15 +314,13 @@ class VisibleLibrary:
         Returns:
             The groups, the largest first.
         """
-        given_names = self.library.vehicle_names()
-        entries = self.library.find("stage = ?", [Stage.DONE], sys.maxsize).entries
-        unnamed_entries = []
-        for entry in entries:
-            if entry.is_vehicle_unnamed and entry.vehicle and entry.vehicle not in given_names:
-                unnamed_entries.append(entry)
+        given_names = {*self.library.vehicle_names()}
+        condition = f"stage = ? and vehicle <> '' and {IS_VEHICLE_UNNAMED_SQL}"
+        entries = self.library.find(condition, [Stage.DONE], sys.maxsize).entries
         groups = []
-        for name, group in group_by(unnamed_entries, lambda entry: entry.vehicle).items():
-            groups.append(UnnamedGroup(name, group[0], log_count=len(group)))
+        for name, group in group_by(entries, lambda entry: entry.vehicle).items():
+            if name not in given_names:
+                groups.append(UnnamedGroup(name, group[0], log_count=len(group)))
         return sorted(groups, key=lambda group: group.log_count, reverse=True)
 
     def flights_of_other_vehicles(self, entry: LibraryEntry) -> list[LibraryEntry]:
