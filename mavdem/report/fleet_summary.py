@@ -19,7 +19,6 @@ from mavdem.report.heading import listed_headline
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import (
     as_clause,
-    bans_first,
     capitalize_first,
     first_sentence,
     render_section,
@@ -73,8 +72,8 @@ def fleet_blocks(
     Args:
         summaries: summary of the flights under each name.
         names: names that were given to vehicles.
-        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page. Of more
-            than two vehicles the first three then have a line each, and the headline names none of them.
+        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page. Of several
+            vehicles only the first three then have a line each.
 
     Returns:
         Sentences and the table.
@@ -98,9 +97,7 @@ def fleet_blocks(
         bad_names = ""
     blocks = render_section(
         "fleet",
-        health=_health_summary(
-            vehicles_of_headline, names, shared_names, lists_follow=lists_follow
-        ),
+        health=_health_summary(vehicles_of_headline, names, shared_names),
         vehicles=counts.named_vehicles,
         # Otherwise some of the vehicles in the headline are flights under a shared name.
         are_all_named=counts.named_vehicles == len(vehicles_of_headline),
@@ -141,12 +138,11 @@ def _urgent_vehicle_lines(
 
     Returns:
         The lines, the most urgent vehicle first, at most ``MAX_VEHICLE_LINES``, or ``MAX_LINES_BEFORE_LIST`` before a
-        list. There are none for the few vehicles that the headline itself names.
+        list. There is none for a single vehicle, which the headline itself names.
     """
     labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
     urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
-    max_named = MAX_NAMED_BEFORE_LIST if lists_follow else 1
-    if len(urgent) <= max_named:
+    if len(urgent) < 2:
         return []
     max_lines = MAX_LINES_BEFORE_LIST if lists_follow else MAX_VEHICLE_LINES
     lines = []
@@ -335,10 +331,6 @@ def motor_health_by_vehicle(summaries: Sequence[VehicleSummary]) -> dict[str, Js
     return motor_health
 
 
-MAX_NAMED_BEFORE_LIST = 2
-"""Vehicles that a headline names before a list of all of them: more would fill the screen of a telephone. A choice."""
-
-
 class HealthSummary(NamedTuple):
     """How many vehicles of a fleet need a look, have recovered, and are healthy."""
 
@@ -346,7 +338,7 @@ class HealthSummary(NamedTuple):
     """Number of vehicles that need a look: with a fault or a drift of the motors, or a bad headline."""
 
     urgent_list: str
-    """These vehicles, or the first, in words; a single one with the reason. Empty where a line for each follows."""
+    """A single one of these vehicles in words, with what was found. Empty of several, of which a line each follows."""
 
     watched_count: int
     """Number of vehicles that do not need a look, but whose latest flight has the level "watch"."""
@@ -366,17 +358,15 @@ class HealthSummary(NamedTuple):
     reason: str
     """Why the motors of the only urgent vehicle are judged as they are; empty of several."""
 
-    next_steps: list[str]
-    """What to do next about each urgent vehicle, unless a list that follows says it: "Do not fly" first, then the most
-    urgent; of each the label stands before it, unless the fleet has no other vehicle."""
+    next_step: str
+    """What to do next about the only vehicle that needs a look or, without one, that is to be watched; empty of
+    several. The label of the vehicle stands before it, unless the fleet has no other one."""
 
 
 def _health_summary(
     vehicles: Mapping[str, VehicleFlights],
     names: GivenNames,
     shared_names: Collection[str],
-    *,
-    lists_follow: bool,
 ) -> HealthSummary:
     """Summarises the vehicles of a fleet for its headline: which need a look, what to do next, how many are healthy.
 
@@ -384,9 +374,10 @@ def _health_summary(
         vehicles: summary of each vehicle, by its name in the logs.
         names: names that owners gave to vehicles.
         shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
-        lists_follow: whether a list of the vehicles follows the headline. Then, of more than two urgent vehicles, the
-            headline names none: the first have a line each below it, and the list has all. Without such a list, several
-            urgent vehicles have a line each below the headline.
+
+    Returns:
+        The summary. It names a single vehicle that needs a look, with the reason and the next step. Of several, a line
+        each follows the headline (:func:`_urgent_vehicle_lines`), so that the summary only counts them.
     """
     labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
     urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
@@ -395,25 +386,13 @@ def _health_summary(
     watched = [vehicle for vehicle in labelled_vehicles if _is_only_watched(vehicle.flights)]
     urgent_list = ""
     reason = ""
-    advised = urgent
-    if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:
-        # A line for each of the first vehicles follows, and then the list of all, with what to do about each.
-        advised = []
-    elif len(urgent) == 1:
+    next_step = ""
+    if len(urgent) == 1:
         urgent_list = _urgent_text(urgent[0])
         reason = _reason(urgent[0])
-    elif lists_follow:
-        urgent_list = listed(_label_with_level(vehicle) for vehicle in urgent)
-    elif urgent:
-        # A line for each vehicle follows, with what to do about it.
-        advised = []
-    if not urgent and len(watched) == 1:
-        advised = watched
-    next_steps = []
-    for vehicle in advised:
-        next_step = vehicle.flights.texts.next_step
-        if next_step:
-            next_steps.append(f"{vehicle.subject}{next_step}")
+        next_step = _next_step_of_vehicle(urgent[0])
+    elif not urgent and len(watched) == 1:
+        next_step = _next_step_of_vehicle(watched[0])
     return HealthSummary(
         urgent_count=len(urgent),
         urgent_list=urgent_list,
@@ -423,7 +402,7 @@ def _health_summary(
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=len(healthy),
         reason=reason,
-        next_steps=bans_first(next_steps),
+        next_step=next_step,
     )
 
 
@@ -460,9 +439,10 @@ def _labelled_by_urgency(
     return labelled_vehicles
 
 
-def _label_with_level(vehicle: _LabelledVehicle) -> str:
-    """Returns the label of a vehicle that needs a look, and in parentheses the level that the list of vehicles has."""
-    return f"{vehicle.label} ({vehicle.flights.last.badge_level})"
+def _next_step_of_vehicle(vehicle: _LabelledVehicle) -> str:
+    """Returns what to do next about a vehicle, after its label if the fleet has others; empty if it has none."""
+    next_step = vehicle.flights.texts.next_step
+    return f"{vehicle.subject}{next_step}" if next_step else ""
 
 
 def _urgent_text(vehicle: _LabelledVehicle) -> str:

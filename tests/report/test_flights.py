@@ -463,6 +463,10 @@ def test_before_a_list_the_three_most_urgent_vehicles_have_a_line():
     _, *lines = fleet_blocks(rows, lists_follow=True)
     assert [line.lead for line in lines[:4]] == ["quad 0:", "quad 1:", "quad 2:", "Flown:"]
     assert lines[0].text.startswith("fell 0")
+    # So have two vehicles: what is wrong stands at the top of the page.
+    headline, *lines = fleet_blocks(rows[:2], lists_follow=True)
+    assert headline.lead == "2 of 2 vehicles need a look."
+    assert [line.lead for line in lines[:2]] == ["quad 0:", "quad 1:"]
 
 
 def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():

@@ -532,6 +532,9 @@ def test_a_date_is_an_interval_and_a_bar_finds_the_flights_that_it_counts(tmp_pa
     assert clicks["motors:bad counted:yes"] == 3 and clicks["motors:watch counted:yes"] == 1
     assert clicks["motors:bad,watch counted:yes"] == 4
     assert clicks["wind:unknown counted:yes"] == 5
+    # The parts of the bars are buttons, which paper shows, too.
+    hidden_on_paper = text.partition("@media print")[2].partition("display: none !important")[0]
+    assert ".counts button" in hidden_on_paper.partition("button:not(")[2].partition(")")[0]
     # A light without a finding has none to show.
     assert "wind:bad,watch counted:yes" not in clicks
     assert "<span>wind</span>" in text
