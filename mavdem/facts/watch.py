@@ -33,6 +33,7 @@ class WatchFact(Code):
     NO_OSCILLATION = "no_oscillation"
     OSCILLATION_AWAITED = "oscillation_awaited"
     MARGINS_AWAITED = "margins_awaited"
+    MARGINS_UNCONFIRMED = "margins_unconfirmed"
     WIND_AWAITED = "wind_awaited"
     REFERENCE_SHORT = "reference_short"
     SETTLED_FLIGHT_AWAITED = "settled_flight_awaited"

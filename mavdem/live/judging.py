@@ -3,19 +3,23 @@
 from collections.abc import Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
+from dataclasses import replace
 
 from mavdem.assessment.axis.findings import (
     Findings,
     model_findings,
     with_vehicle_made_torque_marked,
 )
+from mavdem.assessment.headline import headline_by_lights
 from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.next_step import choose_next_step
 from mavdem.dataset.intervals import Intervals
 from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Override
-from mavdem.facts.lights import Unjudged
+from mavdem.facts.lights import Light, Unjudged
 from mavdem.live.learning import FlightLearning
+from mavdem.live.margin_confirmation import MarginConfirmation
 from mavdem.live.margin_review import MARGINS_AWAITED
 from mavdem.live.model_judgement import JudgedModel, judge_model
 from mavdem.live.rows import RowFormat
@@ -51,6 +55,7 @@ class ModelJudging:
         self._executor = executor
         self._recording_name = recording_name
         self._pending: Future[JudgedModel] | None = None
+        self._margin_confirmation = MarginConfirmation()
         self._next_judging_time = 0.0
 
     def update(
@@ -117,7 +122,11 @@ class ModelJudging:
         if not pending.done():
             return
         with suppress(ValueError, RuntimeError, CancelledError):
-            self.findings, self.judgement = pending.result()
+            judged_model = pending.result()
+            margins = judged_model.judgement.lights[Light.MARGINS]
+            confirmed_margins = self._margin_confirmation.confirmed(margins)
+            self.findings = judged_model.findings
+            self.judgement = _with_margins(judged_model.judgement, confirmed_margins)
             self.is_of_recording = False
         self._pending = None
 
@@ -184,6 +193,23 @@ class ModelJudging:
         """
         self.judgement = judgement
         self.is_of_recording = True
+
+
+def _with_margins(judgement: Judgement, margins: Fact) -> Judgement:
+    """Returns a judgement with another light of the margins.
+
+    Args:
+        judgement: the judgement by a model: headline, next step, and the status light of each part of the vehicle.
+        margins: the new status light of the margins. If the headline was the former one, headline and next step are
+            chosen again by all lights.
+    """
+    former_margins = judgement.lights[Light.MARGINS]
+    lights = {**judgement.lights, Light.MARGINS: margins}
+    if margins == former_margins or judgement.headline != former_margins:
+        return replace(judgement, lights=lights)
+    headline = headline_by_lights(lights)
+    next_step = choose_next_step(headline, lights, model_step=None)
+    return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
 
 def _has_same_motors(row_format: RowFormat, model: Learned) -> bool:

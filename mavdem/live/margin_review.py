@@ -31,6 +31,7 @@ from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.telemetry import Log, Parameters
 from mavdem.ingest.tlog import tlog_from_bytes, write_stamped
 from mavdem.live.latest_flight import log_of_latest_flight
+from mavdem.live.margin_confirmation import MarginConfirmation
 from mavdem.live.messages import message_readers
 from mavdem.live.stream import LiveStream
 from mavdem.live.vehicle_selection import Component
@@ -296,7 +297,7 @@ class MarginReview:
 
     Attributes:
         margins: the fact on the margins, as the latest review of the latest flight shows them; None before one
-            (:meth:`present_margins`).
+            (:meth:`present_margins`). A warning counts in flight once two reviews in a row give it.
         has_rate_setpoint: whether a setpoint of the body rate has come in the latest flight, by which the loops are
             identified.
     """
@@ -314,7 +315,10 @@ class MarginReview:
         self._source = recording_name or UNNAMED_RECORDING
         self._messages = FlightMessages()
         self._pending: Future[ReviewedMargins] | None = None
+        self._confirmation = MarginConfirmation()
         self._was_flying = False
+        # Whether the latest review is of a flight that goes on, so that another one follows.
+        self._is_in_flight = False
         # Whether the latest flight has messages that no review has judged.
         self._has_new_messages = False
         # When the latest review began, s of the monotonic clock.
@@ -425,6 +429,7 @@ class MarginReview:
         if self._executor is None or vehicle is None:
             return
         self._has_new_messages = False
+        self._is_in_flight = stream.is_flying
         self._start_time = now
         # The executor raises RuntimeError when its processes are gone.
         with suppress(RuntimeError):
@@ -446,6 +451,7 @@ class MarginReview:
         """
         self._messages.forget_earlier_flights()
         self.margins = None
+        self._confirmation = MarginConfirmation()
         self.has_rate_setpoint = False
         # A review of the flight before is given up.
         self._pending = None
@@ -466,7 +472,9 @@ class MarginReview:
         # Seconds from the beginning of this review to that of the next one.
         period = REVIEW_PERIOD
         with suppress(Exception):
-            self.margins, processor_seconds = pending.result()
+            margins, processor_seconds = pending.result()
+            # After the landing no further review follows, which could confirm a warning.
+            self.margins = self._confirmation.confirmed(margins) if self._is_in_flight else margins
             # After a long review the next one begins later, so that reviews take a small share of the processor.
             period = max(period, processor_seconds / MAX_PROCESSOR_SHARE)
         self._next_review_time = self._start_time + period

@@ -10,6 +10,7 @@ from pytest import approx, fixture, mark
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
+from mavdem.assessment.judgement import Judgement
 from mavdem.experiments.paper.flights import write_log
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
@@ -23,6 +24,7 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.ingest.tlog import tlog_from_bytes
 from mavdem.live import LiveStream, margin_review
+from mavdem.live.judging import ModelJudging
 from mavdem.live.link_loss import LONG_LOSS_SECONDS
 from mavdem.live.margin_review import (
     FIRST_REVIEW_SECONDS,
@@ -34,6 +36,7 @@ from mavdem.live.margin_review import (
     ReviewedMargins,
     review_margins,
 )
+from mavdem.live.model_judgement import JudgedModel
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.report.live import light_rows
@@ -87,6 +90,9 @@ BAD = Fact(
     action=None,
 )
 REVIEWED = ReviewedMargins(BAD, processor_seconds=1.0)
+
+DOUBTED = BAD.replace(Level.WATCH, rating=Level.WATCH)
+"""Margins that warn, and are no alarm."""
 
 
 class LaterExecutor(Executor):
@@ -180,7 +186,7 @@ def test_margins_in_flight_are_given_and_withheld_as_by_the_review(
     """
     # On a slow processor, too, reviews follow each other at their period, which is short for a short flight.
     monkeypatch.setattr(margin_review, "MAX_PROCESSOR_SHARE", inf)
-    monkeypatch.setattr(margin_review, "REVIEW_PERIOD", 8.0)
+    monkeypatch.setattr(margin_review, "REVIEW_PERIOD", 6.0)
     scenario = scenario_from_table(table)
     path = tmp_path / "flight.tlog"
     write_log(path, scenario, fly(scenario))
@@ -229,6 +235,47 @@ def test_a_flight_is_reviewed_at_its_period_and_once_after_the_landing(review, s
     assert update(review, stream, 120, 200) == [], "nothing new"
     _, source, vehicle, parameters = executor.jobs[0]
     assert (source, vehicle, parameters) == ("flight.tlog", "1:1", {"A": 1.0})
+
+
+def test_a_warning_of_the_margins_counts_in_flight_once_two_reviews_in_a_row_give_it(review, stream):
+    good = DOUBTED.replace(Level.GOOD, rating=Level.GOOD)
+    other_axis = DOUBTED.replace(axis="pitch")
+    second = 0
+    lights = []
+    for margins in (DOUBTED, good, DOUBTED, other_axis, BAD, DOUBTED):
+        update(review, stream, second, second + 30)
+        review._executor.futures[-1].set_result(ReviewedMargins(margins, 1.0))
+        second += 30
+        update(review, stream, second, second + 1)
+        lights.append(review.margins)
+    unconfirmed, *next_lights, again_unconfirmed = lights
+    assert next_lights == [good, unconfirmed, other_axis, BAD], "an alarm is not delayed"
+    assert again_unconfirmed == unconfirmed and unconfirmed.level is Level.UNKNOWN
+    flying = SessionStatus(vehicle="1:1", is_flying=True, margins=unconfirmed)
+    assert not flying.overall_judgement.headline.is_watch_or_bad
+    assert ("margins", "judged once more") in [(row.name, row.figure) for row in light_rows(flying)]
+    assert str(unconfirmed).startswith("Margins are judged once more")
+    # No further review could confirm the last one, of the whole flight.
+    stream.is_flying = False
+    update(review, stream, second, second + 30)
+    review._executor.futures[-1].set_result(ReviewedMargins(DOUBTED, 1.0))
+    update(review, stream, second + 30, second + 31)
+    assert review.margins is DOUBTED
+
+
+def test_a_warning_by_a_model_alone_is_confirmed_by_the_next_model():
+    executor = LaterExecutor()
+    judging = ModelJudging(executor, "flight.tlog")
+    lights = SessionStatus(vehicle="1:1", is_flying=True).overall_judgement.lights
+    warning = Judgement(
+        DOUBTED, Fact(NextStep.FLY_ON, reason=None), {**lights, Light.MARGINS: DOUBTED}
+    )
+    for is_confirmed in (False, True):
+        judging._pending = Future()
+        judging._pending.set_result(JudgedModel(Mock(), warning))
+        judging.update(0.0, Mock(), Mock(), is_busy=False, has_rate_setpoint=False)
+        assert (judging.judgement.headline is DOUBTED) is is_confirmed
+        assert (judging.judgement.lights[Light.MARGINS] is DOUBTED) is is_confirmed
 
 
 def test_the_settled_flight_that_margins_need_is_counted_between_two_reviews(review):
