@@ -221,7 +221,8 @@ class StatusLines:
         # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
         self._latest_lines: deque[tuple[str, str]] = deque(maxlen=MAX_LATEST_LINES)
         self._terminal_size = STDERR.size
-        # The next step that was printed last, without its numbers; and what the latest event advised.
+        # The next step that was printed last, without its numbers, until it was taken back; and what the latest event
+        # advised.
         self._printed_next_step: Hashable = None
         self._advised_text = ""
         # The line on the fault of an earlier flight that was printed last; empty before any.
@@ -505,8 +506,9 @@ class StatusLines:
         """Prints a line with the state of the session when it changes, and again every ``UNCHANGED_STATE_PERIOD``.
 
         The state is what :class:`PrintedState` holds: measured figures alone do not change it. The line of a new state
-        is followed by the next step only if something is bad, since the event that changed the state has been printed
-        with its advice; a repeated line is followed by a next step that was not printed before.
+        is followed by the next step only if something is bad, or if the step that was printed before no longer holds,
+        since the event that changed the state has been printed with its advice; a repeated line is followed by a next
+        step that was not printed before.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
@@ -520,6 +522,7 @@ class StatusLines:
         is_new = state != self._printed_state
         is_due = is_new or now - self._print_time >= UNCHANGED_STATE_PERIOD
         if not is_due:
+            self._take_back_next_step(status)
             return
         is_silent_on_ground = status.is_silent and not status.is_flying
         if is_silent_on_ground and not is_new:
@@ -529,7 +532,8 @@ class StatusLines:
         self._printed_state = state
         self._print_time = now
         self._print_status_line(status)
-        if status.session_judgement.headline.is_bad or not is_new:
+        has_printed_step = self._printed_next_step is not None
+        if status.session_judgement.headline.is_bad or has_printed_step or not is_new:
             self._print_next_step(status)
 
     def _print_status_line(self, status: SessionStatus) -> None:
@@ -608,26 +612,37 @@ class StatusLines:
             self._print_below(text, indent=0)
 
     def _print_next_step(self, status: SessionStatus) -> None:
-        """Prints what to do next, unless that is to fly on or hover, was printed before, or the latest event said it.
+        """Prints what to do next, unless that is no news, was printed before, or the latest event said it.
+
+        That the vehicle may stay as it is (:func:`_is_to_stay`) is news only if another step was printed before, which
+        it takes back.
 
         Args:
             status: State of the live session.
         """
         next_step = status.session_judgement.next_step
-        # With a reason, such as a fault to repair after the landing, even this step says something new.
-        has_reason = bool(next_step.figures.get("reason"))
-        is_to_stay = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST) and not has_reason
-        # A fault of an earlier flight has a line of its own, which says what to do.
-        if is_to_stay or states_unrepaired_fault(next_step):
-            return
-        text = escape_unprintable(next_step)
         # Measured numbers in a step change all the time, which makes it no other step.
         content = next_step.without_measurements
+        former_content = self._printed_next_step
+        if _is_to_stay(next_step):
+            is_news = former_content is not None
+            self._printed_next_step = None
+        else:
+            is_news = content != former_content
+            self._printed_next_step = content
+        text = escape_unprintable(next_step)
         was_advised_by_event = text in escape_unprintable(self._advised_text)
-        was_printed = content == self._printed_next_step
-        self._printed_next_step = content
-        if text and not was_advised_by_event and not was_printed:
+        if text and is_news and not was_advised_by_event:
             self._print_now(f"{NEXT_MARKER} {text}", status)
+
+    def _take_back_next_step(self, status: SessionStatus) -> None:
+        """Prints that the vehicle may stay as it is, if another next step was printed before; otherwise nothing.
+
+        Args:
+            status: State of the live session.
+        """
+        if _is_to_stay(status.session_judgement.next_step):
+            self._print_next_step(status)
 
     def _print_now(self, text: str, status: SessionStatus) -> None:
         """Prints a line with the present time and that of the vehicle's clock.
@@ -637,6 +652,20 @@ class StatusLines:
             status: State of the live session, with the present boot and its clock.
         """
         self._print(stamped_line(text, boot_clock=status.boot_clock, boot=status.boot))
+
+
+def _is_to_stay(next_step: Fact) -> bool:
+    """Returns whether a next step lets the vehicle fly on or hover as before, for no reason such as a fault to repair.
+
+    To fly on only if a fault of an earlier flight was repaired counts too: that fault has a line of its own, which says
+    what to do.
+
+    Args:
+        next_step: What the pilot should do next.
+    """
+    has_reason = bool(next_step.figures.get("reason"))
+    is_flight_as_before = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST)
+    return states_unrepaired_fault(next_step) or (is_flight_as_before and not has_reason)
 
 
 def _state_to_print(status: SessionStatus) -> PrintedState:

@@ -1264,6 +1264,29 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     assert "s  NEXT Land" in step and "s  NEXT Land" in other_step
 
 
+def test_a_next_step_that_was_printed_is_taken_back_once(capsys):
+    alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
+    watched = Fact(
+        WatchFact.WATCHED, time=4.0, subject=WatchedQuantity.OSCILLATION, reason=None
+    )
+    sound = SessionStatus(
+        "1:1",
+        is_flying=True,
+        no_model_reason=Fact(SessionFact.NOT_SETTLED),
+        watch_facts=(watched,),
+        state=VehicleState("Hold", is_armed=True),
+        message_age=0.5,
+    )
+    lines = StatusLines(None)
+    steps = []
+    for alarms in ((), (alarm,), (alarm,), (), ()):
+        lines.show_status(replace(sound, active_alarms=alarms))
+        steps.append([
+            line.split("NEXT ")[1] for line in capsys.readouterr().out.splitlines() if "NEXT" in line
+        ])
+    assert steps == [[], ["Land now."], [], ["Fly on."], []]
+
+
 def test_a_status_below_earlier_lines_keeps_all_lights_and_has_the_next_step_below(
     capsys, monkeypatch
 ):
