@@ -18,6 +18,7 @@ from mavdem.cli.exit_codes import (
     EXIT_PIPE_CLOSED,
     EXIT_UNSUPPORTED,
 )
+from mavdem.cli.links import LINK_PATTERN
 from mavdem.cli.output import report_error
 from mavdem.cli.streams import prepare_streams, print_to_stderr, stderr_is_terminal
 from mavdem.cli.termination import default_interrupt_action
@@ -69,7 +70,8 @@ MARKS_OF_SOURCES = (".", ":", "/", "\\")
 """Characters of paths and of addresses, which the name of a command does not have."""
 
 ANNOUNCED_COMMANDS = ("learn", "tune", "wind")
-"""Commands that say on a terminal which log they read, before their imports, which take a second."""
+"""Commands that say on a terminal which log they read, before their imports, which take a second; ``live`` says which
+link it opens."""
 
 COMPLETION_VARIABLE = "_MAVDEM_COMPLETE"
 """Environment variable by which Click's shell scripts ask for completions."""
@@ -122,6 +124,8 @@ class LazyCommandGroup(click.Group):
             _announce_activity("Reviewing", command_args)
         elif command.name in ANNOUNCED_COMMANDS and stderr_is_terminal():
             _announce_activity("Reading", command_args)
+        elif command.name == "live" and stderr_is_terminal():
+            _announce_link(command_args)
         with default_interrupt_action():
             command = load_command(str(command.name))
         return name, command, command_args
@@ -192,6 +196,18 @@ def _announce_activity(activity: str, args: Sequence[str]) -> None:
         if os.path.exists(argument) and not previous.startswith("-"):
             print_to_stderr(f"{activity} {argument} …")
         previous = argument
+
+
+def _announce_link(args: Sequence[str]) -> None:
+    """Reports on standard error which link ``mavdem live`` is going to open, once its imports are done.
+
+    Args:
+        args: Arguments of the command, of which the first that looks like a MAVLink link is announced.
+    """
+    for argument in args:
+        if LINK_PATTERN.match(argument):
+            print_to_stderr(f"Opening {argument} …")
+            return
 
 
 @click.group(

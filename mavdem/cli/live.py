@@ -757,6 +757,8 @@ def _run_and_show_status(
     period = PRINTED_STATUS_PERIOD
     if STDERR.is_terminal and not plain:
         status_lines.start_in_place()
+        # Otherwise the terminal would be empty while libraries are loaded, which takes seconds.
+        status_lines.show(session)
         period = STATUS_PERIOD
     try:
         run_session(session, is_end_requested, duration, period, status_lines.show)

@@ -57,6 +57,20 @@ def test_what_cannot_be_is_refused_in_a_sentence(line, said, capsys, here):
     assert list(here.iterdir()) == []
 
 
+def test_a_terminal_has_a_status_before_libraries_are_loaded(monkeypatch):
+    calls = Mock()
+    monkeypatch.setattr(live, "STDERR", Mock(is_terminal=True))
+    monkeypatch.setattr(live, "run_session", calls.run_session)
+    live._run_and_show_status(Mock(), calls.lines, Mock(), None, plain=False)
+    names = [name for name, _, _ in calls.mock_calls]
+    assert names == [
+        "lines.start_in_place",
+        "lines.show",
+        "run_session",
+        "lines.stop_in_place",
+    ]
+
+
 @mark.slow
 def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, monkeypatch):
     """The folder of the model is deleted during the session, and learning takes a minute at its end."""

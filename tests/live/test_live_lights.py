@@ -731,7 +731,7 @@ def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message
     assert text == "1:1, mode Loiter, in flight, battery 15.8 V (76 %), last message 4 s ago."
     second = replace(slow, state=state._replace(battery="battery 2"))
     assert "in flight, battery 2 15.8 V (76 %)" in vehicle_text(second)
-    assert vehicle_text(SessionStatus()) == "No vehicle, nothing received yet."
+    assert vehicle_text(SessionStatus()) == "Waiting for a vehicle; nothing received yet."
 
 
 def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound():
