@@ -371,15 +371,17 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
     return [headline_text, f"{NEXT_STEP_LEAD}{next_step}"]
 
 
-def headline_reason(judgement: Judgement) -> list[Sentence]:
+def headline_reason(judgement: Judgement, *, is_event_listed: bool = False) -> list[Sentence]:
     """Returns the sentences below the headline of a live page: where a lost vehicle was, and why an alarm was raised.
 
     Args:
         judgement: headline, next step and status lights of the vehicle in a live session.
+        is_event_listed: whether the page lists the event that reported the fault of the headline, with its details.
 
     Returns:
         - After a lost link in flight, the last known position.
-        - If a fault of this flight is the reason for the headline, what shows the fault.
+        - If a fault of this flight is the reason for the headline, what shows the fault: measurements or, if no event
+          states them, its details.
 
         Empty in other cases.
     """
@@ -392,23 +394,23 @@ def headline_reason(judgement: Judgement) -> list[Sentence]:
     # What showed a fault of an earlier flight stands with that flight, not below the lights of this one.
     is_of_this_flight = fault.code not in (SessionFact.FLIGHT_VERDICT, SessionFact.UNREPAIRED_FAULT)
     if is_fault and is_of_this_flight and fault.code is not LinkFact.LOST_IN_FLIGHT:
-        sentences += _what_shows_fault(fault, judgement.lights)
+        measurements = headline_evidence(fault, judgement.lights)
+        if measurements:
+            sentences += measurements
+        elif not is_event_listed:
+            sentences += _details_as_reason(fault)
     return sentences
 
 
-def _what_shows_fault(fault: Fact, lights: NamedFacts) -> list[Sentence]:
-    """Returns the sentence that says what shows a fault: the measurements of sensors or, without any, its details.
+def _details_as_reason(fault: Fact) -> list[Sentence]:
+    """Returns the details of a fault as the reason for the headline of a live page.
 
     Args:
-        fault: the fault that the headline of a live page states in short, a coded finding.
-        lights: status lights by name, each the judgement of one part of the vehicle with a level.
+        fault: the fault that the headline states in short, a coded finding.
 
     Returns:
         A list with one sentence; empty if the headline has the most important detail already.
     """
-    measurements = headline_evidence(fault, lights)
-    if measurements:
-        return measurements
     details = _details_of_fault(fault)
     # Details are separated by semicolons, the most important one first.
     first_detail, _, _ = without_full_stop(details).partition(";")

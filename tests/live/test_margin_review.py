@@ -237,7 +237,9 @@ def test_a_flight_is_reviewed_at_its_period_and_once_after_the_landing(review, s
     assert (source, vehicle, parameters) == ("flight.tlog", "1:1", {"A": 1.0})
 
 
-def test_a_warning_of_the_margins_counts_in_flight_once_two_reviews_in_a_row_give_it(review, stream):
+def test_a_warning_of_the_margins_counts_in_flight_once_two_reviews_in_a_row_give_it(
+    review, stream
+):
     good = DOUBTED.replace(Level.GOOD, rating=Level.GOOD)
     other_axis = DOUBTED.replace(axis="pitch")
     second = 0

@@ -1266,9 +1266,7 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
 
 def test_a_next_step_that_was_printed_is_taken_back_once(capsys):
     alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
-    watched = Fact(
-        WatchFact.WATCHED, time=4.0, subject=WatchedQuantity.OSCILLATION, reason=None
-    )
+    watched = Fact(WatchFact.WATCHED, time=4.0, subject=WatchedQuantity.OSCILLATION, reason=None)
     sound = SessionStatus(
         "1:1",
         is_flying=True,
@@ -1281,9 +1279,13 @@ def test_a_next_step_that_was_printed_is_taken_back_once(capsys):
     steps = []
     for alarms in ((), (alarm,), (alarm,), (), ()):
         lines.show_status(replace(sound, active_alarms=alarms))
-        steps.append([
-            line.split("NEXT ")[1] for line in capsys.readouterr().out.splitlines() if "NEXT" in line
-        ])
+        steps.append(
+            [
+                line.split("NEXT ")[1]
+                for line in capsys.readouterr().out.splitlines()
+                if "NEXT" in line
+            ]
+        )
     assert steps == [[], ["Land now."], [], ["Fly on."], []]
 
 

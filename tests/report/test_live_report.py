@@ -12,6 +12,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline
 from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.motors import MotorsLight
@@ -103,6 +104,45 @@ def test_an_alarm_that_is_over_is_neither_in_the_title_nor_beside_the_headline()
     )
 
 
+@mark.slow
+def test_a_page_states_a_weak_motor_in_its_headline_and_the_details_in_its_event_alone():
+    change = MotorChange(58.0, 56.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    weak_motor = change.fact
+    history = LiveHistory()
+    history.add_event(Event(58.0, Fact(SessionFact.ALARM, reason=weak_motor), reception=0.0))
+    account = dict.fromkeys(TimeUse, 0.0)
+    flying = SessionStatus(
+        "1:1",
+        is_flying=True,
+        flight_number=1,
+        message_age=0.0,
+        active_alarms=(weak_motor,),
+        motor_alarms_of_flight=(change,),
+    )
+    page = live_page("udp", "roll", history, flying, account, None)
+    assert page.count("harder") == 1
+    assert "Why:" not in page and "(see the headline)" in page
+    # The report of the landing stays in sight, and leaves its verdict to the headline.
+    landing = Fact(
+        SessionFact.FLIGHT_LEARNED,
+        clock=70.0,
+        axis="roll",
+        is_flying=False,
+        is_lost=False,
+        verdict=weak_motor,
+        is_fitted=False,
+        margins_follow=True,
+        reason=(),
+    )
+    disarmed = Fact(ReportedEvent.MOTORS_DISARMED)
+    for seconds, fact in ((70.0, landing), *((71.0 + index, disarmed) for index in range(5))):
+        history.add_event(Event(seconds, fact, reception=0.0))
+    landed = replace(flying, is_flying=False, active_alarms=())
+    page = live_page("udp", "roll", history, landed, account, None)
+    assert page.index("Landed at") < page.index("Earlier events")
+    assert "Landed at 70 s. Mean wind" in page
+
+
 def test_a_telephone_always_shows_mode_height_battery_satellites_and_link():
     """A lost link and an emptying battery have the colour of a fault; what is not known is left out."""
     state = VehicleState(
@@ -175,8 +215,9 @@ def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_
     assert "ATC_RAT_RLL_I" not in page, "a gain that stays is not in the table"
     assert "plots of flight 3" in page
     assert "This session is over." in page and "<code>mavdem f.tlog</code>" in page
-    # What to do comes first.
-    assert page.index('id="result"') < page.index('id="files"') < page.index('id="flight"')
+    # What to do and the lights come first.
+    places = [page.index(f'id="{name}"') for name in ("result", "lights", "files", "flight")]
+    assert places == sorted(places)
 
 
 def test_a_weak_motor_of_an_earlier_flight_is_named_as_such():

@@ -1342,7 +1342,12 @@ def _live_head(
     judgement = status.session_judgement
     goes_on = not status.is_over
     judgement_with_reason = _judgement_with_reason(status)
-    reasons = _reasons_of_headline(status)
+    # The list of a session that is over states its events in short.
+    is_event_listed = goes_on and any(page_event.is_headline for page_event in page_events)
+    reasons = _reasons_of_headline(status, is_event_listed=is_event_listed)
+    fault_in_full = ""
+    if reasons or is_event_listed:
+        fault_in_full = cause_of_alarm(judgement_with_reason.headline).sentence
     # On the ground a fault of an earlier flight stands below the next step (:func:`_sentences_on_earlier_fault`).
     unrepaired_fault = ""
     if status.is_in_flight:
@@ -1362,7 +1367,7 @@ def _live_head(
         is_lost_in_air=status.is_flying and status.loss is None,
         is_link_lost=status.link_loss is not None,
         reasons=reasons,
-        fault_in_full=cause_of_alarm(judgement_with_reason.headline).sentence if reasons else "",
+        fault_in_full=fault_in_full,
         are_lights_of_recording=_are_lights_of_recording(judgement.lights),
         unrepaired_fault=unrepaired_fault,
         page_of_earlier_fault=_page_of_earlier_fault(status),
@@ -1496,10 +1501,10 @@ def _earlier_fault(status: SessionStatus) -> str:
         The sentence, with all details; empty without such a fault, and if the top of the page has it already.
     """
     fault = status.unrepaired_fault
-    if fault is None or _sentences_on_earlier_fault(status):
+    is_headline = status.session_judgement.headline.code is SessionFact.UNREPAIRED_FAULT
+    if fault is None or is_headline or _sentences_on_earlier_fault(status):
         return ""
-    is_headline = fault.sentence == headline(status.session_judgement.headline)
-    return "" if is_headline else fault.sentence
+    return fault.sentence
 
 
 def _statement_of_repair(status: SessionStatus) -> str:
@@ -1563,17 +1568,18 @@ def _verdict_of_headline(status: SessionStatus) -> FlightVerdict | None:
     return verdict
 
 
-def _reasons_of_headline(status: SessionStatus) -> list[Sentence]:
+def _reasons_of_headline(status: SessionStatus, *, is_event_listed: bool) -> list[Sentence]:
     """Returns the sentences with the evidence for the headline of a live page.
 
     Args:
         status: state of the session now, or at its end. If the headline is on an earlier flight, the sentences name
             that flight.
+        is_event_listed: whether the page lists the event that reported the fault of the headline, with its details.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import headline_reason
 
-    reasons = headline_reason(_judgement_with_reason(status))
+    reasons = headline_reason(_judgement_with_reason(status), is_event_listed=is_event_listed)
     worse_verdict = _verdict_of_headline(status)
     if worse_verdict is None:
         return reasons
@@ -1865,7 +1871,7 @@ def _numbered_live_events(
     page_events = []
     for index, event in enumerate(listed_events):
         is_ended_silence = event.fact.code in SILENCES_OF_LINK and index < latest_resumption
-        fact = _fact_in_live_list(event.fact, judgement.next_step)
+        fact = _fact_in_live_list(event.fact, judgement)
         is_remedy_in_next_step = fact.remedy in str(judgement.next_step)
         cause = _identity_of_cause(event.fact)
         time_in_charts = event.seconds - history.flight.timeline_offset
@@ -1942,19 +1948,28 @@ def _index_of_latest_resumption(events: Sequence[Event]) -> int:
     return latest_resumption
 
 
-def _fact_in_live_list(fact: Fact, next_step: Fact) -> Fact:
+def _fact_in_live_list(fact: Fact, judgement: Judgement) -> Fact:
     """Returns a reported fact as the list of events of a live page states it.
 
     Args:
-        fact: what was reported, a coded finding.
-        next_step: what to do next, above the list. If it is to land now, an event that was reported before must not
-            advise below it to fly on.
+        fact: what was reported, a coded finding. The report of a landing has the verdict on its flight, which is left
+            out if it is the headline.
+        judgement: headline and next step of the page, above the list. If the next step is to land now, an event that
+            was reported before must not advise below it to fly on.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import without_basis_of_phase
 
     shown_fact = without_basis_of_phase(fact)
-    if next_step.code is NextStep.LAND_NOW:
+    verdict = fact.figures.get("verdict")
+    states_headline = (
+        fact.code is SessionFact.FLIGHT_LEARNED
+        and verdict is not None
+        and _identity_of_cause(verdict) == _identity_of_cause(judgement.headline)
+    )
+    if states_headline:
+        shown_fact = shown_fact.replace(verdict=None)
+    if judgement.next_step.code is NextStep.LAND_NOW:
         return shown_fact.without_flight_advice
     return shown_fact
 

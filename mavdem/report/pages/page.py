@@ -526,17 +526,39 @@ class Head(NamedTuple):
         """The events that the page of a live session shows before its reader asks for all: the newest, newest first.
 
         The newest alarm that is numbered in the plots and the first report of the headline follow the
-        ``MAX_NEWEST_EVENTS`` newest events if they are older: the plots mark only events that the page shows.
+        ``MAX_NEWEST_EVENTS`` newest events if they are older: the plots mark only events that the page shows. On the
+        ground so does the report of the landing, which says what the flight has shown.
         """
         events = self.brief_events
         numbered_alarms = [
             shown for shown in events if shown.event.is_alarm and shown.number is not None
         ]
+        older_events = (
+            *self._report_of_landing,
+            *numbered_alarms[:1],
+            *self._first_report_of_headline,
+        )
         newest_events = list(events[:MAX_NEWEST_EVENTS])
-        for older_event in (*numbered_alarms[:1], *self._first_report_of_headline):
+        for older_event in older_events:
             if older_event not in newest_events:
                 newest_events.append(older_event)
         return newest_events
+
+    @property
+    def _report_of_landing(self) -> Sequence[PageEvent]:
+        """The event of a live session that says what the latest flight has shown; a sequence of one, or empty.
+
+        It is reported at the landing. In flight there is none, since the reports of landings are of earlier flights.
+        """
+        if self.is_in_flight:
+            return []
+        reports = [
+            shown
+            for shown in self.brief_events
+            if shown.event.fact.code is SessionFact.FLIGHT_LEARNED
+        ]
+        # The events are the newest first.
+        return reports[:1]
 
     @property
     def _first_report_of_headline(self) -> Sequence[PageEvent]:
