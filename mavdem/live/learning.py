@@ -24,6 +24,13 @@ from mavdem.plant.parameters import Physical
 MAX_MODELS = 16
 """Models that are kept: several times the seconds that a landing withdraws, so that one from before is among them."""
 
+HELD_MOTION_SECONDS = 5.0
+"""Time for which a report of unexpected motion is held back, s, since a loss of thrust may be its cause.
+
+Most losses of thrust are found within 5 s (docs/evidence/motors.md), and their alarm then states the cause. Nobody need
+act on unexpected motion sooner.
+"""
+
 FIT_SECONDS = 3.0
 """Time limit of the last fit, s: a choice. Where it takes longer, the model before is kept.
 
@@ -39,6 +46,16 @@ class _KeptModel(NamedTuple):
 
     learned: Learned
     """The model."""
+
+
+class _HeldReport(NamedTuple):
+    """A report that is held back."""
+
+    time: float
+    """Time of the row that it is about, s of the boot clock."""
+
+    fact: Fact
+    """The report."""
 
 
 class FlightLearning:
@@ -95,6 +112,8 @@ class FlightLearning:
         self._landing_time = -inf
         # Whether a motor had lost thrust at the latest row.
         self._is_motor_weak = False
+        # The report of the latest unexpected motion, until it is made or dropped; None for none.
+        self._held_report: _HeldReport | None = None
         self._models: deque[_KeptModel] = deque(maxlen=MAX_MODELS)
         # The latest model of a climb after take-off, which is not kept.
         self._climb_model: Learned | None = None
@@ -282,8 +301,9 @@ class FlightLearning:
         was_unexpected = self.estimate is not None and self.estimate.unusual
         # A vehicle falls while its motors idle, which has an alarm of its own. No gust need have moved it.
         is_new = estimate.unusual and not was_unexpected
-        if is_new and not self._are_motors_at_idle(row, parameters):
-            self._report_unexpected_motion(estimate)
+        if is_new and self._held_report is None and not self._are_motors_at_idle(row, parameters):
+            self._held_report = _HeldReport(row.time, _unexpected_motion(estimate))
+        self._report_unexpected_motion(row.time)
         self.estimate = estimate
         # ``begin`` has made the detector together with the learner that gave the estimate.
         assert self._gusts is not None
@@ -301,20 +321,26 @@ class FlightLearning:
         collective = self.row_format.scale.fraction(row.inputs).mean()
         return bool(collective <= min_airborne_collective(parameters))
 
-    def _report_unexpected_motion(self, estimate: Estimate) -> None:
-        """Reports that the motion has become improbable for the model, with the cause if that is known.
+    def _report_unexpected_motion(self, now: float) -> None:
+        """Reports unexpected motion that was held back long enough, or drops it if a weak motor explains it.
+
+        The alarm of a weak motor says what moved the vehicle. A report beside it would be a second piece of news, with
+        other advice.
 
         Args:
-            estimate: the first estimate with unexpected motion.
+            now: time of the latest row, s of the boot clock.
         """
-        # The latest mark is the one that begins with this estimate.
-        mark = estimate.latest_mark
-        cause = None if mark is None else mark.cause
-        report = Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause)
+        held_report = self._held_report
+        if held_report is None:
+            return
         if self._is_motor_weak:
-            # During the alarm of a weak motor, no report must advise the pilot to fly on.
-            report = report.without_flight_advice
-        self._log(report)
+            self._held_report = None
+            return
+        # The clock begins again when the autopilot restarts, so that the age may be negative.
+        age = now - held_report.time
+        if not 0.0 <= age < HELD_MOTION_SECONDS:
+            self._held_report = None
+            self._log(held_report.fact)
 
     def withdraw_since(self, landing_time: float) -> None:
         """Forgets the samples of a landing or of a loss of control, and the models that were learned from them.
@@ -475,3 +501,15 @@ def _model_learned_now(learner: OnlineLearner, max_seconds: float) -> Learned:
         raise NotLearnable(reason) from error
     except (ValueError, RuntimeError) as error:
         raise NotLearnable(fact_from_error(error)) from error
+
+
+def _unexpected_motion(estimate: Estimate) -> Fact:
+    """Returns the report that the motion has become improbable for the model, with the cause if that is known.
+
+    Args:
+        estimate: the first estimate with unexpected motion.
+    """
+    # The latest mark is the one that begins with this estimate.
+    mark = estimate.latest_mark
+    cause = None if mark is None else mark.cause
+    return Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause)

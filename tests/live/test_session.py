@@ -46,6 +46,7 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.output_scale import OutputScale
 from mavdem.live import AlignedRow, LiveStream
 from mavdem.live.intake import FrameBatch
+from mavdem.live.learning import FlightLearning
 from mavdem.live.link import MAX_PIECES, LinkLost, ReceivedPiece
 from mavdem.live.model_judgement import hover_of_segment, longest_settled_segment
 from mavdem.live.raw_recording import RawRecording
@@ -994,18 +995,34 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
 
 @mark.slow
 def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
-    """The learner marks all samples from 88 s to 90 s as unusual."""
+    """The learner marks all samples from 82 s to 84 s as unusual."""
     unknown = np.zeros((1, 2))
 
     def update(_, time, outputs, *_sample):
         estimate = Estimate(time, outputs, outputs, np.array([time]), unknown, unknown, unknown)
-        return estimate._replace(unusual=88 < time < 90, window_center=time)
+        return estimate._replace(unusual=82 < time < 84, window_center=time)
 
     monkeypatch.setattr("mavdem.dem.OnlineLearner.update", update)
     session, _, reported_facts = session_of(batches(16.0))
     run(session)
     reports = [row for row in reported_facts if row.code is SessionFact.MOTION_UNEXPECTED]
     assert len(reports) == 1 and reports[0].level is Level.WATCH
+
+
+def test_unexpected_motion_that_a_weak_motor_explains_is_no_second_news():
+    unknown = np.zeros((1, 2))
+    usual = Estimate(0.0, unknown, unknown, np.zeros(1), unknown, unknown, unknown)
+    for seconds_to_alarm, report_count in ((2.0, 0), (9.0, 1)):
+        reports = []
+        learning = FlightLearning("roll", Settings(), None, prior=None, log=reports.append)
+        learning._gusts = Mock(**{"add.return_value": ()})
+        learning._are_motors_at_idle = Mock(return_value=False)
+        for time in range(80, 100):
+            learning._is_motor_weak = time >= 88.0 + seconds_to_alarm
+            # It lasts for a second at 88 s, and again while the alarm lasts.
+            estimate = usual._replace(unusual=time in (88, 98), window_center=float(time))
+            learning.note_estimate(estimate, Mock(time=float(time)), {})
+        assert [report.figures["clock"] for report in reports] == [88.0] * report_count
 
 
 def test_bytes_without_a_message_are_noise_and_no_silence(now):
