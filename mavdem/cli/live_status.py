@@ -19,6 +19,7 @@ from mavdem.cli.live_lines import (
     NEXT_MARKER,
     STAMP_WIDTH,
     VERDICT_MARKER,
+    WARNING_MARKER,
     event_line,
     print_line,
     stamped_line,
@@ -27,7 +28,6 @@ from mavdem.cli.live_lines import (
 from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable, print_to_stderr
 from mavdem.errors import error_message
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
@@ -221,9 +221,10 @@ class StatusLines:
         # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
         self._latest_lines: deque[tuple[str, str]] = deque(maxlen=MAX_LATEST_LINES)
         self._terminal_size = STDERR.size
-        # The next step that was printed last, without its numbers, until it was taken back; and what the latest event
-        # advised.
+        # The next steps that were printed last, and at the latest look, without their numbers; and what the latest
+        # event advised.
         self._printed_next_step: Hashable = None
+        self._latest_next_step: Hashable = None
         self._advised_text = ""
         # The line on the fault of an earlier flight that was printed last; empty before any.
         self._printed_fault_of_earlier_flight = ""
@@ -235,6 +236,8 @@ class StatusLines:
         self._no_vehicle_time = inf
         # Whether the latest report on the link was an alarm.
         self._is_link_alarmed = False
+        # Whether the present silence of the link was warned of in a line.
+        self._is_link_warned = False
         # Whether standard error has said that lines were lost, since they cannot be printed.
         self._is_loss_of_lines_reported = False
         # The state that was printed last and when, s of the monotonic clock.
@@ -279,6 +282,7 @@ class StatusLines:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
         self._latest_moment = (status.boot, status.boot_clock)
+        self._print_link_warning(status)
         if status.loss is None:
             self._print_watch_changes(status)
         if self.terminal_text is None:
@@ -291,11 +295,12 @@ class StatusLines:
 
         This is called once a second, and just before an alarm or a vehicle is reported. Otherwise the report would
         stand above a status that contradicts it, until the status is updated a second later. Where lines are printed
-        instead, the fault of an earlier flight is printed at the take-off.
+        instead, the fault of an earlier flight is printed at the take-off, and that a link was just lost in flight.
 
         Args:
             status: Present state of the live session.
         """
+        self._print_link_warning(status)
         has_other_alarms = status.alarms != self._shown_alarms
         has_other_vehicle = status.vehicle != self._shown_vehicle
         if has_other_alarms or has_other_vehicle:
@@ -505,10 +510,9 @@ class StatusLines:
     def _print_state(self, status: SessionStatus) -> None:
         """Prints a line with the state of the session when it changes, and again every ``UNCHANGED_STATE_PERIOD``.
 
-        The state is what :class:`PrintedState` holds: measured figures alone do not change it. The line of a new state
-        is followed by the next step only if something is bad, or if the step that was printed before no longer holds,
-        since the event that changed the state has been printed with its advice; a repeated line is followed by a next
-        step that was not printed before.
+        The state is what :class:`PrintedState` holds: measured figures alone do not change it. The next step follows
+        whenever it is a new one, also between two such lines. While a vehicle stays switched off, the line is not
+        repeated.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
@@ -520,21 +524,13 @@ class StatusLines:
         state = _state_to_print(status)
         now = monotonic()
         is_new = state != self._printed_state
-        is_due = is_new or now - self._print_time >= UNCHANGED_STATE_PERIOD
-        if not is_due:
-            self._take_back_next_step(status)
-            return
         is_silent_on_ground = status.is_silent and not status.is_flying
-        if is_silent_on_ground and not is_new:
-            # The line is not repeated however long the vehicle stays switched off; only a new next step is news.
-            self._print_next_step(status)
-            return
-        self._printed_state = state
-        self._print_time = now
-        self._print_status_line(status)
-        has_printed_step = self._printed_next_step is not None
-        if status.session_judgement.headline.is_bad or has_printed_step or not is_new:
-            self._print_next_step(status)
+        is_due = now - self._print_time >= UNCHANGED_STATE_PERIOD and not is_silent_on_ground
+        if is_new or is_due:
+            self._printed_state = state
+            self._print_time = now
+            self._print_status_line(status)
+        self._print_next_step(status)
 
     def _print_status_line(self, status: SessionStatus) -> None:
         """Prints the state in one line, and below it a fault of an earlier flight, if that was not printed before.
@@ -556,6 +552,24 @@ class StatusLines:
         if fault_text and fault_text != self._printed_fault_of_earlier_flight:
             self._printed_fault_of_earlier_flight = fault_text
             self._print_now(escape_unprintable(fault_text), status)
+
+    def _print_link_warning(self, status: SessionStatus) -> None:
+        """Prints once that the link has just been lost in flight, where lines are printed below each other.
+
+        That it is lost for long is an alarm, which is an event of its own.
+
+        Args:
+            status: State of the live session.
+        """
+        link_loss = status.link_loss
+        if link_loss is None:
+            self._is_link_warned = False
+        elif self.terminal_text is None and not self._is_link_warned:
+            self._is_link_warned = True
+            if not link_loss.is_bad:
+                self._advised_text = link_loss.remedy
+                warning = escape_unprintable(link_loss.sentence_and_remedy)
+                self._print_now(f"{WARNING_MARKER} {warning}", status)
 
     def _print_no_vehicle_event(self, status: SessionStatus) -> None:
         """Prints the event that no vehicle has been found once it is ``SEARCH_SECONDS`` old, if it still holds then.
@@ -612,37 +626,28 @@ class StatusLines:
             self._print_below(text, indent=0)
 
     def _print_next_step(self, status: SessionStatus) -> None:
-        """Prints what to do next, unless that is no news, was printed before, or the latest event said it.
+        """Prints what to do next if that is a new step, unless the latest event said it.
 
-        That the vehicle may stay as it is (:func:`_is_to_stay`) is news only if another step was printed before, which
-        it takes back.
+        While nothing warns, a step counts as new once it has been the same in two looks at the status, since it may
+        change from second to second at the end of a climb. Measured numbers in a step make it no other step. A fault of
+        an earlier flight has a line of its own, which says what to do; only another step that was printed is replaced.
 
         Args:
             status: State of the live session.
         """
-        next_step = status.session_judgement.next_step
-        # Measured numbers in a step change all the time, which makes it no other step.
+        judgement = status.session_judgement
+        next_step = judgement.next_step
         content = next_step.without_measurements
-        former_content = self._printed_next_step
-        if _is_to_stay(next_step):
-            is_news = former_content is not None
-            self._printed_next_step = None
-        else:
-            is_news = content != former_content
-            self._printed_next_step = content
+        is_settled = content == self._latest_next_step or judgement.headline.is_watch_or_bad
+        self._latest_next_step = content
+        is_stated = states_unrepaired_fault(next_step) and self._printed_next_step is None
+        if content == self._printed_next_step or is_stated or not is_settled:
+            return
+        self._printed_next_step = content
         text = escape_unprintable(next_step)
         was_advised_by_event = text in escape_unprintable(self._advised_text)
-        if text and is_news and not was_advised_by_event:
+        if text and not was_advised_by_event:
             self._print_now(f"{NEXT_MARKER} {text}", status)
-
-    def _take_back_next_step(self, status: SessionStatus) -> None:
-        """Prints that the vehicle may stay as it is, if another next step was printed before; otherwise nothing.
-
-        Args:
-            status: State of the live session.
-        """
-        if _is_to_stay(status.session_judgement.next_step):
-            self._print_next_step(status)
 
     def _print_now(self, text: str, status: SessionStatus) -> None:
         """Prints a line with the present time and that of the vehicle's clock.
@@ -652,20 +657,6 @@ class StatusLines:
             status: State of the live session, with the present boot and its clock.
         """
         self._print(stamped_line(text, boot_clock=status.boot_clock, boot=status.boot))
-
-
-def _is_to_stay(next_step: Fact) -> bool:
-    """Returns whether a next step lets the vehicle fly on or hover as before, for no reason such as a fault to repair.
-
-    To fly on only if a fault of an earlier flight was repaired counts too: that fault has a line of its own, which says
-    what to do.
-
-    Args:
-        next_step: What the pilot should do next.
-    """
-    has_reason = bool(next_step.figures.get("reason"))
-    is_flight_as_before = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST)
-    return states_unrepaired_fault(next_step) or (is_flight_as_before and not has_reason)
 
 
 def _state_to_print(status: SessionStatus) -> PrintedState:

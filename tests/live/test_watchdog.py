@@ -1264,7 +1264,7 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     assert "s  NEXT Land" in step and "s  NEXT Land" in other_step
 
 
-def test_a_next_step_that_was_printed_is_taken_back_once(capsys):
+def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys):
     alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     watched = Fact(WatchFact.WATCHED, time=4.0, subject=WatchedQuantity.OSCILLATION, reason=None)
     sound = SessionStatus(
@@ -1275,18 +1275,23 @@ def test_a_next_step_that_was_printed_is_taken_back_once(capsys):
         state=VehicleState("Hold", is_armed=True),
         message_age=0.5,
     )
+    alarmed = replace(sound, active_alarms=(alarm,))
     lines = StatusLines(None)
     steps = []
-    for alarms in ((), (alarm,), (alarm,), (), ()):
-        lines.show_status(replace(sound, active_alarms=alarms))
-        steps.append(
-            [
-                line.split("NEXT ")[1]
-                for line in capsys.readouterr().out.splitlines()
-                if "NEXT" in line
-            ]
-        )
-    assert steps == [[], ["Land now."], [], ["Fly on."], []]
+    for status in (sound, sound, alarmed, alarmed, sound, sound, sound):
+        lines.show_status(status)
+        printed = capsys.readouterr().out.splitlines()
+        steps.append([line.split("NEXT ")[1] for line in printed if "NEXT" in line])
+    # Without a warning a step must be the same in two looks.
+    assert steps == [[], ["Fly on."], ["Land now."], [], [], ["Fly on."], []]
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    silent = replace(sound, no_model_reason=silence, message_age=5.0)
+    for status in (silent, silent, sound, silent):
+        lines.show_if_new(status)
+    printed = capsys.readouterr().out
+    assert printed.count("s  WARNING Link lost 5 s ago, in flight") == 2
+    lines.show_status(silent)
+    assert "NEXT" not in capsys.readouterr().out, "the warning has said it"
 
 
 def test_a_status_below_earlier_lines_keeps_all_lights_and_has_the_next_step_below(
