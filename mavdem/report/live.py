@@ -532,20 +532,23 @@ def closing_lines(status: SessionStatus) -> list[str]:
     must_not_fly = verdicts[0].judgement.headline.forbids_flight
     lines = []
     judgement = status.session_judgement
-    if judgement.headline.code is SessionFact.ENDED_IN_FLIGHT:
+    is_landing_stated = judgement.headline.code is SessionFact.ENDED_IN_FLIGHT
+    if is_landing_stated:
         # The landing comes first. What was wrong before, and its repair, follow with the verdicts.
         lines.append(judgement.headline.replace(cause=None).sentence)
         lines.append(f"{NEXT_STEP_LEAD}{judgement.next_step.replace(reason=None).sentence}")
     for verdict in verdicts:
         lines.append(verdict.fact.sentence)
-        next_step = _next_step_of_verdict(verdict, status, must_not_fly=must_not_fly)
+        next_step = _next_step_of_verdict(
+            verdict, status, must_not_fly=must_not_fly, is_landing_stated=is_landing_stated
+        )
         if next_step and next_step not in headline(verdict.judgement.headline):
             lines.append(f"{NEXT_STEP_LEAD}{next_step}")
     return lines
 
 
 def _next_step_of_verdict(
-    verdict: FlightVerdict, status: SessionStatus, *, must_not_fly: bool
+    verdict: FlightVerdict, status: SessionStatus, *, must_not_fly: bool, is_landing_stated: bool
 ) -> str:
     """Returns what to do about one of several flights of a session, as a sentence.
 
@@ -553,23 +556,46 @@ def _next_step_of_verdict(
         verdict: the verdict on the flight (its headline), with its next step.
         status: state of the session at its end.
         must_not_fly: whether the worst fault of the session forbids to fly: then no flight is advised.
+        is_landing_stated: whether an earlier line says that the vehicle, which is still in the air, is to land.
 
     Returns:
         The next step of a flight with a fault, and of the latest flight if the vehicle may fly; otherwise empty. If a
-        fault may not have been repaired, that comes first. A vehicle that is still in the air is to land in any case.
+        fault may not have been repaired, that comes first. A vehicle that is still in the air is to land in any case,
+        which is said once; what to do after that landing follows if the vehicle may fly again.
     """
     unrepaired_fault = status.unrepaired_fault
     if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
         return unrepaired_fault.remedy
     next_step = verdict.judgement.next_step
-    if must_not_fly and next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
-        return next_step.replace(reason=None).sentence
+    if next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
+        return _step_from_landing(
+            next_step, must_not_fly=must_not_fly, is_landing_stated=is_landing_stated
+        )
     has_fault = verdict.judgement.headline.is_watch_or_bad
     is_latest = verdict.number == status.flight_number
     if not has_fault and (must_not_fly or not is_latest):
         return ""
     advises_flight = next_step.without_flight_advice.sentence != next_step.sentence
     return "" if must_not_fly and advises_flight else next_step.sentence
+
+
+def _step_from_landing(landing: Fact, *, must_not_fly: bool, is_landing_stated: bool) -> str:
+    """Returns the next step of a vehicle in the air without what an earlier line says, or what a fault forbids.
+
+    Args:
+        landing: the next step: to land, and what to do after that, which is its reason.
+        must_not_fly: whether a fault of the session forbids to fly, so that what to do after the landing is left out.
+        is_landing_stated: whether an earlier line says that the vehicle is to land.
+
+    Returns:
+        The sentence; empty if nothing is left to say.
+    """
+    step_after_landing = landing.figures["reason"]
+    if not is_landing_stated:
+        return landing.replace(reason=None if must_not_fly else step_after_landing).sentence
+    if must_not_fly or step_after_landing is None:
+        return ""
+    return str(step_after_landing.sentence)
 
 
 def moment_text(event: Event) -> str:

@@ -32,6 +32,7 @@ from mavdem.containers import group_by
 from mavdem.facts import Code, Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import ADVISED_STREAM_RATE
+from mavdem.facts.watch import WatchFact
 from mavdem.facts.witnesses import HeightSource
 from mavdem.files import load_adjacent_toml
 from mavdem.report.blocks import Sentence
@@ -427,6 +428,7 @@ def _environment() -> Environment:
         "sentence_and_remedy": attrgetter("sentence_and_remedy"),
         "as_clause": as_clause,
         "baseline_flights": _baseline_flights,
+        "earlier_fault_clause": _earlier_fault_clause,
         "further_clauses": _further_clauses,
         "capitalize_first": capitalize_first,
         "step_in_flight": _step_in_flight,
@@ -720,6 +722,18 @@ def as_clause(text: object) -> str:
     if _IDENTIFIER.match(clause):
         return clause
     return clause[:1].lower() + clause[1:]
+
+
+def _earlier_fault_clause(fault: Fact) -> str:
+    """Returns a fault from before a lost link, or before the end of a session, as a clause of the sentence on that.
+
+    Args:
+        fault: the fault, or the end of its alarm, of which the clause states the fault and, in brackets, the time.
+    """
+    if fault.code is not WatchFact.ALARM_OVER:
+        return as_clause(headline(fault))
+    end = "over" if fault.time is None else f"over since {fault.time:.0f} s"
+    return f"{as_clause(headline(fault.figures['reason']))} ({end})"
 
 
 def _weak_motor_clause(weak_motor: Fact | None) -> str:

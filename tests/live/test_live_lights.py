@@ -49,6 +49,7 @@ from mavdem.report.live import (
     statement_of_headline,
     vehicle_text,
 )
+from mavdem.report.templates import headline
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
 SLOW = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow_streams(RATES, "roll"))
@@ -178,7 +179,7 @@ def test_a_session_that_ends_in_flight_puts_the_landing_before_the_repair_of_an_
     judgement = ended.session_judgement
     assert judgement.headline.is_bad
     assert str(judgement.headline).startswith(
-        "This session ended in flight: no alarm comes now; before that: flight 1: motor 1"
+        "This session ended in flight: no alarm comes any more; before that: flight 1: motor 1"
     )
     assert str(judgement.next_step).startswith("Land by sight. After landing: Do not fly before")
     assert ended.unrepaired_fault is None, "the headline states it"
@@ -620,11 +621,13 @@ def test_a_link_lost_in_flight_says_for_how_long_where_the_vehicle_was_and_what_
         "no latitude and longitude received in this flight."
     )
     assert str(judgement.next_step).startswith(
-        "Watch the vehicle itself: no alarm comes now. Check"
+        "Watch the vehicle itself: no alarm can come while the link is lost. Check"
     )
     long = replace(silent, message_age=12.0)
     assert long.overall_judgement.headline.is_bad
-    assert str(long.overall_judgement.next_step).startswith("Land by sight: no alarm comes now.")
+    assert str(long.overall_judgement.next_step).startswith(
+        "Land by sight: no alarm can come while the link is lost."
+    )
     assert long.alarms == (long.link_loss,) and silent.alarms == () == long.further_alarms
     over = replace(long, is_over=True, last_reception=1e9).overall_judgement.headline
     assert re.match(r"Link lost at \d\d:\d\d:\d\d, in flight", str(over))
@@ -687,6 +690,11 @@ def test_an_alarm_before_a_lost_link_is_in_its_headline_and_decides_what_to_do(s
     judgement = alarmed.overall_judgement
     assert judgement.headline.is_bad and judgement.headline.figures["cause"] == weak
     assert judgement.next_step == Fact(NextStep.LAND_NOW, reason=judgement.headline)
+    # An alarm that was over before says so behind its fault.
+    ended = Fact(WatchFact.ALARM_OVER, Level.BAD, time=44.0, reason=weak)
+    for text in (str, headline):
+        sentence = text(judgement.headline.replace(cause=ended))
+        assert re.search("before that[,:] motor 1 .* [(]over since 44 s[)]", sentence)
     # The age of the link comes first: what was advised before may be out of date.
     assert live_alarm(alarmed) == "⚠ Link lost 4 s ago, in flight; before that: Motor 1: land now"
     assert live_alarm(silent) == "⚠ Link lost 4 s ago, in flight"
@@ -697,7 +705,7 @@ def test_an_alarm_before_a_lost_link_is_in_its_headline_and_decides_what_to_do(s
     over = replace(alarmed, is_over=True).overall_judgement
     assert over.headline.figures["cause"] == weak
     assert str(over.next_step) == (
-        "If it has not come back, search where it was last. "
+        "If it still flies, land by sight; otherwise search where it was last. "
         "Do not fly before motor 1, its propeller, connector and controller are inspected."
     )
     assert judgement.lights[Light.MOTORS] == weak and alarmed.further_alarms == ()

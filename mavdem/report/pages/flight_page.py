@@ -1629,7 +1629,7 @@ def _session_end(status: SessionStatus, *, is_last: bool) -> str:
         return "This session ends: nothing is watched now, and no alarm comes. What follows is shown here."
     is_stated_by_headline = status.session_judgement.headline.code is SessionFact.ENDED_IN_FLIGHT
     if status.is_flying and status.ground_contact is None and not is_stated_by_headline:
-        return "This session ended in flight: land by sight, no alarm comes now."
+        return "This session ended in flight: land by sight, no alarm comes any more."
     return "This session is over."
 
 
