@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from difflib import get_close_matches
 from functools import partial
 from time import perf_counter
 from typing import NamedTuple
@@ -58,13 +59,21 @@ def _methods_from_text(
         name = given_name.strip()
         method = methods_by_name.get(name.lower())
         if method is None:
-            known_names = listed(method.name for method in METHODS)
-            raise click.BadParameter(f"'{name}' is none of {known_names}.")
+            raise click.BadParameter(_unknown_method_text(name))
         if method not in chosen_methods:
             chosen_methods.append(method)
     if len(chosen_methods) == 1:
         raise click.BadParameter("it takes two methods or more, with commas between them.")
     return chosen_methods
+
+
+def _unknown_method_text(name: str) -> str:
+    """Returns that no method has a name, which methods there are, and the one that is spelled most alike, if any."""
+    names = [str(method.name) for method in METHODS]
+    names_by_letters = {known_name.lower(): known_name for known_name in names}
+    similar = get_close_matches(name.lower(), names_by_letters, n=1)
+    suggestion = f" Did you mean {names_by_letters[similar[0]]}?" if similar else ""
+    return f"'{name}' is none of {listed(names)}.{suggestion}"
 
 
 @click.command("compare")
@@ -101,10 +110,10 @@ def compare_command(
 
     Each SOURCE is a log. Its longest settled flight is cut into windows. In each window every method is trained on
     --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
-    methods that can. The report begins with the error ratio (squared error over that of a constant forecast) of the
-    first method, of those that it loses to, the best other method and the baselines, with the p-values of paired tests,
-    and with how far ahead it is useful. Tables have the error ratios by horizon. A run that is stopped, as by Ctrl-C,
-    reports the windows that are done.
+    methods that can. The report begins with how far ahead the first method is useful, and its error ratio (squared
+    error over that of a constant forecast). Then come the methods that it loses to, the best other model and the
+    baselines, with the p-values of paired tests. Tables have RMSE and error ratios by horizon. A run that is stopped,
+    as by Ctrl-C, reports the windows that are done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 

@@ -25,13 +25,12 @@ from mavdem.experiments.useful_horizons import (
 )
 from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
-from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
 from mavdem.report.numbers import display_unit, number_with_unit, rounded, with_unit
 from mavdem.report.templates import render_section
 
-LONG_RUN = 20.0
-"""Expected time of a run, s, from which fewer methods are proposed before it starts; a choice."""
+LONG_RUN = 10.0
+"""Expected time of a run, s, from which it is stated before the start, with fewer methods that take less; a choice."""
 
 MIN_DECIMAL, MAX_DECIMAL = 0.001, 1000.0
 """Limits of printed errors and p-values: beyond them only the limit is printed, since nothing depends on how far."""
@@ -116,7 +115,8 @@ def plan_report(
         slow_method=run_time.slow_method(),
         quick_names=",".join(method.name for method in quick_methods),
         quick_seconds=quick_run_time.seconds_left(elapsed_seconds=0.0),
-        is_long=seconds >= LONG_RUN and len(quick_methods) == len(QUICK_METHODS) < len(methods),
+        is_long=seconds >= LONG_RUN,
+        are_fewer_quick=len(quick_methods) == len(QUICK_METHODS) < len(methods),
     )
     return sentences + _advice_on_pairs(windows)
 
@@ -145,10 +145,7 @@ def comparison_report(
     for sentence in summary:
         yield headline_sentence(sentence.text)
     for result in results:
-        first_sentence, *details = _result_sentences(comparison, result, is_detail=bool(summary))
-        yield first_sentence if summary else headline_sentence(first_sentence.text)
-        yield from details
-        yield from _use_sentences(comparison, result.kind)
+        yield from _result_paragraphs(comparison, result, has_headline=bool(summary))
     yield _rmse_table(comparison, kinds)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
@@ -160,9 +157,15 @@ def comparison_report(
         are_flights_pairs=_are_flights_pairs(comparison),
         several=len(comparison.flights) > 1,
         significance=SIGNIFICANCE,
+        is_use_stated=comparison.methods[0] not in TRIVIAL_METHODS,
+        has_hold=HOLD_LAST in comparison.methods,
+        better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
+        max_ratio=MAX_USEFUL_RATIO,
     )
     for kind in kinds:
         yield from _error_blocks(comparison, kind)
+    if len(comparison.flights) > 1:
+        yield _table_by_flight(comparison, kinds)
     for flight in comparison.flights:
         yield from _failure_sentences(comparison, flight)
     if planned_windows is None and len(comparison.methods) > 1:
@@ -317,7 +320,9 @@ def _longest_useful_horizon(
     unit = display_unit(train.output_units[0])
     errors = []
     for flight in comparison.flights:
-        squared_error = _squared_error_of_flight(comparison, flight, kind, longest_useful.seconds)
+        squared_error, *_ = _squared_errors_of_flight(
+            comparison, flight, reference, kind, longest_useful.seconds
+        )
         errors.append(rounded(unit.scale * sqrt(squared_error)))
     if len(errors) > MAX_LISTED_FLIGHTS:
         errors = [min(errors, key=float), max(errors, key=float)]
@@ -331,23 +336,45 @@ def _longest_useful_horizon(
     )
 
 
-def _squared_error_of_flight(
-    comparison: Comparison, flight: str, kind: ForecastKind, seconds: float
-) -> float:
-    """Returns the mean squared error of the first method's forecasts of the first output in one flight.
+def _squared_errors_of_flight(
+    comparison: Comparison, flight: str, method: str, kind: ForecastKind, seconds: float
+) -> Sequence[float]:
+    """Returns the mean squared error of a method's forecasts in one flight, of each output.
 
     Args:
         comparison: errors of all methods.
         flight: name of the flight.
+        method: name of the method.
         kind: kind of forecast, by the data that it may use.
         seconds: length of the forecasts, s. Flights with other sampling rates have horizons of nearly this length.
     """
-    reference = comparison.methods_of(kind)[0]
     summaries = {summary["method"]: summary for summary in comparison.summaries(flight, kind)}
-    nearest = min(
-        summaries[reference]["horizons"], key=lambda horizon: abs(horizon["seconds"] - seconds)
-    )
-    return float(nearest["mspe"][0])
+    horizons: Sequence[JsonValues] = summaries[method]["horizons"]
+    nearest = min(horizons, key=lambda horizon: abs(horizon["seconds"] - seconds))
+    squared_errors: Sequence[float] = nearest["mspe"]
+    return squared_errors
+
+
+def _result_paragraphs(
+    comparison: Comparison, result: _MethodResults, *, has_headline: bool
+) -> list[Sentence]:
+    """Returns how the first method compares with the others, and where it is not useful.
+
+    Args:
+        comparison: errors and tests of all methods.
+        result: the results of a kind of forecast.
+        has_headline: whether a headline on both kinds of forecasts stands above.
+
+    Returns:
+        One paragraph below such a headline; without one, the first sentence is the headline and the rest a paragraph.
+    """
+    first_sentence, *details = _result_sentences(comparison, result, is_detail=has_headline)
+    details += _use_sentences(comparison, result.kind, is_in_headline=has_headline)
+    detail_text = " ".join(sentence.text for sentence in details)
+    if has_headline:
+        return [Sentence(f"{first_sentence.text} {detail_text}".strip(), first_sentence.lead)]
+    headline = headline_sentence(first_sentence.text)
+    return [headline, Sentence(detail_text)] if detail_text else [headline]
 
 
 def _result_sentences(
@@ -374,6 +401,7 @@ def _result_sentences(
         if method in result.tests and method not in result.better_methods
     ]
     benchmarks.sort(key=lambda method: result.error_ratios[method])
+    best_other = all_benchmarks[-1] if all_benchmarks else None
     return render_section(
         "comparison_result",
         is_detail=is_detail,
@@ -388,7 +416,9 @@ def _result_sentences(
         method_count=len(result.tests),
         losses=_tested_methods(result, result.better_methods),
         benchmarks=_tested_methods(result, benchmarks),
-        best_other=all_benchmarks[-1] if all_benchmarks else None,
+        best_other=best_other,
+        # The error ratio of a constant is 1.
+        is_best_other_worse=best_other is not None and result.error_ratios[best_other] > 1,
         trivial_methods=TRIVIAL_METHODS,
         lower=result.methods_with(TestResult.LOWER),
         similar=result.methods_with(TestResult.NOT_DISTINGUISHABLE),
@@ -440,12 +470,15 @@ def _are_flights_pairs(comparison: Comparison) -> bool:
     return len(comparison.flights) >= MIN_PAIRS
 
 
-def _use_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
-    """Returns a sentence on how far ahead the first method is useful; none for a trivial or a failed method.
+def _use_sentences(
+    comparison: Comparison, kind: ForecastKind, *, is_in_headline: bool
+) -> list[Sentence]:
+    """Returns a sentence on how far ahead the first method is useful, and why not farther; none for a trivial method.
 
     Args:
         comparison: errors of all methods.
         kind: kind of forecast, by the data that it may use.
+        is_in_headline: whether a headline says how far, so that only the reasons are left.
     """
     reference = comparison.methods_of(kind)[0]
     if reference in TRIVIAL_METHODS:
@@ -459,12 +492,11 @@ def _use_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]
         is_useful_up_to_last=useful == uses[: len(useful)],
         first_useless="" if useful == uses else _seconds_text(uses[len(useful)].seconds),
         is_always_useful=useful == uses,
-        has_hold=HOLD_LAST in comparison.methods_of(kind),
-        better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
-        max_ratio=MAX_USEFUL_RATIO,
+        is_in_headline=is_in_headline,
+        # The error ratio over the whole test part, the last horizon, is stated before.
         inaccurate=[
             (_seconds_text(use.seconds), _short_number(use.error_ratio))
-            for use in uses
+            for use in uses[:-1]
             if use.is_inaccurate
         ],
         hold_better=[_seconds_text(use.seconds) for use in uses if use.is_hold_better],
@@ -498,32 +530,51 @@ def _rmse_table(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
         if reference not in summaries:
             continue
         summary = summaries[reference]
-        rows += _rmse_rows(f"inputs {kind}", summary, comparison.windows[0].train)
+        rows += _rmse_rows(f"inputs {kind}", comparison, reference, kind)
         worse_counts = [str(count) for count in summary["horizons_worse"]]
         worse_label = f"inputs {kind}: worse than constant, of {summary['windows']}"
         rows.append([worse_label, *worse_counts])
-    for summary in comparison.over_flights(KNOWN_INPUTS):
-        if summary["method"] == HOLD_LAST != reference:
-            rows += _rmse_rows(HOLD_LAST, summary, comparison.windows[0].train)
+    if reference != HOLD_LAST and HOLD_LAST in comparison.methods_of(KNOWN_INPUTS):
+        rows += _rmse_rows(HOLD_LAST, comparison, HOLD_LAST, KNOWN_INPUTS)
     return Table([f"{reference}, by horizon (s)", *_horizon_header(comparison, kinds[0])], rows)
 
 
-def _rmse_rows(label: str, summary: JsonValues, train: Flight) -> list[list[str]]:
+def _rmse_rows(
+    label: str, comparison: Comparison, method: str, kind: ForecastKind
+) -> list[list[str]]:
     """Returns the rows of a table with the RMSE of one method by horizon, one for each output.
 
     Args:
         label: what the rows begin with: the kind of forecast, or the method.
-        summary: figures of the method over all flights, by key (``Comparison.over_flights``).
-        train: training part of a window, which has the names and units of the outputs.
+        comparison: errors of all methods.
+        method: name of the method.
+        kind: kind of forecast, by the data that it may use.
+
+    Returns:
+        The rows; a cell has the RMSE of the flight or, of several, the least to the largest, such as "1.1–2.3".
     """
+    train = comparison.windows[0].train
+    horizons = comparison.over_flights(kind)[0]["horizon_seconds"]
     rows = []
     for index, output in enumerate(train.output_names):
         unit = display_unit(train.output_units[index])
         row = [f"{label}: RMSE of {output} ({unit.name})"]
-        for squared_errors in summary["horizons_mspe"]:
-            row.append(_short_number(unit.scale * sqrt(squared_errors[index])))
+        for seconds in horizons:
+            errors = []
+            for flight in comparison.flights:
+                squared_errors = _squared_errors_of_flight(
+                    comparison, flight, method, kind, seconds
+                )
+                errors.append(unit.scale * sqrt(squared_errors[index]))
+            row.append(_range_text(errors))
         rows.append(row)
     return rows
+
+
+def _range_text(numbers: Sequence[float]) -> str:
+    """Returns the least to the largest of some numbers, such as "1.1–2.3"; one number where both are shown alike."""
+    least, largest = _short_number(min(numbers)), _short_number(max(numbers))
+    return least if least == largest else f"{least}–{largest}"
 
 
 def _horizon_header(comparison: Comparison, kind: ForecastKind) -> list[str]:
@@ -580,11 +631,10 @@ def _test_length(comparison: Comparison) -> str:
 
 
 def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
-    """Returns the tables with the errors of all forecasting methods, after a sentence that says what they show.
+    """Returns the table with the errors of all forecasting methods.
 
     The first method is the reference, with which each other one is compared by a paired test. A caution stands before
-    the table if the 90 % band of the reference holds too few of the samples. Several flights have a second table with
-    the errors in each of them.
+    the table if the 90 % band of the reference holds too few of the samples.
 
     Args:
         comparison: errors and tests of all methods.
@@ -592,18 +642,16 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
     """
     reference = comparison.methods_of(kind)[0]
     tests = comparison.tests(kind)
-    lead = f"{_forecasts_text(comparison, kind)}:"
-    blocks: Blocks = [Sentence("error ratio by horizon in seconds.", lead)]
-    summaries = comparison.over_flights(kind)
+    blocks: Blocks = []
     rows = []
-    for summary in summaries:
+    for summary in comparison.over_flights(kind):
         method = summary["method"]
         rows.append(_error_row(summary, tests.get(method)))
         if method == reference and _is_band_too_narrow(summary):
             text = f"the 90 % band of {reference} holds {_coverage(summary)} of the samples: it is too narrow."
             blocks.append(caution(text))
     header = [
-        "method",
+        f"error ratio, inputs {kind}",
         *_horizon_header(comparison, kind),
         ">1",
         "lower in",
@@ -612,28 +660,27 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
         "band",
     ]
     blocks.append(Table(header, rows))
-    if len(comparison.flights) > 1:
-        blocks += _blocks_by_flight(comparison, kind)
     return blocks
 
 
-def _blocks_by_flight(comparison: Comparison, kind: ForecastKind) -> Blocks:
-    """Returns a table with each method's error ratio over the whole test part in each flight, after its heading.
+def _table_by_flight(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
+    """Returns a table with each method's error ratio over the whole test part in each flight.
 
     Args:
         comparison: errors of all methods on windows of several flights.
-        kind: kind of forecast, by the data that it may use.
+        kinds: kinds of forecasts, by the data that they may use; a method that makes none of a kind has empty cells.
     """
-    methods = [summary["method"] for summary in comparison.over_flights(kind)]
+    methods = [summary["method"] for summary in comparison.over_flights(kinds[0])]
     rows = []
-    for flight in comparison.flights:
-        ratios = {}
-        for summary in comparison.summaries(flight, kind):
-            ratios[summary["method"]] = _short_number(summary["relative"])
-        rows.append([flight, *(ratios[method] for method in methods)])
-    heading = f"{_forecasts_text(comparison, kind)}, each flight:"
-    header = ["flight", *map(_marked_name, methods)]
-    return [Sentence("error ratio over the whole test part.", heading), Table(header, rows)]
+    for kind in kinds:
+        for flight in comparison.flights:
+            ratios = {}
+            for summary in comparison.summaries(flight, kind):
+                ratios[summary["method"]] = _short_number(summary["relative"])
+            cells = [ratios.get(method, "") for method in methods]
+            rows.append([f"{flight}, inputs {kind}", *cells])
+    title = f"error ratio over {_test_length(comparison)} s"
+    return Table([title, *map(_marked_name, methods)], rows)
 
 
 def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
@@ -688,7 +735,7 @@ def _is_band_too_narrow(summary: JsonValues) -> bool:
 
 
 def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
-    """Yields a sentence on one flight: its windows, and the RMSE of the first method and the baselines.
+    """Yields a sentence on one flight: its windows and, of several, the RMSE of the first method and the baselines.
 
     A flight is divided into windows of training and test data. Paired tests use only windows that do not overlap.
 
@@ -703,7 +750,8 @@ def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
         windows[0],
         window_count=len(windows),
         independent_count=len(disjoint_windows(windows)),
-        errors=_rmse_by_method(comparison, flight),
+        # The table of a single flight has them.
+        errors=_rmse_by_method(comparison, flight) if len(comparison.flights) > 1 else (),
     )
 
 

@@ -73,8 +73,8 @@ def test_named_methods_are_compared_on_lines_of_80_columns(quick, monkeypatch, c
     assert "Next: `--hop 850` cuts 6 windows that do not overlap." in lines
     assert [line for line in lines if line.startswith("constant mean")]
     assert not [line for line in lines if line.startswith("subspace")]
-    header = next(line for line in lines if line.startswith("method "))
-    assert header.split()[1:7] == ["0.01", "0.05", "0.1", "0.25", "0.5", "1.5"]
+    header = next(line for line in lines if line.startswith("error ratio, inputs known "))
+    assert header.split()[4:10] == ["0.01", "0.05", "0.1", "0.25", "0.5", "1.5"]
     # The key of the columns comes before the tables.
     assert captured.out.index("“band”") < captured.out.index(header)
     errors = captured.err.replace("\n", " ")
@@ -82,9 +82,10 @@ def test_named_methods_are_compared_on_lines_of_80_columns(quick, monkeypatch, c
     assert errors.index("Next: `--hop 850` cuts") < errors.index("% done")
     assert re.search(r"Comparing 2 methods on 3 windows: \d+ % done, about 0 s left", errors)
     monkeypatch.delenv("COLUMNS")
-    assert "'foo' is none of hold last, constant mean" in refused(
-        capsys, 2, "compare", FLIGHT, "--methods", "foo"
-    )
+    message = refused(capsys, 2, "compare", FLIGHT, "--methods", "foo")
+    assert "'foo' is none of hold last, constant mean" in message and "Did you" not in message
+    message = refused(capsys, 2, "compare", FLIGHT, "--methods", "hold last,subspace2")
+    assert "Did you mean subspace(2)?" in message
     assert "two methods" in refused(capsys, 2, "compare", FLIGHT, "--methods", "hold last")
 
 
