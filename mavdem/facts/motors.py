@@ -22,6 +22,10 @@ def motor_number(subject: str) -> int | None:
     return None if named_motor is None else int(named_motor[1])
 
 
+LIKELY_PROBABILITY = 0.66
+"""Probability from which a weak motor is likely; from 0.33 on it is as likely as not (IPCC, calibrated language)."""
+
+
 class MotorHealth(StrEnum):
     """The health of a flight's motors against that of healthy flights, the worst first."""
 

@@ -151,9 +151,9 @@
   const MANY_MARKS = 20;
   // Pixels above a plot in which its marks stand, where things are counted.
   const MARKS_ABOVE = 13;
-  const isDots = line => line.kind === "dots" || line.kind === "joined";
-  // Dots of every second colour are rings, so that they differ on grey paper, too.
-  const isRing = (line, lines) => isDots(line) && [...new Set(lines.filter(isDots).map(other => other.colour))].indexOf(line.colour) % 2 === 1;
+  const isDots = line => ["dots", "squares", "joined"].includes(line.kind);
+  // Dots of every second colour are rings, so that they differ on grey paper, too; beside squares the shape says more.
+  const isRing = (line, lines) => isDots(line) && !lines.some(other => other.kind === "squares") && [...new Set(lines.filter(isDots).map(other => other.colour))].indexOf(line.colour) % 2 === 1;
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
   // "3–5, 9", which has the colour of alarms if one of them is an alarm.
   const isOverFlight = data => data.group === "flight" || data.group === "whole flight";
@@ -255,7 +255,9 @@
         ctx.beginPath();
         if (!stems) {
           ctx.fillStyle = isRing(line, data.lines) ? colour("--card") : line.colour;
-          ctx.arc(left, chart.valToPos(line.y[i], "y", true), 2.6 * ratio, 0, 7);
+          const top = chart.valToPos(line.y[i], "y", true), size = 2.6 * ratio;
+          if (line.kind === "squares") ctx.rect(left - size, top - size, 2 * size, 2 * size);
+          else ctx.arc(left, top, size, 0, 7);
           ctx.fill();
           ctx.stroke();
           ctx.beginPath();
@@ -578,7 +580,7 @@
   const markOf = (line, lines) => {
     const ink = line.kind === "dashes" ? dashedBackground(DASHES, line.colour) : line.colour;
     const mark = Object.assign(element("i"), { className: line.kind, style: `background: ${ink}; border-color: ${line.colour}` });
-    if (isDots(line)) mark.className = isRing(line, lines) ? "dot ring" : "dot";
+    if (isDots(line)) mark.className = line.kind === "squares" ? "dot square" : isRing(line, lines) ? "dot ring" : "dot";
     if (isDashedOnPaper(line, lines)) mark.style.setProperty("--on-paper", dashedBackground(dashesOnPaper(line, lines), line.colour));
     return mark;
   };

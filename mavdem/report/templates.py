@@ -32,6 +32,7 @@ from mavdem.containers import group_by
 from mavdem.facts import Code, Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import ADVISED_STREAM_RATE
+from mavdem.facts.motors import LIKELY_PROBABILITY
 from mavdem.facts.watch import WatchFact
 from mavdem.facts.witnesses import HeightSource
 from mavdem.files import load_adjacent_toml
@@ -416,6 +417,7 @@ def _environment() -> Environment:
         "counted": counted,
         "inf": inf,
         "interval": interval,
+        "likely_probability": LIKELY_PROBABILITY,
         "list_separator": list_separator,
         "mean_of_others": mean_of_others,
         "period": period,

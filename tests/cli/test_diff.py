@@ -7,6 +7,7 @@ from command_line import document_of, refused, run, unwrapped
 from fleet_rows import WEAK, flight_row
 from hover import Hover
 from pytest import fixture, mark
+from recorded_flights import shared
 from standin_logs import fleet_of
 
 from mavdem.dataset.signals import Signals
@@ -19,6 +20,8 @@ from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import comparison_page
+
+DOCUMENTATION = Path(__file__).parents[2] / "docs/diff.md"
 
 
 def rows_of_flights(vehicle, numbers, **changed):
@@ -164,6 +167,16 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
 
 
 @mark.slow
+def test_the_page_on_comparisons_shows_what_the_command_prints(monkeypatch, capsys):
+    for name, flight in {"monday": "hover_good_1", "friday": "hover_cut25mm_1"}.items():
+        Path(f"{name}.bin").symlink_to(shared(f"real/propeller/{flight}.BIN"))
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run("diff", "monday.bin", "friday.bin") == 0
+    page = DOCUMENTATION.read_text(encoding="utf-8")
+    assert f"```\n{capsys.readouterr().out}```\n" in page
+
+
+@mark.slow
 def test_a_flight_in_which_a_motor_failed_is_a_result_without_figures(monkeypatch, capsys):
     without_models = {f"{name}_status": "refused" for name in ("effect", "damping", "lag")}
     rows = {
@@ -207,7 +220,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     assert places == sorted(places) and places[0] > page.index('id="what-changed"')
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
     headlines = [headline.replace("\N{NO-BREAK SPACE}", " ") for headline in headlines]
-    assert headlines[0] == "In B: roll oscillates." and "in B. Roll oscillates.</p>" in page
+    assert headlines[0] == "In B: roll oscillates." and "good in A, bad in B.</p>" in page
     (row,) = re.findall(r'<tr><td class="words"[^>]*>margins</td>.*?</tr>', page)
     assert re.findall(r'<span class="rating (\w+)', row) == ["good", "bad"]
     assert "hase margin on roll 57 → 17°" in page

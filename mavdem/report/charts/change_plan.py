@@ -6,6 +6,7 @@ equivalence limit: within ±1 nothing of note changed.
 
 from collections.abc import Collection
 from enum import StrEnum
+from math import floor
 from typing import NamedTuple
 
 from mavdem.facts.fleet import QuantityOutcome
@@ -27,7 +28,7 @@ from mavdem.report.charts.plans import figure_as_svg
 from mavdem.report.difference.quantity_texts import (
     change_text,
     change_without_lean,
-    equivalence_limit_text,
+    scale_text,
 )
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
@@ -87,6 +88,16 @@ MARGIN_PERCENT = 3.0
 """Room at both sides of the drawing, % of its width."""
 
 
+class ScaleTick(NamedTuple):
+    """A tick of the scale below the drawing of some changes."""
+
+    position: float
+    """Position, % of the width."""
+
+    text: str
+    """Change of the quantity, with its sign and unit."""
+
+
 class DrawnChange(NamedTuple):
     """A change as it is drawn; positions are % of the width."""
 
@@ -102,8 +113,8 @@ class DrawnChange(NamedTuple):
     """Position of the estimate."""
     high: float
     """Position of the upper end of the interval."""
-    limit: str
-    """Largest difference that is called the same, with its unit."""
+    ticks: tuple[ScaleTick, ...]
+    """Scale of its quantity."""
     beyond: int
     """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
     cut_ends: tuple[int, ...]
@@ -167,12 +178,6 @@ def change_plan(
     for relative in relative_changes:
         extent = max(extent, abs(relative.low), abs(relative.high))
     extent = min(extent, MAX_RELATIVE_CHANGE)
-    percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
-
-    def position(value: float) -> float:
-        """Returns where a relative change is drawn, percent of the width from the left."""
-        return min(max(CENTER_PERCENT + percent_per_limit * value, 0.0), 100.0)
-
     rows = []
     for change, relative in zip(changes, relative_changes, strict=True):
         # An arrow at the right (1) or left edge (-1) stands for a change beyond it.
@@ -191,19 +196,45 @@ def change_plan(
                 capitalize_first(change_text(change, difference)),
                 shape=shape,
                 colour=_colour(change, shape, are_judged=not are_two_vehicles),
-                low=position(relative.low),
-                middle=position(relative.difference),
-                high=position(relative.high),
-                limit=equivalence_limit_text(change.quantity.kind),
+                low=_position(relative.low, extent),
+                middle=_position(relative.difference, extent),
+                high=_position(relative.high, extent),
+                ticks=_scale_ticks(change.quantity.kind, extent),
                 beyond=beyond,
                 cut_ends=_cut_ends(relative, extent),
                 remark=remark,
                 without_lean=change_without_lean(change),
             )
         )
-    svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)
+    band = _position(-1.0, extent), _position(1.0, extent)
+    svg = figure_as_svg("changes", rows=rows, band=band)
     texts = listed(row.text for row in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
+
+
+def _position(relative_change: float, extent: float) -> float:
+    """Returns where a change is drawn, % of the width from the left; what has no room there lies at an edge.
+
+    Args:
+        relative_change: the change, in equivalence limits.
+        extent: largest change that has room in the drawing, in equivalence limits.
+    """
+    percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
+    return min(max(CENTER_PERCENT + percent_per_limit * relative_change, 0.0), 100.0)
+
+
+def _scale_ticks(kind: str, extent: float) -> tuple[ScaleTick, ...]:
+    """Returns the ticks of a kind of quantity: no change, and the multiples of its equivalence limit.
+
+    Args:
+        kind: kind of quantity, such as ``SHARE``.
+        extent: largest change that has room in the drawing, in equivalence limits.
+    """
+    largest_multiple = floor(extent)
+    ticks = []
+    for multiple in range(-largest_multiple, largest_multiple + 1):
+        ticks.append(ScaleTick(_position(multiple, extent), scale_text(kind, multiple)))
+    return tuple(ticks)
 
 
 def _cut_ends(relative: "_RelativeChange", extent: float) -> tuple[int, ...]:

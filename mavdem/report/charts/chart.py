@@ -62,6 +62,9 @@ class LineStyle(StrEnum):
     DOTS = "dots"
     """A dot for each value, with a whisker for its band."""
 
+    SQUARES = "squares"
+    """A square for each value, with a whisker for its band: the second of two sides beside the dots of the first."""
+
     JOINED_DOTS = "joined"
     """Dots with whiskers, joined by a thin line that is broken at unknown values."""
 

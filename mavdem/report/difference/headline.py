@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
+from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
@@ -32,13 +33,16 @@ from mavdem.report.difference.flight_cautions import mixed_sides
 from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.lights import (
     BadLight,
+    LightReason,
     Review,
     bad_lights,
     compared_levels,
     light_heading,
+    lights_in_heading,
     lights_of_both,
     remark_on_imus,
-    vibrations_of_same_imu,
+    sentence_after_heading,
+    vibration_changes,
     watched_light_heading,
 )
 from mavdem.report.difference.motors import MotorVerdict
@@ -200,11 +204,30 @@ def headline_in_two_sizes(
                 blocks.append(_heading_of_watched_light(sentence, reviewed))
             blocks.append(sentence)
         elif sentence.lead in headings:
-            blocks += [headline_sentence(heading), sentence]
+            blocks += [headline_sentence(heading), _below_heading(sentence, reviewed)]
         else:
             blocks += _large_sentence(sentence)
         is_first_difference = False
     return blocks
+
+
+def _below_heading(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+    """Returns the sentence on a light below its heading, without the clauses that the heading states.
+
+    Args:
+        sentence: the sentence with the reasons of both sides; its lead names the light, such as "Motors:".
+        reviewed: comparison of two states, with the reviews of their logs.
+    """
+    text = sentence.text
+    name = _light_of_lead(sentence.lead)
+    lights_by_side = lights_of_both(reviewed.reviews)[name]
+    for side, light in lights_in_heading(lights_by_side).items():
+        details = sentence_after_heading(light["sentence"])
+        reason_of_side = LightReason(side, light["sentence"]).text
+        # The name of a side introduces its reason, so that there must be one.
+        if details or reason_of_side not in text:
+            text = text.replace(light["sentence"], details)
+    return sentence._replace(text=text.strip())
 
 
 def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
@@ -214,7 +237,7 @@ def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) 
         sentence: the sentence, whose lead names the light, such as "Vibration:".
         reviewed: comparison of two states, with the reviews of their logs.
     """
-    name = sentence.lead.removesuffix(":").lower()
+    name = _light_of_lead(sentence.lead)
     return headline_sentence(watched_light_heading(lights_of_both(reviewed.reviews)[name]))
 
 
@@ -235,29 +258,49 @@ def _large_sentence(sentence: Sentence) -> list[Sentence]:
 
 
 def light_headings(reviewed: ReviewedDifference) -> dict[str, str]:
-    """Returns what a page states in large letters of the lights that differ, such as "In B: motor 1 is weak.".
+    """Returns the headings above the sentences on lights that differ, such as "In B: motor 1 is weak.".
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs.
 
     Returns:
-        The heading of each bad light, and of the motors if they are judged differently, by the lead of its sentence in
-        the headline, such as "Motors:". It is empty for a light whose cause an earlier heading states, and left out for
-        margins whose sentence has their values in both logs.
+        Each heading by the lead of the sentence below it, such as "Motors:". It is empty where the heading of an
+        earlier sentence states the same cause.
     """
     lights_by_name = lights_of_both(reviewed.reviews)
+    headings = dict[str, str]()
+    for name in _lights_with_heading(reviewed):
+        heading = light_heading(lights_by_name[name])
+        is_stated_above = heading in headings.values()
+        headings[_lead_of_light(name)] = "" if is_stated_above else heading
+    return headings
+
+
+def _lights_with_heading(reviewed: ReviewedDifference) -> list[str]:
+    """Returns the names of the lights whose sentence has a heading: bad ones, and the motors if judged differently.
+
+    Margins have none if their sentence states the change of one margin, such as "phase margin on roll 29 → 12°".
+
+    Args:
+        reviewed: comparison of the two states, with the reviews of both logs.
+    """
     names = []
     for light in bad_lights(reviewed.reviews):
         if not _change_of_bad_margin(light, reviewed):
             names.append(light.name)
     if reviewed.motors.differs and Light.MOTORS not in names:
         names.append(Light.MOTORS)
-    headings = dict[str, str]()
-    for name in names:
-        heading = light_heading(lights_by_name[name])
-        is_stated_above = heading in headings.values()
-        headings[f"{name.capitalize()}:"] = "" if is_stated_above else heading
-    return headings
+    return names
+
+
+def _lead_of_light(name: str) -> str:
+    """Returns the lead of a sentence on a light, such as "Motors:"."""
+    return f"{name.capitalize()}:"
+
+
+def _light_of_lead(lead: str) -> str:
+    """Returns the name of the light that a sentence with such a lead is about: "motors" for "Motors:"."""
+    return lead.removesuffix(":").lower()
 
 
 def _sentences_on_gains(
@@ -309,6 +352,8 @@ def _sentences_on_gains(
         further_groups=parameter_group_texts(further_parameters),
         other_parameters=other_parameters,
         further_count=len(further_parameters),
+        # Those that the flight does not depend on are among them.
+        set_count=len(reviewed.parameters),
         effects=effects[:MAX_HEADLINE_EFFECTS],
         renamed_gain=reviewed.renamed_gain,
         are_two_vehicles=reviewed.are_two_vehicles,
@@ -378,7 +423,7 @@ def _sentences_on_bad_lights(
                 reason_texts.append(reason.text)
             text = f"{light.levels}. {' '.join(reason_texts)}{light.remark}"
             stated_sentences.update(reason.sentence for reason in light.reasons)
-        sentences.append(Sentence(text, lead=f"{light.name.capitalize()}:"))
+        sentences.append(Sentence(text, lead=_lead_of_light(light.name)))
     return sentences
 
 
@@ -448,7 +493,7 @@ def with_evidence(
     # Beside a motor that is as likely sound as weak, a change that is sure would read as a second verdict.
     if outcomes == {QuantityOutcome.CHANGED} and not motors.is_as_likely_as_not:
         certainty = ", sure by itself" if len(evidence) == 1 else ", each sure by itself"
-    lead_of_motors = f"{Light.MOTORS.capitalize()}:"
+    lead_of_motors = _lead_of_light(Light.MOTORS)
     extended_sentences = []
     for sentence in sentences:
         if sentence.lead == lead_of_motors:
@@ -470,7 +515,7 @@ def _sentence_on_motors(reviews: Mapping[str, Review]) -> Sentence:
     judgements_by_side = lights_of_both(reviews)[Light.MOTORS]
     comparison = compared_levels(judgements_by_side)
     text = f"{comparison.levels}. {comparison.reason}"
-    return Sentence(text, lead=f"{Light.MOTORS.capitalize()}:")
+    return Sentence(text, lead=_lead_of_light(Light.MOTORS))
 
 
 def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
@@ -490,20 +535,33 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
         levels = {light["level"] for light in lights_by_side.values()}
         if levels != {Level.GOOD, Level.WATCH}:
             continue
-        texts = []
-        for side, light in lights_by_side.items():
-            # The new sentence begins with the name of the light, which is therefore removed from the reason.
-            reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
-            texts.append(f"{light['level']} in {side} ({without_full_stop(reason)})")
-        remark = remark_on_imus(lights_by_side)
-        is_each_imu_compared = remark and len(vibrations_of_same_imu(lights_by_side)) > 1
-        has_clips = any(value_at(light, "figures.clips") for light in lights_by_side.values())
-        if is_each_imu_compared and not has_clips:
-            # The remark has the vibration of each IMU. Without clips, the reasons would only repeat it.
-            texts = [f"{light['level']} in {side}" for side, light in lights_by_side.items()]
-        text = f"{', '.join(texts)}.{remark}"
-        sentences.append(Sentence(text, lead=f"{name.capitalize()}:"))
+        sentences.append(_sentence_on_watched_light(name, lights_by_side))
     return sentences
+
+
+def _sentence_on_watched_light(name: str, lights_by_side: Mapping[str, JsonValues]) -> Sentence:
+    """Returns the sentence on a light that is to be watched on one side: its levels, and why.
+
+    The vibration of each IMU takes the place of both reasons, unless clips are one.
+
+    Args:
+        name: name of the light, such as "vibration".
+        lights_by_side: the light in the review document of each log, by side, "A" and "B".
+    """
+    levels = []
+    levels_with_reasons = []
+    for side, light in lights_by_side.items():
+        levels.append(f"{light['level']} in {side}")
+        # The sentence begins with the name of the light, which is therefore removed from the reason.
+        reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
+        levels_with_reasons.append(f"{levels[-1]} ({without_full_stop(reason)})")
+    changes = vibration_changes(lights_by_side)
+    has_clips = any(value_at(light, "figures.clips") for light in lights_by_side.values())
+    if changes and not has_clips:
+        text = f"{', '.join(levels)}. {changes}."
+    else:
+        text = f"{', '.join(levels_with_reasons)}.{remark_on_imus(lights_by_side)}"
+    return Sentence(text, lead=_lead_of_light(name))
 
 
 def headline_blocks(

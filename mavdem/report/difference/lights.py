@@ -16,9 +16,11 @@ from mavdem.report.difference.side_titles import side_title
 from mavdem.report.numbers import rounded
 from mavdem.report.templates import (
     as_clause,
+    capitalize_first,
     first_clause,
     first_sentence,
     render_section,
+    without_full_stop,
 )
 
 Review = Mapping[str, Any]
@@ -38,6 +40,13 @@ MAX_HEADING_LENGTH = 90
 
 FIGURES_IN_BRACKETS = re.compile(r" \((?!probability)[^()]*\d[^()]*\)")
 """Figures in brackets, such as an interval; a probability decides how the heading is meant, and stays."""
+
+
+SEMICOLON = re.compile(r"; (?![^()]*\))")
+"""A semicolon outside of brackets."""
+
+INTERVAL = re.compile(r"\S+ to \S+ %")
+"""Figures in brackets that are the interval of an estimate in percent, such as "17 to 32 %"."""
 
 
 class LightReason(NamedTuple):
@@ -251,17 +260,29 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
         A sentence such as "In B: motor 1 lost about 25 % of its thrust with probability 0.87."; two if both logs have
         the same level for different reasons.
     """
-    levels = {light["level"] for light in lights_by_side.values()}
-    worst_level = next(level for level in WARNING_LEVELS if level in levels)
     sides_by_sentence = dict[str, list[str]]()
-    for side, light in lights_by_side.items():
-        if light["level"] == worst_level:
-            sides_by_sentence.setdefault(light["sentence"], []).append(side)
+    for side, light in lights_in_heading(lights_by_side).items():
+        sides_by_sentence.setdefault(light["sentence"], []).append(side)
     headings = list[Sentence]()
     for sentence, sides in sides_by_sentence.items():
         clause = _heading_clause(sentence)
         headings += render_section("difference_answer", sides=sides, clause=clause)
     return " ".join(heading.text for heading in headings)
+
+
+def lights_in_heading(lights_by_side: Mapping[str, JsonValues]) -> dict[str, JsonValues]:
+    """Returns the lights that a heading states, by side: those with the worst level of both logs.
+
+    Args:
+        lights_by_side: a light in the review document of each log, by side; at least one is bad or to be watched.
+    """
+    levels = {light["level"] for light in lights_by_side.values()}
+    worst_level = next(level for level in WARNING_LEVELS if level in levels)
+    worst_lights = {}
+    for side, light in lights_by_side.items():
+        if light["level"] == worst_level:
+            worst_lights[side] = light
+    return worst_lights
 
 
 def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
@@ -298,17 +319,51 @@ def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
 def _heading_clause(sentence: str) -> str:
     """Returns the first clause of a light's sentence for a heading, such as "motor 3 lost about 25 % of its thrust".
 
-    A clause that is too long for a heading loses its figures in brackets, and then what follows a semicolon.
-
     Args:
-        sentence: sentence of the light, which says what it warns of.
+        sentence: sentence of the light, which says what it warns of. Figures in brackets are left out of a long clause.
     """
-    clause = as_clause(first_clause(first_sentence(sentence)))
+    clause = _stated_clause(sentence)
     if len(clause) > MAX_HEADING_LENGTH:
         clause = FIGURES_IN_BRACKETS.sub("", clause)
-    if len(clause) > MAX_HEADING_LENGTH:
-        clause, _, _ = clause.partition("; ")
+    return as_clause(clause)
+
+
+def _stated_clause(sentence: str) -> str:
+    """Returns the beginning of a light's sentence that a heading states, as it stands there.
+
+    It is the first clause or, of a long one, what stands before a semicolon.
+
+    Args:
+        sentence: sentence of the light.
+    """
+    clause = without_full_stop(first_clause(first_sentence(sentence)))
+    if len(FIGURES_IN_BRACKETS.sub("", clause)) > MAX_HEADING_LENGTH:
+        return SEMICOLON.split(clause)[0]
     return clause
+
+
+def sentence_after_heading(sentence: str) -> str:
+    """Returns what the sentence of a light says beyond the heading above it (:func:`light_heading`).
+
+    Args:
+        sentence: sentence of the light, which begins with what the heading states.
+
+    Returns:
+        The clauses after it, as in "It works 27 % harder."; before them the interval that the heading leaves out for
+        its length. Empty if the heading states all, and the whole sentence if the heading leaves out more.
+    """
+    stated_clause = _stated_clause(sentence)
+    further_clauses = capitalize_first(sentence.removeprefix(stated_clause).lstrip(";:. "))
+    if len(stated_clause) <= MAX_HEADING_LENGTH:
+        return further_clauses
+    omitted_figures = FIGURES_IN_BRACKETS.findall(stated_clause)
+    if not omitted_figures:
+        return further_clauses
+    interval, _, remark = omitted_figures[0].strip(" ()").partition("; ")
+    if len(omitted_figures) > 1 or not INTERVAL.fullmatch(interval):
+        return sentence
+    [interval_sentence] = render_section("difference_interval", interval=interval, remark=remark)
+    return f"{interval_sentence.lead} {interval_sentence.text} {further_clauses}"
 
 
 def vibrations_of_same_imu(
@@ -372,13 +427,26 @@ def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
     are_imus = first_subject.startswith("IMU ") and second_subject.startswith("IMU ")
     if not are_imus or first_subject == second_subject:
         return ""
-    comparisons = []
-    for imu, (vibration_in_a, vibration_in_b) in vibrations_of_same_imu(lights_by_side).items():
-        comparisons.append(f"{imu}: {rounded(vibration_in_a)} → {rounded(vibration_in_b)} m/s²")
-    if not comparisons:
+    changes = vibration_changes(lights_by_side)
+    if not changes:
         sensors = f"{first_subject} and {second_subject}"
         return f" {sensors} are different sensors: their difference is no change."
-    return f" {'; '.join(comparisons)}."
+    return f" {changes}."
+
+
+def vibration_changes(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the vibration of each IMU in both logs, such as "IMU 1: 11 → 5.1 m/s²; IMU 2: 16 → 7.4 m/s²".
+
+    Args:
+        lights_by_side: the light on vibration in the review document of each log, by side, "A" and "B".
+
+    Returns:
+        The text, without a full stop; empty if no IMU is known in both logs, and for a light on another subject.
+    """
+    changes = []
+    for imu, (vibration_in_a, vibration_in_b) in vibrations_of_same_imu(lights_by_side).items():
+        changes.append(f"{imu}: {rounded(vibration_in_a)} → {rounded(vibration_in_b)} m/s²")
+    return "; ".join(changes)
 
 
 def later_side(reviews: Mapping[str, Review]) -> str:

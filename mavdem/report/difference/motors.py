@@ -10,7 +10,7 @@ from mavdem.facts import Level
 from mavdem.facts.ending import Ending
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import motor_number
+from mavdem.facts.motors import LIKELY_PROBABILITY, motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import EFFECT, SHARE
@@ -46,10 +46,6 @@ MAX_MOTOR_CHARACTERS = 32
 """Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
 
 
-MIN_LIKELY_PROBABILITY = 0.66
-"""Probability from which a weak motor is likely, and not about as likely as not (IPCC, calibrated language)."""
-
-
 class MotorVerdict(NamedTuple):
     """What is known of the motors beside the compared figures, which are then no verdicts of their own.
 
@@ -81,7 +77,7 @@ class MotorVerdict(NamedTuple):
         """Whether a motor is named as weak, although by all trims together that is about as likely as not."""
         if self.fault_probability is None:
             return False
-        return self.is_weak and self.fault_probability < MIN_LIKELY_PROBABILITY
+        return self.is_weak and self.fault_probability < LIKELY_PROBABILITY
 
     @property
     def excludes_weak_motor(self) -> bool:

@@ -263,6 +263,18 @@ def _amount_text(kind: str, amount: float) -> str:
     return number_with_unit(rounded(shown_form.scale * amount), shown_form.unit)
 
 
-def equivalence_limit_text(kind: str) -> str:
-    """Returns the largest difference of a kind of quantity that is called the same, with its unit, such as "6 %"."""
-    return _amount_text(kind, EQUIVALENCE_LIMITS[kind])
+def scale_text(kind: str, multiple: int) -> str:
+    """Returns a multiple of the largest difference of a kind of quantity that is called the same: "−12 %", "0", "+6 %".
+
+    Args:
+        kind: kind of quantity, such as ``DAMPING``.
+        multiple: which multiple; negative for a decrease.
+    """
+    if not multiple:
+        return "0"
+    shown_form = SHOWN_QUANTITIES[kind]
+    amount = shown_form.scale * multiple * EQUIVALENCE_LIMITS[kind]
+    unit = shown_form.unit
+    if kind in LOGARITHMIC_KINDS:
+        amount, unit = 100 * multiple * EQUIVALENCE_LIMITS[kind], "%"
+    return number_with_unit(_signed(f"{amount:.3g}"), unit)

@@ -1,6 +1,7 @@
 """Which flights are compared: the log, the vehicle and the date of each side."""
 
 from collections.abc import Mapping
+from datetime import datetime
 
 from mavdem.containers import JsonValues
 from mavdem.fleet.comparability import STATE_NAMES
@@ -15,11 +16,15 @@ ISO_DAY_LENGTH = len("2026-01-31")
 ISO_MINUTE_LENGTH = len("2026-01-31T10:00")
 """Characters of date, hour and minute in a time in UTC, as documents have it."""
 
+MINUTES_OF_UNITS = {"day": 1440, "hour": 60}
+"""Minutes of the units in which a time between two flights is stated that has two of them, the longest first."""
+
 
 def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> dict[str, str]:
     """Describes the flights of each side of a comparison in one line.
 
-    An example is "monday.bin, Quadrotor 3A0041…2B37, simulated, 2026-01-05 10:00 UTC, 85 s of settled flight".
+    An example is "monday.bin, Quadrotor 3A0041…2B37, simulated, 2026-01-05 10:00 UTC, 85 s of settled flight". The date
+    of B is followed by how long it was flown after A, or before it.
 
     Args:
         names: names of the logs or fleets, A and B.
@@ -45,6 +50,8 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
             date = value_at(review, "identity.date")
             if date:
                 parts.append(f"{str(date)[:ISO_MINUTE_LENGTH].replace('T', ' ')} UTC")
+            if side == STATE_NAMES[-1]:
+                parts.append(time_since_first(reviewed))
         settled_seconds = value_at(review, "condition.hover.seconds")
         if settled_seconds:
             parts.append(f"{settled_seconds:.0f} s of settled flight")
@@ -62,3 +69,26 @@ def _days_text(review: Mapping[str, JsonValues]) -> str:
     first_day = str(first_date)[:ISO_DAY_LENGTH]
     last_day = str(last_date)[:ISO_DAY_LENGTH]
     return first_day if first_day == last_day else f"{first_day} to {last_day}"
+
+
+def time_since_first(reviewed: ReviewedDifference) -> str:
+    """Returns when B was flown in relation to A, such as "12 days after A" or "25 minutes before A".
+
+    Args:
+        reviewed: comparison of the two states, beside the reviews of their logs.
+
+    Returns:
+        The text; empty of several flights, of a flight without a date, and of flights within a minute.
+    """
+    dates = [value_at(reviewed.reviews.get(side, {}), "identity.date") for side in STATE_NAMES]
+    if max(reviewed.difference.flights) > 1 or not all(dates):
+        return ""
+    first_date, second_date = (datetime.fromisoformat(str(date)) for date in dates)
+    minutes = (second_date - first_date).total_seconds() / 60
+    order = "after A" if minutes > 0 else "before A"
+    for unit, unit_minutes in MINUTES_OF_UNITS.items():
+        count = round(abs(minutes) / unit_minutes)
+        if count > 1:
+            return f"{counted(count, unit)} {order}"
+    whole_minutes = round(abs(minutes))
+    return f"{counted(whole_minutes, 'minute')} {order}" if whole_minutes else ""

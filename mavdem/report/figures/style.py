@@ -44,6 +44,9 @@ LINE_WIDTH = 1.1
 LINE_WIDTHS = {LineStyle.BOLD: 2 * LINE_WIDTH, LineStyle.WIDE: 2.8}
 """Widths of lines in the other styles, points."""
 
+DOT_FORMATS = {LineStyle.DOTS: "o", LineStyle.SQUARES: "s", LineStyle.JOINED_DOTS: "o-"}
+"""Matplotlib's format of the styles that draw a mark for each value."""
+
 INK_SETTINGS = (
     "text.color",
     "axes.labelcolor",
@@ -208,13 +211,13 @@ def _draw_line(axes: Axes, line: Line) -> None:
     style: JsonValues = {"color": line.colour, "label": line.name}
     if line.style is LineStyle.STEMS:
         axes.vlines(line.x, 0, line.y, linewidth=1.3, **style)
-    elif line.style in (LineStyle.DOTS, LineStyle.JOINED_DOTS):
+    elif line.style in DOT_FORMATS:
         whiskers = None
         if line.lower_edge is not None and line.upper_edge is not None:
             whiskers = (line.y - line.lower_edge, line.upper_edge - line.y)
-        dots = "o-" if line.style is LineStyle.JOINED_DOTS else "o"
+        dot_format = DOT_FORMATS[line.style]
         axes.errorbar(
-            line.x, line.y, whiskers, fmt=dots, markersize=3.5, linewidth=LINE_WIDTH, **style
+            line.x, line.y, whiskers, fmt=dot_format, markersize=3.5, linewidth=LINE_WIDTH, **style
         )
     else:
         dashes = (4, 2) if line.style is LineStyle.DASHES else ()

@@ -21,7 +21,7 @@ from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import LOOP_NAMES
-from mavdem.report.blocks import Blocks, Rated, Sentence, Table
+from mavdem.report.blocks import Block, Blocks, Rated, Sentence, Table
 from mavdem.report.charts.change_plan import (
     change_plan,
     drawn_changes,
@@ -57,6 +57,7 @@ from mavdem.report.difference.lights import (
     Review,
     levels_in_flights,
     light_blocks,
+    lights_are_equal,
     lights_of_both,
     lights_of_side,
     vibrations_of_same_imu,
@@ -86,14 +87,17 @@ Reviews = Mapping[str, Review]
 SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 """Colour of each side in charts."""
 
+SIDE_SHAPES = {"A": LineStyle.DOTS, "B": LineStyle.SQUARES}
+"""Shape of each side in the chart of trims, where colours of single flights are those of their motors' level."""
+
 CHANGES_CAPTION = """\
-Each change from A to B with its own 90 % interval. Within the shaded band a change is called the same. A square \
-changed: red for the worse, green for the better, blue where neither can be said or lean explains it. A ring is too \
-uncertain to tell, a dot stayed the same. An arrow leads to what lies outside the drawing."""
+Changes from A to B with their 90 % intervals; within the shaded band a change is called the same. Square: changed, \
+red for the worse, green for the better, blue where neither can be said or lean explains it. Ring: too uncertain to \
+tell. Dot: the same. Arrow: lies outside."""
 """What stands below the drawing of all changes."""
 
 EVIDENCE_CAPTION = """\
- A diamond is too uncertain alone, but agrees with the weak motor that the headline names."""
+ Diamond: too uncertain alone, but agrees with the weak motor that the headline names."""
 """What is added to it where the drawing has such a change."""
 
 TRIMS_CAPTION = """\
@@ -103,8 +107,8 @@ each side."""
 """What stands below the chart of trims."""
 
 FLIGHT_DOTS_CAPTION = """\
- Each motor has a column for A and one for B. The dot with a bar is the mean. Right of it are the single flights in \
-order of date, coloured by how the motors of each were judged."""
+ Each motor has a column for A (dots) and one for B (squares). The mean has a bar. Right of it are the single flights \
+in order of date, coloured by how the motors of each were judged."""
 """What is added to it where a side has several flights."""
 
 MEAN_OFFSET = -0.3
@@ -144,6 +148,9 @@ MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 
 SUBJECT_PLACEHOLDER = "{subject}"
 """Stands for the subject of a sentence, such as "roll rate", while equal ones of several axes are put together."""
+
+LIGHTS_OVER_TIME = (Light.TRACKING, Light.POWER)
+"""Lights on what the charts over time show. Vibration and output of the motors have charts of their own above."""
 
 MAX_OPEN_PARAMETERS = 20
 """Rows of changed parameters that the page shows unasked: a choice, since those of two vehicles may be hundreds."""
@@ -257,7 +264,8 @@ def _chapters(
 ) -> list[Chapter]:
     """Returns the chapters of the page in their order: first what changed, with the charts of motors or loops that did.
 
-    If gains changed, the table of gains and filters stands before these charts.
+    If gains changed, the table of gains and filters stands before these charts. Motors, loops and time series that do
+    not differ are folded.
 
     Args:
         reviewed: comparison of both flights.
@@ -286,16 +294,16 @@ def _chapters(
     if do_loops_differ:
         first_chapters.append(step_chapter)
     else:
-        later_chapters.append(step_chapter)
+        later_chapters.append(step_chapter._replace(folded=True))
     if not is_motor_first:
-        later_chapters.append(motor_chapter)
+        later_chapters.append(motor_chapter._replace(folded=True))
     margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
     later_chapters.append(margins._replace(folded=not do_loops_differ))
     later_chapters += parameter_chapters
     return [
         *first_chapters,
         _overview_chapter(reviewed, legend, series_charts),
-        _series_chapter(flights, series_charts),
+        _series_chapter(flights, series_charts)._replace(folded=not _does_flight_differ(reviewed)),
         _light_chapter(reviewed, headline),
         *later_chapters,
         _autopilot_parameter_chapter(reviewed),
@@ -336,6 +344,17 @@ def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
     changes = reviewed.difference.changes_with(QuantityOutcome.CHANGED)
     has_changed_loop = any(change.quantity.kind in LOOP_KINDS for change in changes)
     return has_changed_loop or bool(reviewed.difference.axes_with_changed_loops)
+
+
+def _does_flight_differ(reviewed: ReviewedDifference) -> bool:
+    """Returns whether a light on what the charts over time show differs: tracking or power.
+
+    Args:
+        reviewed: comparison of both flights, with their reviews.
+    """
+    lights = lights_of_both(reviewed.reviews)
+    lights_over_time = [lights[name] for name in LIGHTS_OVER_TIME if name in lights]
+    return any(not lights_are_equal(*by_side.values()) for by_side in lights_over_time)
 
 
 def _motor_chapter(
@@ -472,16 +491,40 @@ def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -
         reviewed: comparison of both flights, with their reviews.
         headline: the sentences that head the comparison.
     """
-    blocks = light_blocks(reviewed.reviews)
+    texts_of_comparison = [sentence.text for sentence in headline]
+    blocks = [
+        _with_reasons_once(block, texts_of_comparison) for block in light_blocks(reviewed.reviews)
+    ]
     # A flight that is compared with itself has one headline, which says nothing about a difference.
     if not reviewed.difference.is_of_same_flight:
         headlines = {}
         for side, review in reviewed.reviews.items():
             headlines[side] = value_at(review, "headline.sentence")
-        texts_of_comparison = [sentence.text for sentence in headline]
         reasons_of_lights = _reasons_in_tables(blocks)
         blocks += headline_blocks(headlines, [*texts_of_comparison, *reasons_of_lights])
     return Chapter("Lights of both", blocks)
+
+
+def _with_reasons_once(block: Block, texts_above: Sequence[str]) -> Block:
+    """Returns a block whose table refers to the top of the page for reasons that stand there.
+
+    Args:
+        block: a sentence or a table of lights.
+        texts_above: sentences at the top of the page.
+    """
+    if not isinstance(block, Table):
+        return block
+    [reference] = render_section("difference_stated_above")
+    text_above = " ".join(texts_above)
+    rows = []
+    for row in block.rows:
+        cells = []
+        for cell in row:
+            if isinstance(cell, Rated) and cell.reason and cell.reason in text_above:
+                cell = Rated(cell, cell.level, reference.text)
+            cells.append(cell)
+        rows.append(cells)
+    return block._replace(rows=rows)
 
 
 def _reasons_in_tables(blocks: Blocks) -> list[str]:
@@ -922,7 +965,7 @@ def _trim_dots(
         positions,
         100 * np.array(values),
         100 * half_widths_of_changes / sqrt(2),
-        LineStyle.DOTS,
+        SIDE_SHAPES[side],
     )
 
 
@@ -960,7 +1003,7 @@ def _flight_dots(
         x = np.array(positions)[:, levels == level].ravel()
         y = np.array(trims)[:, levels == level].ravel()
         if len(x):
-            lines.append(Line(f"{name}, motors {level}", colour, x, y, style=LineStyle.DOTS))
+            lines.append(Line(f"{name}, motors {level}", colour, x, y, style=SIDE_SHAPES[side]))
     return lines
 
 

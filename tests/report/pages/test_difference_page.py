@@ -45,6 +45,7 @@ from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import change_with_interval
 from mavdem.report.difference.reviewed import ComparedState, compared_states, reviewed_difference
+from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.fleet import motor_next_step
 from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
@@ -352,7 +353,8 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
             state[0], trim_share_interval=(0.2,) * 4, effect=None, damping=None, lag=None
         )
     first, *_ = headline_of_comparison(reviewed_difference(vehicle_difference(*states)))
-    assert re.fullmatch(r"Nothing below \d+ % \(relative trim\) can be told\.", first.lead)
+    pattern = r"No change found; one below \d+ % \(relative trim\) may not show\."
+    assert re.fullmatch(pattern, first.lead)
     assert first.text.startswith("All 4 figures compared (trims) are too uncertain to tell.")
 
 
@@ -499,6 +501,10 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
     same = review("IMU 2", 7.9, "good")
     *_, sentence = headline_of_comparison(reviewed_difference(difference, {"A": worse, "B": same}))
     assert "different sensors" not in sentence.text
+    # Without clips, the sentence has the same shape where one IMU is the worst in both.
+    del worse["lights"]["vibration"]["figures"]["clips"]
+    *_, sentence = headline_of_comparison(reviewed_difference(difference, {"A": worse, "B": same}))
+    assert sentence.text == "watch in A, good in B. IMU 2: 16 → 7.9 m/s²."
     (row,) = vibration_rows(reviewed_difference(first_imu, {"A": worse, "B": same}))
     assert row.name == "vibration of IMU 2"
 
@@ -637,10 +643,16 @@ def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
         difference, {"A": {}, "B": {}}, parameters, (), 2 * len(parameters)
     )
     page = comparison_page(("a.bin", "b.bin"), reviewed)
+    # Both numbers of the top of the page add up.
+    simulator = ParameterChange("SIM_WIND_SPD", 0.0, 5.0)
+    with_simulator = reviewed._replace(parameters=[*parameters, simulator])
+    headline = plain_text(headline_of_comparison(with_simulator))
+    count = len(parameters)
+    assert f"{count} of the {count + 1} that are set anew can change how it flies" in headline
     assert f">P{MAX_LISTED_PARAMETERS - 1}<" in page and f">P{MAX_LISTED_PARAMETERS}<" not in page
     assert f"{len(parameters)} of {2 * len(parameters)} parameters changed, the first" in page
     # The headline has no gains to name, but does not leave out that parameters changed.
-    assert f"{len(parameters)} that A and B have in common differ, but no gain of the rate" in page
+    assert f"{len(parameters)} are set anew; no gain of the rate controllers differs." in page
 
 
 def test_parameters_of_several_outputs_that_changed_alike_have_one_row():
@@ -706,12 +718,18 @@ def test_only_the_first_sentence_of_a_headline_is_large(difference):
     first, *_ = re.findall('<p class="headline"><strong>(.*?)</strong></p>', page)
     # The heading is what happened and where; the levels of both lights stand below it.
     assert first == "In B: motor\N{NO-BREAK SPACE}1 failed." and "It stopped at take-off." in page
-    assert "<strong>Motors:</strong> good in A, bad in B. Motor" in page
+    assert "<strong>Motors:</strong> good in A, bad in B. It stopped at take-off.</p>" in page
     loss = "lost about 25 % of its thrust (17 to 32 %; motor or propeller) with probability 0.87"
     bad["sentence"] = f"Motor 1 (front right) {loss}: it then works 16 % harder."
     headings = light_headings(reviewed_difference(difference, reviews))
     heading = "In B: motor 1 (front right) lost about 25 % of its thrust with probability 0.87."
     assert headings == {"Motors:": heading}
+    # What the heading states does not stand below it again, nor in the table of lights.
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
+    page = page.replace("\N{NO-BREAK SPACE}", " ")
+    below = "90 % interval: 17 to 32 % (motor or propeller). It then works 16 % harder."
+    assert f"good in A, bad in B. {below}" in page
+    assert page.count("probability 0.87") == 1 and "see the top of the page." in page
     # No heading is cut within a clause, and a probability stays.
     clause = (
         "all motors work 8 % harder than in 3 of the vehicle's first flights, taken for healthy"
@@ -776,6 +794,24 @@ def test_a_bad_margin_is_stated_for_both_flights():
     reviews["B"] = {"lights": {"margins": other_loop}}
     sentence, *_ = headline_of_comparison(reviewed_difference(margins, reviews))
     assert sentence.text == "bad in A and B. A: A lacks it. B: B lacks it."
+
+
+@pytest.mark.parametrize(
+    "date, text",
+    [
+        ("2026-01-22T10:00:00Z", "2026-01-22 10:00 UTC, 12 days after A"),
+        ("2026-01-10T07:40:00Z", "2 hours before A"),
+        ("2026-01-10T10:59:30Z", "60 minutes after A"),
+        ("2026-01-10T10:00:10Z", "2026-01-10 10:00 UTC"),
+    ],
+)
+def test_the_order_in_time_of_both_flights_is_stated(date, text):
+    reviews = {
+        "A": {"identity": {"date": "2026-01-10T10:00:00Z"}},
+        "B": {"identity": {"date": date}},
+    }
+    descriptions = side_descriptions(("a", "b"), reviewed_difference(unchanged(), reviews))
+    assert descriptions["B"].endswith(text)
 
 
 def test_the_same_headline_of_both_flights_stands_once():
