@@ -39,7 +39,7 @@ from mavdem.report.loops import (
     tuning_result,
 )
 from mavdem.report.pages.page import Chapter
-from mavdem.report.pages.step_captions import is_too_fast, step_caption
+from mavdem.report.pages.step_captions import gain_caption, is_too_fast, step_caption
 from mavdem.report.pages.tune_page import (
     _only_points_to_headline,
     rate_disagreement_sentences,
@@ -427,7 +427,11 @@ def test_an_attitude_that_rings_more_than_predicted_has_its_fit_below_the_chart(
 def test_an_identified_step_that_the_measured_gain_contradicts_is_doubtful(code, is_doubtful):
     rise_time = IntervalEstimate(0.056, 0.05, 0.07)
     step = partial_record(StepResponse, is_identified=True, rise_time=rise_time)
-    compared = Fact(StepResponseFact[f"PREDICTION_{code}"])
+    compared = Fact(StepResponseFact[f"PREDICTION_{code}"], share=0.35)
+    assert (
+        gain_caption(compared)
+        == "Measured; the identified loop differs at 35 % of the frequencies."
+    )
     response = LoopResponse(step, compared=compared)
     assert response.is_step_doubtful is is_doubtful
     caption = step_caption(response)

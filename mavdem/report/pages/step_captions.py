@@ -53,11 +53,21 @@ def step_caption(
     )
 
 
+def gain_caption(contradiction: Fact) -> str:
+    """Returns the line below the chart of the gain |T| of a rate loop whose prediction the flight contradicts.
+
+    Args:
+        contradiction: that measured and predicted gain differ (``LoopResponse.contradiction``), a coded finding with
+            the ``share`` of the frequencies.
+    """
+    return _caption("gain", share=contradiction.figures["share"])
+
+
 def _caption(source: str, **values: object) -> str:
     """Returns the sentences of the template ``step_caption``.
 
     Args:
-        source: where the step comes from: "measured", "doubtful", "identified" or "predicted".
+        source: where the step comes from: "measured", "doubtful", "identified" or "predicted"; "gain" for |T|.
         values: the other values of the template, by name.
     """
     [sentence] = render_section("step_caption", source=source, **values)

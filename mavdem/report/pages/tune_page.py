@@ -50,7 +50,7 @@ from mavdem.report.pages.loop_chapters import (
 )
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
-from mavdem.report.pages.step_captions import FIT_MEANING, has_fit, step_caption
+from mavdem.report.pages.step_captions import FIT_MEANING, gain_caption, has_fit, step_caption
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import MEDIUM, render_section, sentences_for
@@ -319,28 +319,26 @@ def _step_panels(
     assert assessment.evidence is not None
     advice = tuning.axes[axis]
     responses = assessment.responses.get(axis, {})
+    rate_and_setpoint = assessment.evidence.signals.for_axis(axis).rate_and_setpoint
     panels: dict[str, Sequence[Panel]] = {}
-    gain_charts: Sequence[Panel] = ()
     for loop_name in LOOP_NAMES:
         response = responses.get(loop_name)
-        rate_and_setpoint = None
-        if loop_name == "rate":
-            rate_and_setpoint = assessment.evidence.signals.for_axis(axis).rate_and_setpoint
-        caption = step_caption(response, rate_and_setpoint)
+        messages = rate_and_setpoint if loop_name == "rate" else None
+        caption = step_caption(response, messages)
         if response is not None and isinstance(response.measured, StepResponse):
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
-            has_gain = response.contradiction is not None
-            charts_by_axis = step_charts(response_of_loop, advised, has_gain=has_gain)
-            step_chart, *gain_charts_of_loop = charts_by_axis[axis]
-            panels[loop_name] = [step_chart._replace(caption=caption)]
-            gain_charts = [*gain_charts, *gain_charts_of_loop]
+            chart, *_ = step_charts(response_of_loop, advised, has_gain=False)[axis]
+            panels[loop_name] = [chart._replace(caption=caption)]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
             predicted_chart = predicted_step_chart(compared_loops(advice), loop_name)
             panels[loop_name] = [predicted_chart._replace(caption=caption)]
-    if gain_charts:
-        panels[GAIN_PANEL] = gain_charts
+    rate_response = responses.get("rate")
+    if rate_response is not None and rate_response.contradiction is not None:
+        _, gain_chart = step_charts({axis: {"rate": rate_response}})[axis]
+        caption = gain_caption(rate_response.contradiction)
+        panels[GAIN_PANEL] = [gain_chart._replace(caption=caption)]
     if isinstance(advice, Advice) and not advice.is_sound:
         return {name: _with_tried_gains(charts) for name, charts in panels.items()}
     return panels
