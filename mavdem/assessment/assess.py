@@ -18,7 +18,7 @@ from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_report
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flight_verdict import worst_first
 from mavdem.assessment.flights import loss_onset
-from mavdem.assessment.judgement import judge, lights_without_loops, no_purposes, unjudged
+from mavdem.assessment.judgement import judge, lights_without_loops, unjudged
 from mavdem.assessment.lights.power import (
     mark_battery_reports_on_ground,
     with_low_supply,
@@ -294,7 +294,7 @@ def assess_signals(
     # The judgement measures margins, responses and tracking when the lights need them, and then selects headline and
     # next step.
     with progress("Judging the loops", measured=False):
-        judgement = judge(evidence, lambda: analysis.findings.purposes, **lights)
+        judgement = judge(evidence, **lights)
     analyses = ReadOnlyDict({analysis.learnability.axis: analysis})
     return Assessment(log, judgement, evidence, analyses)
 
@@ -512,8 +512,7 @@ def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
     """Returns an assessment with another estimate of its wind, such as one with the drag of an earlier flight.
 
     The light of the wind, the headline and the next step are judged anew; the other lights (the judgements of motors,
-    margins, …) are kept. The grades of the learned model are left out, so that the next step is never to improve the
-    model.
+    margins, …) are kept.
 
     Args:
         assessment: assessment of a vehicle, which must have been judged.
@@ -527,7 +526,7 @@ def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
     other_lights = {
         name: fact for name, fact in assessment.judgement.lights.items() if name != Light.WIND
     }
-    judgement = judge(evidence, no_purposes, **other_lights)
+    judgement = judge(evidence, **other_lights)
     return replace(assessment, judgement=judgement, evidence=evidence)
 
 

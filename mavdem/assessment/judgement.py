@@ -1,10 +1,9 @@
 """Judgement of a vehicle by facts (coded findings with a level): status lights, loops, headline, next step."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from mavdem.assessment.axis.findings import Finding, next_step_for_model
 from mavdem.assessment.axis.loop_decision import (
     REDUCTIONS_OF_RATE_GAINS,
     DecisionsByAxis,
@@ -20,7 +19,7 @@ from mavdem.assessment.headline import headline_of
 from mavdem.assessment.lights import REGISTRY, RegisteredLight
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.facts import Fact, Facts, NamedFacts
-from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
@@ -43,18 +42,7 @@ class Judgement(ImmutableResult):
     """What is wrong with the loops of roll, pitch and yaw, and what to change, by axis; empty without a flight."""
 
 
-GradePurposes = Callable[[], Sequence[Finding]]
-"""Grades the model of a vehicle for each purpose."""
-
-
-def no_purposes() -> Sequence[Finding]:
-    """Returns no grades: those of a vehicle without a model, and the default of :func:`judge`."""
-    return ()
-
-
-def judge(
-    evidence: Evidence, grade_purposes: GradePurposes = no_purposes, **known_lights: Fact
-) -> Judgement:
+def judge(evidence: Evidence, **known_lights: Fact) -> Judgement:
     """Judges a vehicle: its lights, its control loops, the headline and the next step.
 
     A light is a fact that judges one subject, such as the motors or the vibration, by its level: good, watch, bad or
@@ -65,8 +53,6 @@ def judge(
 
     Args:
         evidence: events, condition and loops of the vehicle.
-        grade_purposes: grades its model for each purpose; without a model there are none. It is only called if nothing
-            is wrong, since the grades may take a tenth of the time of a review.
         known_lights: lights by name that were judged before, and are not judged again.
 
     Returns:
@@ -81,13 +67,7 @@ def judge(
     if evidence.reasons_not_to_fly:
         lights = {name: fact.without_flight_advice for name, fact in lights.items()}
     headline = headline_of(evidence, lights)
-    # If nothing is wrong, the next step may be to improve the model.
-    model_step = None
-    if headline.code is Headline.NOTHING_WRONG:
-        purposes = grade_purposes()
-        if purposes:
-            model_step = next_step_for_model(purposes)
-    next_step = choose_next_step(headline, lights, model_step)
+    next_step = choose_next_step(headline, lights)
     is_multirotor = evidence.other_vehicle is None
     if is_multirotor:
         # The light on the subject of an event, such as a motor that failed, is then as bad as the event.

@@ -1,4 +1,8 @@
-"""The next step of a judgement, a fact (a coded finding): what to repair, to log or to fly, by headline and lights."""
+"""The next step of a judgement, a fact (a coded finding): what to repair, to log or to fly, by headline and lights.
+
+It does not depend on a learned model. A flight that was received live is judged without one, and the same flight has
+the same next step at the end of its session, in the library and in the review of its log.
+"""
 
 from mavdem.assessment.event_lights import EVENTS_BY_LIGHT
 from mavdem.assessment.lights import VEHICLE_LIGHTS
@@ -21,15 +25,13 @@ MEASURED_BATTERY = (PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
 """Codes of the light of power that name the battery by what was measured of it."""
 
 
-def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
-    """Returns the next step: repair what is wrong, otherwise log what is missing, otherwise improve the model.
+def choose_next_step(headline: Fact, lights: NamedFacts) -> Fact:
+    """Returns the next step: repair what is wrong, otherwise log what is missing, otherwise keep the log.
 
     Args:
         headline: headline of the judgement. If something is wrong, its advice is the next step.
         lights: the facts of the status lights by name. If nothing is wrong, the next step is the advice of the first
             light that is not good, unless that light stays unknown whatever is done.
-        model_step: step that improves the model, for a vehicle without fault whose lights are all good; None without a
-            model.
 
     Returns:
         The fact that advises the step.
@@ -50,11 +52,7 @@ def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None
         if advice is not None:
             return Fact(NextStep.DO_AS_ADVISED, reason=advice)
         has_light_without_advice = True
-    if is_other_vehicle:
-        return Fact(NextStep.KEEP_LOG)
-    if model_step is not None:
-        return model_step
-    if has_light_without_advice:
+    if is_other_vehicle or has_light_without_advice:
         return Fact(NextStep.KEEP_LOG)
     return Fact(NextStep.KEEP_MODEL)
 

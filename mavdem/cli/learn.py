@@ -38,7 +38,13 @@ from mavdem.experiments.truth import read_truth
 from mavdem.experiments.window import Length
 from mavdem.report.blocks import Blocks
 from mavdem.report.review import review_title
-from mavdem.report.screen import analysis_body, detail_blocks, flight_title, judgement_sentences
+from mavdem.report.screen import (
+    analysis_body,
+    detail_blocks,
+    flight_title,
+    judgement_sentences,
+    next_step_of_learning,
+)
 from mavdem.results import PAGE_FILE, RESULT_FILES
 
 PAGE_LINES = 1
@@ -172,7 +178,7 @@ def _print_assessment(assessment: Assessment, *, verbose: bool) -> None:
         [title],
         analysis_body(analysis, assessment),
         details,
-        [sentences.headline, sentences.next_step],
+        [sentences.headline, next_step_of_learning(assessment)],
         verbose=verbose,
         reserved_lines=PAGE_LINES,
     )

@@ -208,7 +208,7 @@ def _with_margins(judgement: Judgement, margins: Fact) -> Judgement:
     if margins == former_margins or judgement.headline != former_margins:
         return replace(judgement, lights=lights)
     headline = headline_by_lights(lights)
-    next_step = choose_next_step(headline, lights, model_step=None)
+    next_step = choose_next_step(headline, lights)
     return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
 

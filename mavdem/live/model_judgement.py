@@ -134,7 +134,6 @@ def judge_model(
     evidence = live_evidence(signals, condition, LiveFindings(events=motor_events, loops=loops))
     judgement = judge(
         evidence,
-        lambda: findings.purposes,
         motors=_motors_light(evidence, after_landing),
         margins=_margins_light(evidence, after_landing, provisional_margins),
         tracking=after_landing,

@@ -1062,7 +1062,7 @@ class SessionStatus(ImmutableResult):
         repeated_light = next_step.figures.get("reason")
         if isinstance(repeated_light, Fact) and self._advises_unanswered_request(repeated_light):
             # No step is offered that improves the model, which matters less than a part that is not judged.
-            next_step = choose_next_step(judgement.headline, lights, model_step=None)
+            next_step = choose_next_step(judgement.headline, lights)
         return replace(judgement, next_step=next_step, lights=lights)
 
     def _advises_unanswered_request(self, fact: Fact) -> bool:
@@ -1373,7 +1373,7 @@ class SessionStatus(ImmutableResult):
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         headline = judgement.headline
         if headline.is_watch_or_bad:
-            advice_after_landing = choose_next_step(headline, judgement.lights, model_step=None)
+            advice_after_landing = choose_next_step(headline, judgement.lights)
             step = self._step_until_landing(headline)
             return Fact(step, reason=advice_after_landing, awaits_motors=self.lacks_motor_reference)
         return self._step_without_warning(judgement.next_step)
@@ -1822,7 +1822,7 @@ def _judgement_from_headline(headline: Fact, lights: NamedFacts) -> Judgement:
         headline: the fact that matters most.
         lights: the fact on each part of the vehicle, by the name of the part.
     """
-    return Judgement(headline, choose_next_step(headline, lights, model_step=None), lights)
+    return Judgement(headline, choose_next_step(headline, lights), lights)
 
 
 def _judgement_of_lost_link(link_loss: Fact, lights: NamedFacts) -> Judgement:

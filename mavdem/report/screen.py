@@ -28,6 +28,7 @@ from mavdem.containers import group_by
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.facts.model import ModelName
@@ -77,6 +78,20 @@ def model_screen(learned: Learned) -> Blocks:
     findings = model_findings(learned)
     next_step = Sentence(str(next_step_for_model(findings.purposes)), "Next:")
     return [*_model_blocks(findings, learned), next_step]
+
+
+def next_step_of_learning(assessment: Assessment) -> Sentence:
+    """Returns the next step for a reader who learns a model: the vehicle's or, where that needs nothing, the model's.
+
+    Args:
+        assessment: all results on a vehicle of the log, with the analysis of at least one axis.
+    """
+    analysis = assessment.analysis
+    assert analysis is not None
+    next_step = assessment.judgement.next_step
+    if next_step.code is NextStep.KEEP_MODEL and analysis.findings.purposes:
+        next_step = next_step_for_model(analysis.findings.purposes)
+    return Sentence(str(next_step), "Next:")
 
 
 def summary(learned: Learned) -> str:

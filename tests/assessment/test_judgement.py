@@ -103,7 +103,7 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
     status_lights = lights(**levels)
     worst = headline(status_lights, **more)
     assert worst.sentence == said
-    following = choose_next_step(worst, status_lights, Fact(NextStep.KEEP_MODEL))
+    following = choose_next_step(worst, status_lights)
     assert following.code is NextStep.DO_AS_ADVISED
     assert following.figures["reason"] == worst
     if status_lights[Light.POWER] in following.figures["also"]:
@@ -130,26 +130,26 @@ def test_small_margins_come_before_motors_that_only_fast_commands_take_to_their_
 
 def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
     status_lights = lights(power="bad", vibration="bad")
-    following = choose_next_step(status_lights[Light.POWER], status_lights, None)
+    following = choose_next_step(status_lights[Light.POWER], status_lights)
     assert status_lights[Light.VIBRATION] in following.figures["also"]
 
 
 def test_the_advice_on_a_low_battery_follows_that_of_another_headline_but_not_of_a_loss():
     low = Fact(PowerLight.CHARGE_LOW, Level.WATCH, subject="", share=0.146, share_limit=0.15)
     status_lights = lights(motors="watch") | {Light.POWER: low}
-    following = choose_next_step(status_lights[Light.MOTORS], status_lights, None)
+    following = choose_next_step(status_lights[Light.MOTORS], status_lights)
     assert str(following).endswith(low.remedy)
     lost = Fact(Ending.CONTROL_LOST, Level.BAD, time=1.0, height=None, cause=None)
-    assert choose_next_step(lost, status_lights, None).figures["also"] == ()
+    assert choose_next_step(lost, status_lights).figures["also"] == ()
 
 
 def test_the_next_step_after_a_report_of_a_battery_names_the_one_that_was_measured():
     reported = Fact(ReportedEvent.BATTERY_ALARMED, time=40.0, text="Critical battery level!")
     empty = Fact(PowerLight.CHARGE_LOW, Level.BAD, subject="battery 2", share=0.0, share_limit=0.07)
-    step = choose_next_step(reported, lights() | {Light.POWER: empty}, None)
+    step = choose_next_step(reported, lights() | {Light.POWER: empty})
     assert str(step) == "Check battery 2 before the next flight, and land earlier."
     supply = Fact(PowerLight.SUPPLY_LOW, Level.BAD, voltage=4.3, voltage_limit=4.5)
-    step = choose_next_step(reported, lights() | {Light.POWER: supply}, None)
+    step = choose_next_step(reported, lights() | {Light.POWER: supply})
     assert str(step).startswith("Check the battery and its cells") and "power module" in str(step)
 
 
@@ -184,7 +184,7 @@ def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(c
         MotorsLight.MOTOR_LIMITED, subject="motor 2 (left)", share=0.1
     )
     lost = Fact(code, time=9.0, height=2.0, cause=None, word=None)
-    following = choose_next_step(lost, status_lights, None)
+    following = choose_next_step(lost, status_lights)
     # The advice of the headline names the motor already.
     assert following.figures["also"] == (status_lights[Light.VIBRATION],)
     assert "motor 2 first" in str(following) and str(following).count("motor 2") == 1
@@ -213,7 +213,7 @@ def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject,
     clause = "; before that, motor 2 works 10 ± 4 % harder than the mean"
     assert (clause in str(worst)) is is_added
     if cause is None:
-        assert "motor 2 first" in str(choose_next_step(worst, status_lights, None))
+        assert "motor 2 first" in str(choose_next_step(worst, status_lights))
 
 
 def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
@@ -223,7 +223,7 @@ def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
     status_lights[Light.MARGINS] = (
         prose("Too little margin.").replace(Level.BAD).replace(action=first)
     )
-    following = choose_next_step(lost, status_lights, None)
+    following = choose_next_step(lost, status_lights)
     assert following.figures["also"] == (status_lights[Light.VIBRATION],)
 
 
@@ -232,16 +232,16 @@ def test_an_unknown_light_without_a_remedy_is_no_step():
     unknown = lights(margins="unknown")
     assert not unknown[Light.MARGINS].remedy
     sound = headline(unknown)
-    assert choose_next_step(sound, unknown, None).code is NextStep.KEEP_LOG
+    assert choose_next_step(sound, unknown).code is NextStep.KEEP_LOG
     watched = lights(margins="unknown", log="watch")
-    step = choose_next_step(sound, watched, None)
+    step = choose_next_step(sound, watched)
     assert step.figures["reason"] == watched[Light.LOG]
 
 
 def test_without_a_flight_headline_and_next_step_have_the_reason():
     status_lights = lights(motors="watch")
     assert headline(status_lights, airborne=0.0) == GROUNDED
-    assert choose_next_step(GROUNDED, status_lights, None).figures["reason"] == GROUNDED
+    assert choose_next_step(GROUNDED, status_lights).figures["reason"] == GROUNDED
 
 
 def test_nothing_wrong_is_said_of_what_was_checked_only():
@@ -255,9 +255,7 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     assert "found: motors (losses over 36 %), tracking" in sound.sentence
     assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, "good")
     assert sound.figures["missing"] == (Light.MARGINS,)
-    assert (
-        choose_next_step(sound, status_lights, None).figures["reason"] == status_lights[Light.LOG]
-    )
+    assert choose_next_step(sound, status_lights).figures["reason"] == status_lights[Light.LOG]
     dark = dict.fromkeys(Light, "unknown")
     little = headline(lights(**dark | {"tracking": "good"}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, "unknown")
@@ -278,12 +276,11 @@ def test_what_a_check_has_shown_is_no_reason_why_nothing_was_judged():
     assert headline(unknown).figures["reason"] == reason
 
 
-def test_a_sound_vehicle_is_told_what_its_model_is_worth():
+def test_the_log_of_a_sound_vehicle_is_kept_whatever_its_model_is_worth():
+    """A live flight is judged without a learned model, and has the same next step as its log."""
     status_lights = lights()
     sound = headline(status_lights)
-    longer = Fact(NextStep.FLY_LONGER)
-    assert choose_next_step(sound, status_lights, longer) is longer
-    assert choose_next_step(sound, status_lights, None).code is NextStep.KEEP_MODEL
+    assert choose_next_step(sound, status_lights).code is NextStep.KEEP_MODEL
 
 
 def event(code, level=Level.WATCH, **figures):
@@ -341,7 +338,7 @@ def test_advice_on_the_height_is_given_once_although_it_diverged_twice():
     second = event(MotionEvent.HEIGHT_DIVERGED, Level.BAD, cause=gravity)
     cause = event(FailedFirst.HEIGHT_DIVERGED_FIRST, Level.BAD, cause=second)
     lost = event(Ending.CRASHED, Level.BAD, cause=cause)
-    step = choose_next_step(lost, lights() | {Light.ESTIMATOR: first}, None)
+    step = choose_next_step(lost, lights() | {Light.ESTIMATOR: first})
     assert str(step).count("in a mode that holds the height") == 1
     assert "accelerometer is calibrated" in str(step)
 
@@ -352,7 +349,7 @@ def test_a_swinging_setpoint_is_remedied_before_the_tracking_errors_that_it_caus
     status_lights = lights(tracking="watch")
     worst = headline(status_lights, events=(swung,))
     assert worst is swung
-    step = choose_next_step(worst, status_lights, None)
+    step = choose_next_step(worst, status_lights)
     assert "lower the gains of the position controller" in str(step)
 
 
@@ -361,9 +358,7 @@ def test_a_hard_landing_ranks_above_lights_to_watch_and_below_those_that_are_bad
     status_lights = lights(estimator="watch")
     worst = headline(status_lights, events=(landed,))
     assert worst is landed
-    assert str(choose_next_step(worst, status_lights, None)).startswith(
-        "Check legs, arms and propellers"
-    )
+    assert str(choose_next_step(worst, status_lights)).startswith("Check legs, arms and propellers")
     status_lights = lights(motors="bad")
     assert headline(status_lights, events=(landed,)) is status_lights[Light.MOTORS]
 

@@ -1,7 +1,6 @@
 """Lights of margins and tracking: resonances of known loops, errors and overshoot against known setpoints."""
 
 from dataclasses import replace
-from unittest.mock import Mock
 
 import numpy as np
 from hover import (
@@ -237,10 +236,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
     vehicle = replace(log.vehicles[0], repairs=(added,))
     log = replace(log, source="my flight.tlog", vehicles=2 * log.vehicles)
     flight_evidence = evidence(vehicle, loops=loops, log=log)
-    # The grades of a model take time, and are only asked for if nothing is wrong.
-    grade_purposes = Mock(return_value=())
-    light = judge(flight_evidence, grade_purposes).lights["margins"]
-    grade_purposes.assert_not_called()
+    light = judge(flight_evidence).lights["margins"]
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
     assert light.remedy == (
         "Load the gains that `mavdem tune 'my flight.tlog' --vehicle 1:1 --params my.param --axis all` advises."

@@ -794,7 +794,7 @@ def test_an_oscillation_stays_first_after_the_landing_before_the_motor_limits_th
             )
             shown = status.overall_judgement
             assert shown.headline == oscillation
-            assert shown.next_step == choose_next_step(oscillation, shown.lights, None)
+            assert shown.next_step == choose_next_step(oscillation, shown.lights)
     lost = replace(landed, model_judgement=by_model, loss=Fact(Ending.CONTROL_LOST, Level.BAD))
     assert lost.overall_judgement.headline.code is Ending.CONTROL_LOST
 

@@ -860,7 +860,7 @@ def test_the_headline_counts_lights_that_need_no_model():
     lights = {str(light): unknown for light in Light}
     lights["margins"] = Fact(LogLight.RECORDED_FAST, Level.GOOD)
     headline = headline_by_lights(lights)
-    judgement = Judgement(headline, choose_next_step(headline, lights, None), lights)
+    judgement = Judgement(headline, choose_next_step(headline, lights), lights)
     motors = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
     status = SessionStatus(model_judgement=judgement, worst_lights=motors)
     headline = status.overall_judgement.headline
@@ -1101,7 +1101,7 @@ def test_what_was_asked_for_in_vain_is_not_advised():
     lights = {str(light): Fact(LogLight.RECORDED_FAST, Level.GOOD) for light in Light}
     unknown = lights["vibration"] = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder="")
     headline = Fact(Headline.NOTHING_WRONG, Level.GOOD)
-    judgement = Judgement(headline, choose_next_step(headline, lights, None), lights)
+    judgement = Judgement(headline, choose_next_step(headline, lights), lights)
     status = SessionStatus(model_judgement=judgement)
     assert "Ask for VIBRATION" in str(status.overall_judgement.next_step)
     asked = replace(status, absent_messages=frozenset({"VIBRATION"})).overall_judgement
@@ -1115,7 +1115,7 @@ def test_what_was_asked_for_in_vain_is_not_advised():
     assert "Ask for VIBRATION" not in str(asked.next_step)
     tracking = Fact(TrackingLight.TRACKING_UNKNOWN, axis="roll", asked=False, recorder="")
     lights |= {"vibration": lights["log"], "tracking": tracking}
-    untracked = Judgement(headline, choose_next_step(headline, lights, None), lights)
+    untracked = Judgement(headline, choose_next_step(headline, lights), lights)
     status = replace(status, model_judgement=untracked)
     assert "Ask for ATTITUDE_TARGET" in str(status.overall_judgement.next_step)
     asked = replace(status, absent_messages=frozenset({"ATTITUDE_TARGET"})).overall_judgement

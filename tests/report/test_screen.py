@@ -1,7 +1,7 @@
 """The terminal's report of a model names the model of each figure."""
 
 import numpy as np
-from made_up_analysis import HOVER, model, physical
+from made_up_analysis import HOVER, assessment, model, physical
 
 from mavdem.cli.output import print_blocks
 from mavdem.experiments.held_out import (
@@ -15,7 +15,13 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ModelName
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.labels import Labels
-from mavdem.report.screen import motor_blocks, motor_table_of_all_flight, prediction_blocks
+from mavdem.report.screen import (
+    analysis_blocks,
+    motor_blocks,
+    motor_table_of_all_flight,
+    next_step_of_learning,
+    prediction_blocks,
+)
 
 
 def test_errors_stand_beside_the_model_that_forecast_or_predicted():
@@ -35,6 +41,13 @@ def test_errors_stand_beside_the_model_that_forecast_or_predicted():
     table = next(block for block in prediction_blocks(labels, held_out) if isinstance(block, Table))
     methods = {row[0] for row in table.rows}
     assert {"DEM, motors recorded", "joint VAR, motors unknown"} <= methods
+
+
+def test_the_next_step_of_a_sound_vehicle_is_about_its_model_only_where_one_is_learned():
+    """The flight is judged without a model live, and in all other places alike; ``learn`` says what the model needs."""
+    sound = assessment(physical(damping=Status.NOT_IDENTIFIABLE))
+    assert next_step_of_learning(sound).text.startswith("Repeat these manoeuvres for longer")
+    assert analysis_blocks(sound)[-1].text.startswith("Keep this log")
 
 
 def test_what_no_motor_has_is_no_column_and_what_is_not_identifiable_is_named_once():
