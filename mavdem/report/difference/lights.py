@@ -363,7 +363,7 @@ def sentence_after_heading(sentence: str) -> str:
     if len(omitted_figures) > 1 or not INTERVAL.fullmatch(interval):
         return sentence
     [interval_sentence] = render_section("difference_interval", interval=interval, remark=remark)
-    return f"{interval_sentence.lead} {interval_sentence.text} {further_clauses}"
+    return f"{interval_sentence.text} {further_clauses}"
 
 
 def vibrations_of_same_imu(

@@ -16,7 +16,7 @@ ISO_DAY_LENGTH = len("2026-01-31")
 ISO_MINUTE_LENGTH = len("2026-01-31T10:00")
 """Characters of date, hour and minute in a time in UTC, as documents have it."""
 
-MINUTES_OF_UNITS = {"day": 1440, "hour": 60}
+MINUTES_OF_UNITS = {"year": 525_960, "day": 1440, "hour": 60}
 """Minutes of the units in which a time between two flights is stated that has two of them, the longest first."""
 
 

@@ -1,6 +1,6 @@
 """The HTML page that compares two flights: what differs, then responses, margins, spectra, motors and wind of both."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import product
 from math import sqrt
 from typing import NamedTuple, Self
@@ -91,14 +91,22 @@ SIDE_SHAPES = {"A": LineStyle.DOTS, "B": LineStyle.SQUARES}
 """Shape of each side in the chart of trims, where colours of single flights are those of their motors' level."""
 
 CHANGES_CAPTION = """\
-Changes from A to B with their 90 % intervals; within the shaded band a change is called the same. Square: changed, \
-red for the worse, green for the better, blue where neither can be said or lean explains it. Ring: too uncertain to \
-tell. Dot: the same. Arrow: lies outside."""
-"""What stands below the drawing of all changes."""
+Changes from A to B with their 90 % intervals; within the shaded band a change is called the same, and an arrow leads \
+to what lies outside the drawing."""
+"""What stands below the drawing of all changes, before what its shapes mean."""
 
-EVIDENCE_CAPTION = """\
- Diamond: too uncertain alone, but agrees with the weak motor that the headline names."""
-"""What is added to it where the drawing has such a change."""
+OUTCOME_CAPTIONS = {
+    QuantityOutcome.CHANGED: " Square: changed, red for the worse, green for the better, blue where neither can be "
+    "said or lean explains it.",
+    QuantityOutcome.UNCERTAIN: " Ring: too uncertain to tell.",
+    QuantityOutcome.SAME: " Dot: the same.",
+}
+"""What the shape of each outcome means, for the outcomes that are drawn."""
+
+EVIDENCE_CAPTION = (
+    " Diamond: too uncertain alone, but agrees with the weak motor that the headline names."
+)
+"""What the shape of such a change means."""
 
 TRIMS_CAPTION = """\
 The mean output of each motor over that of the median motor. What lean in wind asks for is in it; the light of the \
@@ -557,11 +565,9 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
         return Chapter("What changed", sentences_on_missing_quantities(difference))
     drawing = change_plan(difference, evidence, are_two_vehicles=reviewed.are_two_vehicles)
     changes_in_drawing = drawn_changes(difference)
-    caption = CHANGES_CAPTION
-    if any(is_uncertain_sign_of_weak_motor(change, evidence) for change in changes_in_drawing):
-        caption += EVIDENCE_CAPTION
     groups = []
     if drawing is not None:
+        caption = _caption_of_changes(changes_in_drawing, evidence)
         groups.append(Group.side_by_side([drawing], caption))
     blocks = Blocks()
     if not difference.is_of_same_flight:
@@ -572,6 +578,24 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
             other_changes.append(change)
     blocks += unchanged_quantity_sentences(other_changes)
     return Chapter("What changed", blocks, groups)
+
+
+def _caption_of_changes(
+    changes: Sequence[QuantityChange], evidence: Collection[QuantityChange]
+) -> str:
+    """Returns what stands below the drawing of changes: how to read it, and the meaning of the shapes that it has.
+
+    Args:
+        changes: the drawn changes.
+        evidence: changes that agree with a weak motor, of which uncertain ones have a shape of their own.
+    """
+    signs = [change for change in changes if is_uncertain_sign_of_weak_motor(change, evidence)]
+    outcomes = {change.outcome for change in changes if change not in signs}
+    caption = CHANGES_CAPTION
+    for outcome, text in OUTCOME_CAPTIONS.items():
+        if outcome in outcomes:
+            caption += text
+    return caption + EVIDENCE_CAPTION if signs else caption
 
 
 def _series_charts(

@@ -331,6 +331,8 @@ def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     review = {"spectra": {"gyro": spectrum}}
     reviewed = reviewed_difference(difference, {"A": review, "B": review})
     page = comparison_page(("a.bin", "b.bin"), reviewed)
+    # The caption of the drawing explains the shapes that it has.
+    assert "Square: changed, red for the worse" in page and "Dot: the same." not in page
     chapter = page[page.index('id="both-flights"') : page.index('id="in-words"')]
     assert page.index('id="what-changed"') < page.index('id="both-flights"')
     assert "Gyro, power" in chapter and "<details open>" in chapter
@@ -727,7 +729,7 @@ def test_only_the_first_sentence_of_a_headline_is_large(difference):
     # What the heading states does not stand below it again, nor in the table of lights.
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
     page = page.replace("\N{NO-BREAK SPACE}", " ")
-    below = "90 % interval: 17 to 32 % (motor or propeller). It then works 16 % harder."
+    below = "The 90 % interval is 17 to 32 % (motor or propeller). It then works 16 % harder."
     assert f"good in A, bad in B. {below}" in page
     assert page.count("probability 0.87") == 1 and "see the top of the page." in page
     # No heading is cut within a clause, and a probability stays.
@@ -800,6 +802,7 @@ def test_a_bad_margin_is_stated_for_both_flights():
     "date, text",
     [
         ("2026-01-22T10:00:00Z", "2026-01-22 10:00 UTC, 12 days after A"),
+        ("2022-05-10T10:00:00Z", "4 years before A"),
         ("2026-01-10T07:40:00Z", "2 hours before A"),
         ("2026-01-10T10:59:30Z", "60 minutes after A"),
         ("2026-01-10T10:00:10Z", "2026-01-10 10:00 UTC"),
