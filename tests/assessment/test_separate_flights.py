@@ -176,7 +176,7 @@ def test_the_worst_flight_is_assessed_and_its_gains_are_lowered_to_two_thirds(as
     advice = assessment.headline.figures["reason"]
     assert advice.code is GainFact.LOWER_GAINS
     # The vehicle still has the gain of the last flight, and two thirds of the first one's are less.
-    assert advice.figures["changes"][0] == ("ATC_RAT_RLL_P", 1.9, approx(1.508))
+    assert advice.figures["changes"][0] == ("ATC_RAT_RLL_P", 1.9, 1.51)
     verdicts = assessment.flight_verdicts
     # Flights 2 and 3 are as good, and the latest comes first.
     assert [verdict.number for verdict in verdicts] == [1, 3, 2]
