@@ -144,6 +144,9 @@ class Browser:
         # What Chromium does besides at its start takes as long as the start.
         options += ("--disable-extensions", "--disable-background-networking", "--no-first-run")
         options += ("--disable-component-update", "--disable-sync", "--disable-default-apps")
+        # Pages of one site share a process, and none is started in advance: otherwise each page starts two of them.
+        options += ("--process-per-site", "--renderer-process-limit=1")
+        options += ("--disable-features=SpareRendererForSitePerProcess",)
         arguments = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
         self._process = subprocess.Popen(
             arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -174,30 +174,30 @@ def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
 
 
 def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path, browser):
-    """Each page is opened at several widths, light and dark.
+    """Each page is opened on a telephone, and shown at several widths, light and dark.
 
     No page may be wider than the screen, and Tab and Enter open a flight.
     """
     with serving(tmp_path / "served") as server, browser.tab() as page:
         id = server.add("a_log_with_a_very_long_name_that_does_not_break_" * 3 + ".ulg", "One.")
         failed = server.add("b.ulg", "damaged")
-        for width, dark in ((500, True), (500, False), (1280, True), (360, True)):
-            page.size(width, dark)
-            for path in (
-                "/",
-                f"/f/{id}",
-                f"/f/{failed}",
-                "/vehicle?name=quad 7",
-                "/vehicles",
-                f"/compare?a={id}&b={id}",
-                "/f/none",
-            ):
-                page.open(f"{server.address}{path.replace(' ', '%20')}")
+        for path in (
+            "/",
+            f"/f/{id}",
+            f"/f/{failed}",
+            "/vehicle?name=quad 7",
+            "/vehicles",
+            f"/compare?a={id}&b={id}",
+            "/f/none",
+        ):
+            page.size(360, dark=True)
+            page.open(f"{server.address}{path.replace(' ', '%20')}")
+            for width, dark in ((360, True), (500, True), (500, False), (1280, True)):
+                page.size(width, dark)
                 assert page.run(FITS), (width, path)
-            dark_page = (
-                page.run("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
-            )
-            assert dark_page == dark
+                colour = page.run("getComputedStyle(document.body).backgroundColor")
+                assert (colour == "rgb(20, 23, 27)") == dark
+        page.size(360, dark=True)
         # What is done with a chosen flight stays in sight on a telephone.
         page.open(f"{server.address}/")
         page.run("document.querySelector('#flights input[name=id]').click()")
