@@ -464,13 +464,14 @@ def later_side(reviews: Mapping[str, Review]) -> str:
     return second_side
 
 
-def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
+def light_blocks(reviews: Mapping[str, Review], text_above: str = "") -> Blocks:
     """Returns the status lights of two logs side by side: a table of those that differ, and a sentence on the others.
 
     A status light is the judgement of one subject by a review, such as the motors, with a level.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
+        text_above: text at the top of the page. For sentences that it has, the table refers to it.
 
     Returns:
         The table, with a row for each differing light and a column with level and sentence for each side, and then the
@@ -488,7 +489,7 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
         if second_light is not None and lights_are_equal(first_light, second_light):
             equal_names_by_level.setdefault(first_light["level"], []).append(name)
         else:
-            rows.append([name, *_light_cells(first_light, second_light)])
+            rows.append([name, *_light_cells(first_light, second_light, text_above)])
     blocks: Blocks = []
     if rows:
         titles = []
@@ -550,7 +551,9 @@ def _axes_of_margins(light: JsonValues) -> frozenset[str]:
     return frozenset(value_at(light, "figures.names") or ())
 
 
-def _light_cells(first_light: JsonValues, second_light: JsonValues | None) -> list[Rated | str]:
+def _light_cells(
+    first_light: JsonValues, second_light: JsonValues | None, text_above: str
+) -> list[Rated | str]:
     """Returns the two cells of a table that compares a status light of two logs: one cell for each log.
 
     A status light is the judgement of one subject, such as the vibration. If it is about IMU 1 in one log and about
@@ -559,32 +562,38 @@ def _light_cells(first_light: JsonValues, second_light: JsonValues | None) -> li
     Args:
         first_light: the light in the review document of the first log, with its ``level`` and ``sentence``.
         second_light: the same light of the second log; None if that log does not have it.
+        text_above: text above the table, to which a cell refers for a sentence that it has.
 
     Returns:
         Cells with the level, for example "good", which a page colours by it and explains by the sentence. The second
         cell is empty text without a second light.
     """
-    first_cell = _light_cell(first_light)
+    first_cell = _light_cell(first_light, text_above)
     if second_light is None:
         return [first_cell, ""]
     first_side, second_side = STATE_NAMES
     change_of_imus = remark_on_imus({first_side: first_light, second_side: second_light})
-    return [first_cell, _light_cell(second_light, change_of_imus)]
+    return [first_cell, _light_cell(second_light, text_above, change_of_imus)]
 
 
-def _light_cell(light: JsonValues, remark: str = "") -> Rated:
+def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
     """Returns a table cell with the level of a status light: the text, its colour, and the sentence that explains it.
 
     Args:
         light: the light, a judgement with a level and a sentence, in the review document of a log or a fleet.
+        text_above: text above the table. If it has the sentence, the cell refers to it.
         remark: text that is added to the sentence, with a space before it; empty for none.
 
     Returns:
         The cell; of a fleet with the worst level, the number of flights with each level, and the sentence of the last.
     """
+    sentence = light["sentence"]
+    if sentence and sentence in text_above:
+        [reference] = render_section("difference_stated_above")
+        sentence = reference.text
     levels = levels_in_flights(light)
     if len(levels) == 1:
-        return Rated(light["level"], Level(light["level"]), light["sentence"] + remark)
+        return Rated(light["level"], Level(light["level"]), sentence + remark)
     counts = Counter(levels)
     worst_level, *other_levels = [level for level in LEVELS_WORST_FIRST if level in counts]
     [explanation] = render_section(
@@ -593,6 +602,6 @@ def _light_cell(light: JsonValues, remark: str = "") -> Rated:
         count=len(levels),
         other_counts={level: counts[level] for level in other_levels},
         last_level=light["level"],
-        sentence_on_last=light["sentence"],
+        sentence_on_last=sentence,
     )
     return Rated(worst_level, worst_level, explanation.text + remark)

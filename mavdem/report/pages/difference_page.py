@@ -21,7 +21,7 @@ from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import LOOP_NAMES
-from mavdem.report.blocks import Block, Blocks, Rated, Sentence, Table
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.charts.change_plan import (
     change_plan,
     drawn_changes,
@@ -500,9 +500,7 @@ def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -
         headline: the sentences that head the comparison.
     """
     texts_of_comparison = [sentence.text for sentence in headline]
-    blocks = [
-        _with_reasons_once(block, texts_of_comparison) for block in light_blocks(reviewed.reviews)
-    ]
+    blocks = light_blocks(reviewed.reviews, " ".join(texts_of_comparison))
     # A flight that is compared with itself has one headline, which says nothing about a difference.
     if not reviewed.difference.is_of_same_flight:
         headlines = {}
@@ -511,28 +509,6 @@ def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -
         reasons_of_lights = _reasons_in_tables(blocks)
         blocks += headline_blocks(headlines, [*texts_of_comparison, *reasons_of_lights])
     return Chapter("Lights of both", blocks)
-
-
-def _with_reasons_once(block: Block, texts_above: Sequence[str]) -> Block:
-    """Returns a block whose table refers to the top of the page for reasons that stand there.
-
-    Args:
-        block: a sentence or a table of lights.
-        texts_above: sentences at the top of the page.
-    """
-    if not isinstance(block, Table):
-        return block
-    [reference] = render_section("difference_stated_above")
-    text_above = " ".join(texts_above)
-    rows = []
-    for row in block.rows:
-        cells = []
-        for cell in row:
-            if isinstance(cell, Rated) and cell.reason and cell.reason in text_above:
-                cell = Rated(cell, cell.level, reference.text)
-            cells.append(cell)
-        rows.append(cells)
-    return block._replace(rows=rows)
 
 
 def _reasons_in_tables(blocks: Blocks) -> list[str]:

@@ -325,6 +325,7 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     lights, equal = light_blocks(reviewed.reviews)
     reasons = {name: fleet_cell.reason for name, fleet_cell, _ in lights.rows}
     assert reasons["motors"].startswith("in 2 of 4 flights, good in 2. The last one, bad: Motor 1")
+    assert "The last one, bad: see the top of the page." in page
     assert reasons["vibration"] == "in 2 of 4 flights, unknown in 2."
     assert "power" in equal.text and "power" not in reasons
     # No chart of this page is over time.
