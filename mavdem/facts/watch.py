@@ -38,6 +38,7 @@ class WatchFact(Code):
     REFERENCE_SHORT = "reference_short"
     SETTLED_FLIGHT_AWAITED = "settled_flight_awaited"
     TRACKING_AWAITED = "tracking_awaited"
+    SETPOINTS_SHOW_LITTLE = "setpoints_show_little"
     ON_GROUND_NOW = "on_ground_now"
     NO_ALARM = "no_alarm"
     STOPPED_IN_AIR = "stopped_in_air"

@@ -12,7 +12,8 @@ from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.resampling import mean_rate
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE, recorded_setpoints
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.watch import WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.live_signals import LiveSignals, live_evidence
@@ -29,6 +30,9 @@ fewer of them quick setpoints are smoothed, and the error looks up to a third sm
 
 MIN_SETTLED_SECONDS = 20.0
 """Settled flight by which the tracking is judged, s: a choice, since a gust alone lasts for some seconds."""
+
+TRACKING_AWAITED = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
+"""Why the tracking is not judged before its first judgement."""
 
 MODE_MESSAGES = ("HEARTBEAT", "AVAILABLE_MODES")
 """Messages with the flight mode: some modes have no setpoint of the angle."""
@@ -47,6 +51,8 @@ class TrackingWatch:
         # Time of the latest attitude or setpoint, and of the first one after the latest gap, s of the boot clock.
         self._latest_time = inf
         self._gap_end = -inf
+        # Whether the latest judgement found that the setpoints show too little.
+        self._shows_too_little = False
 
     def add_message(self, message: Message, time: float) -> None:
         """Keeps an attitude or a setpoint.
@@ -87,6 +93,22 @@ class TrackingWatch:
             return None
         remaining_seconds = MIN_SETTLED_SECONDS - (now - self._judged_start(now, settled_start))
         return max(remaining_seconds, 0.0)
+
+    def reason_not_judged(self, now: float, settled_start: float | None) -> Fact:
+        """Returns why the tracking is not judged so far although setpoints come.
+
+        Args:
+            now: present time on the boot clock, s.
+            settled_start: since when the flight is settled, s of the boot clock; None if it is not settled now.
+
+        Returns:
+            The fact that settled flight was too short, with the seconds that it still needs; or, once it was long
+            enough, that the setpoints showed too little.
+        """
+        remaining_seconds = self.remaining_seconds(now, settled_start)
+        if remaining_seconds == 0.0 and self._shows_too_little:
+            return Fact(WatchFact.SETPOINTS_SHOW_LITTLE)
+        return TRACKING_AWAITED.replace(remaining_duration=remaining_seconds)
 
     def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
         """Returns whether the stream has a setpoint of the body rate with which the rate loop may be identified later.
@@ -145,8 +167,5 @@ class TrackingWatch:
         )
         evidence = live_evidence(signals, Condition(duration=duration))
         tracking = tracking_light(evidence)
-        is_judged = tracking.is_good or tracking.is_watch_or_bad
-        if not is_judged:
-            # Its level is "unknown".
-            return None
-        return tracking
+        self._shows_too_little = tracking.level is Level.UNKNOWN
+        return None if self._shows_too_little else tracking

@@ -61,7 +61,7 @@ from mavdem.live.report_alarms import (
 )
 from mavdem.live.report_search import ReportSearch
 from mavdem.live.review import Review
-from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS, TrackingWatch
+from mavdem.live.tracking_watch import TrackingWatch
 from mavdem.live.watch_list import (
     BATTERY_NOT_KNOWN_YET,
     LISTENING_SECONDS,
@@ -129,9 +129,6 @@ SETPOINTS_MISSING = Fact(
     needed_rate=MIN_SLOW_MOTION_RATE,
 )
 """Why the tracking is not watched if no setpoints of the attitude come."""
-
-TRACKING_AWAITED = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
-"""Why the tracking is not watched before it is judged first."""
 
 OSCILLATION_AWAITED = Fact(WatchFact.OSCILLATION_AWAITED, duration=STARTING_SECONDS)
 """Why an oscillation is not watched in the first seconds after the take-off."""
@@ -1143,9 +1140,8 @@ class Watchdog:
         if not self._is_battery_judged:
             reasons.setdefault(WatchedQuantity.BATTERY, BATTERY_NOT_KNOWN_YET)
         if Light.TRACKING not in self.status_lights.latest:
-            remaining_seconds = self._tracking.remaining_seconds(now, self._settled_start)
-            awaited = TRACKING_AWAITED.replace(remaining_duration=remaining_seconds)
-            reasons.setdefault(WatchedQuantity.TRACKING, awaited)
+            reason = self._tracking.reason_not_judged(now, self._settled_start)
+            reasons.setdefault(WatchedQuantity.TRACKING, reason)
 
     def _is_too_early_for_oscillation(self, now: float) -> bool:
         """Returns whether the flight is still too short to say that nothing oscillates; False if something does.

@@ -8,8 +8,9 @@ from pytest import approx, mark
 from mavdem.assessment.axis.tracking import tracking_of_axes
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.margins import TrackingLight
+from mavdem.facts.watch import WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import MESSAGE_FIELDS, Message
@@ -49,6 +50,20 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
     assert watch.has_setpoints(seconds)
     light = watch.judge(seconds, VEHICLE, 0.0)
     assert (None if light is None else light.level) is level
+
+
+def test_setpoints_that_show_too_little_are_the_reason_once_settled_flight_is_long_enough(
+    monkeypatch,
+):
+    watch = TrackingWatch(RecentMessages())
+    seconds = 2.0 * MIN_SETTLED_SECONDS
+    add_flight(watch, 0.0, seconds, 0.0)
+    assert watch.reason_not_judged(seconds, 0.0).code is WatchFact.TRACKING_AWAITED
+    unknown = Fact(TrackingLight.TRACKING_UNKNOWN, recorder="", axis="roll", asked=True)
+    monkeypatch.setattr("mavdem.live.tracking_watch.tracking_light", lambda _: unknown)
+    assert watch.judge(seconds, VEHICLE, 0.0) is None
+    assert watch.reason_not_judged(seconds, 0.0).code is WatchFact.SETPOINTS_SHOW_LITTLE
+    assert watch.reason_not_judged(seconds, None).code is WatchFact.TRACKING_AWAITED
 
 
 def quick_motion(seconds):
