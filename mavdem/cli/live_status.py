@@ -494,7 +494,8 @@ class StatusLines:
         """Returns the facts on quantities that are not watched, and forgets what was printed on all others.
 
         A status that is updated in place names all that is not watched, so that what is watched again needs no line. If
-        it is not watched once more later, that is printed again.
+        it is not watched once more later, that is printed again. Left out are the motors while they have no reference:
+        next step and table say so, and count the seconds down.
 
         Args:
             watch_facts: a fact (coded finding) on each quantity, by vehicle and quantity.
@@ -503,7 +504,7 @@ class StatusLines:
         for quantity, fact in watch_facts.items():
             if _is_watched(fact):
                 self._printed_watch_facts.pop(quantity, None)
-            else:
+            elif fact.figures["reason"].code is not WatchFact.REFERENCE_SHORT:
                 unwatched_facts[quantity] = fact
         return unwatched_facts
 

@@ -921,7 +921,10 @@ def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_its_line_alone():
     lost = replace(status, no_model_reason=silent)
     assert terminal_text not in headline_text(lost.overall_judgement.headline)
     shown_text = vehicle_text(lost, has_table=True)
-    assert shown_text == f"1:1, Guided, in flight 6 s after take-off, last {terminal_text}."
+    assert (
+        shown_text
+        == f"1:1, Guided, in flight, last heard 6 s after take-off, last {terminal_text}."
+    )
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys, monkeypatch):
