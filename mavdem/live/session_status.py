@@ -53,7 +53,11 @@ from mavdem.live.global_position import GlobalPosition
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.link_loss import LONG_LOSS_SECONDS, lights_during_silence, link_loss_fact
-from mavdem.live.live_lights import fastest_rates, lights_before_model
+from mavdem.live.live_lights import (
+    QUANTITIES_OF_SETTLED_FLIGHT,
+    fastest_rates,
+    lights_before_model,
+)
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
@@ -1193,8 +1197,8 @@ class SessionStatus(ImmutableResult):
         if self._is_silent_after_flight:
             not_judged = not_judged.replace(is_switched_off=True)
         lights = judgement.lights
-        if not has_failed:
-            # Stability margins in flight are of one axis and a part of the flight.
+        if not has_failed and not lights[Light.MARGINS].is_good:
+            # By margins of a part of the flight nobody is to change the gains, as their light would advise.
             lights = {**lights, Light.MARGINS: Fact(Unjudged.NOT_JUDGED, reason=not_judged)}
         headline = not_judged
         if found.is_watch_or_bad:
@@ -1385,7 +1389,8 @@ class SessionStatus(ImmutableResult):
 
         1. The vehicle lands by itself: to let it land.
         2. Whether it oscillates, or a motor loses thrust, is not watched yet: to hover until then.
-        3. A model was judged, or there is none for a reason without a remedy: to fly on.
+        3. A model was judged, or there is none for a reason without a remedy: to fly on, if the pilot can do without
+           what is not measured.
         4. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
         5. Otherwise: what has to happen before a model can be learned.
 
@@ -1398,7 +1403,7 @@ class SessionStatus(ImmutableResult):
             return Fact(NextStep.HOVER_FIRST, reason=None, awaits_motors=self.lacks_motor_reference)
         reason = self._reason_without_model
         if self.model_judgement is not None or not reason.remedy:
-            return Fact(NextStep.FLY_ON, reason=None)
+            return Fact(NextStep.FLY_ON, reason=None, unmeasured=self._unmeasured_quantities)
         if reason.code in TOO_FEW_MESSAGES:
             return Fact(NextStep.FLY_ON, reason=step_to_model)
         return step_to_model
@@ -1476,6 +1481,22 @@ class SessionStatus(ImmutableResult):
         link; these have the figure "vehicle", and are left out.
         """
         return {fact.subject: fact for fact in self.watch_facts if "vehicle" not in fact.figures}
+
+    @property
+    def _unmeasured_quantities(self) -> tuple[str, ...]:
+        """Names of the quantities with a light that nothing measures, such as "vibration" where no VIBRATION comes."""
+        names = []
+        for quantity in QUANTITIES_OF_SETTLED_FLIGHT.values():
+            watch_fact = self._watch_states.get(quantity)
+            reason = None if watch_fact is None else watch_fact.figures.get("reason")
+            if reason is None:
+                continue
+            is_message_missing = (
+                reason.code is WatchFact.MESSAGE_MISSING and reason.figures["rate"] is None
+            )
+            if is_message_missing or reason.code is WatchFact.BATTERY_NOT_JUDGED:
+                names.append(str(quantity))
+        return tuple(names)
 
     @property
     def _watched_names(self) -> tuple[str, ...]:
@@ -1703,15 +1724,15 @@ def _judgement_with_outage(judgement: Judgement, outage: float) -> Judgement:
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
     """Returns the light (judgement) of one part of the vehicle, such as the motors, after its recording was judged.
 
-    It is the judgement by the recording, which has all that was received, so that the live page agrees with the page of
-    the recording. But a bad fault that was found in flight stays.
+    It is the judgement by the recording, which has all that was received, so that terminal, live page and the page of
+    the recording agree. Only where the recording leaves the part unknown, a bad fault that was found in flight stays.
 
     Args:
         recorded_light: the judgement of this part by the recording.
         light_in_flight: the judgement of this part by the checks in flight.
     """
-    if light_in_flight.is_bad:
-        return worst_fact([light_in_flight, recorded_light])
+    if light_in_flight.is_bad and recorded_light.level is Level.UNKNOWN:
+        return light_in_flight
     return recorded_light
 
 

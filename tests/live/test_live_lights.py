@@ -867,6 +867,28 @@ def test_what_to_do_against_an_event_ends_with_the_event():
     assert replace(past, active_alarms=(shaken,)).overall_judgement.headline == shaken
 
 
+def test_the_next_step_names_what_nothing_measures(slow):
+    """Neither VIBRATION nor messages of the estimator come, and the voltage of the battery never changes."""
+    constant = Fact(WatchFact.BATTERY_NOT_JUDGED, cause="", is_constant=True)
+    battery = watch(WatchedQuantity.BATTERY, constant)
+    measured = [fact for fact in slow.watch_facts if fact.code is WatchFact.WATCHED]
+    assert len(measured) < len(slow.watch_facts)
+    for watch_facts, step in (
+        (
+            (*slow.watch_facts, battery),
+            "Fly on only if you can do without a watch on vibration, battery and estimator: nothing measures them.",
+        ),
+        (
+            (*measured, battery),
+            "Fly on only if you can do without a watch on battery: nothing measures it.",
+        ),
+        (tuple(measured), "Fly on."),
+    ):
+        reason = Fact(SessionFact.NOT_SETTLED)
+        status = replace(slow, no_model_reason=reason, watch_facts=watch_facts)
+        assert str(status.overall_judgement.next_step) == step
+
+
 def test_a_light_whose_reason_has_no_short_form_has_its_first_clause(slow):
     constant = Fact(WatchFact.BATTERY_NOT_JUDGED, cause="", is_constant=True)
     light = Fact(Unjudged.NOT_JUDGED, reason=constant)
@@ -893,6 +915,10 @@ def test_the_lights_of_a_judged_recording_take_the_place_of_those_in_flight():
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     warned = replace(recorded, worst_lights={Light.MOTORS: weak})
     assert warned.overall_judgement.lights[Light.MOTORS] == weak
+    # Where the recording judges the part, also as good, its judgement counts, as in the library.
+    sound = replace(judged, lights={**lights, Light.MOTORS: good})
+    by_log = replace(warned, model_judgement=sound)
+    assert by_log.overall_judgement.lights[Light.MOTORS] == good
     even = replace(judged, lights={**lights, Light.MOTORS: weak})
     shown = replace(recorded, model_judgement=even)
     assert shown.overall_judgement.lights[Light.MOTORS] == weak
@@ -931,7 +957,7 @@ def test_the_table_has_every_light_with_its_figure(slow):
     # A time on the boot clock, and no duration.
     watched = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
     [motors, *_] = light_rows(replace(status, worst_lights={Light.MOTORS: watched}))
-    assert motors.figure == "no loss of thrust"
+    assert motors.figure == "no new loss of thrust"
     # The rates are too low for a model.
     assert rows["log"].level is Level.WATCH and rows["log"].figure == "25 Hz"
     # Once the link is silent, what warns is still that the attitude came too slowly, and not that there was none.
@@ -957,7 +983,9 @@ def test_the_time_in_flight_is_in_the_first_line(slow):
     )
     assert "in flight for 12:34 min, 20 m from the take-off" in vehicle_text(flying)
     # Whether a silent vehicle flies on is not known.
-    assert "in flight 12:34 min after take-off, " in vehicle_text(replace(flying, message_age=29.0))
+    assert "in flight, last heard 12:34 min after take-off, " in vehicle_text(
+        replace(flying, message_age=29.0)
+    )
 
 
 def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):
