@@ -84,8 +84,8 @@ MAX_RELATIVE_CHANGE = 4.0
 CENTER_PERCENT = 50.0
 """Position of no change, % of the width of the drawing."""
 
-MARGIN_PERCENT = 3.0
-"""Room at both sides of the drawing, % of its width."""
+MARGIN_PERCENT = 6.0
+"""Room at both sides of the drawing, % of its width: half the text of the last tick on a phone, as wide as "+120 %"."""
 
 
 class ScaleTick(NamedTuple):

@@ -24,6 +24,9 @@ def test_what_changed_stands_first_and_every_change_is_within_the_drawing():
     # The scale has multiples of what is called the same: quantities have different units.
     ticks = re.findall(r'<text class="small[^>]*>([^<]*)<', svg)
     assert ticks[:5] == ["−12 %", "−6 %", "0", "+6 %", "+12 %"]
+    # Their texts, up to 36 of the 320 pixels on a phone, have room at both edges.
+    places = [float(x) for x in re.findall(r'<text class="small" x="([\d.]+)%"', svg)]
+    assert min(places) > 5.6 and max(places) < 94.4
 
 
 def test_better_and_worse_have_other_colours_than_what_cannot_be_judged():
