@@ -60,6 +60,12 @@ MIN_FALL_TILT = np.deg2rad(60)
 MAX_LATE_TAKE_OFF = 3.0
 """Time from the beginning, s, within which motors that run were never stopped: a choice; arming takes longer."""
 
+MAX_DELAY_IN_FLIGHT = 2.0
+"""Time, s, between the last message in flight and the start of the autopilot's clock in which nobody lands.
+
+A choice: more than the interval of HEARTBEATs, 1 s, and less than to land, disarm and switch the supply off and on.
+"""
+
 _WATCHDOG_TEXT = re.compile(r"^WDG: T-?\d|watchdog reset", re.IGNORECASE)
 """Texts that report a watchdog reset in words."""
 
@@ -88,7 +94,10 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     fall = _fall_at_start(signals, recorded_span)
     descent = 0.0 if fall is None else fall.descent
     has_fallen = descent >= MIN_FALL_HEIGHT
-    if is_watchdog or was_flying:
+    restart_delay = telemetry.restart_delays.get(recorded_span.boot, np.inf)
+    if was_flying and abs(restart_delay) <= MAX_DELAY_IN_FLIGHT:
+        is_in_flight = True
+    elif is_watchdog or was_flying:
         is_in_flight = has_fallen or _begins_in_flight(signals, recorded_span)
     else:
         # Nothing before the restart shows a flight: only a fall from a greater height with a tumble, soon after the

@@ -160,6 +160,9 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
         parameters=values_at_end,
         initial_parameters=initial_values,
         later_parameters=later_values,
+        restart_delays={
+            boot - first_boot: delay for boot, delay in telemetry.restart_delays.items()
+        },
     )
 
 

@@ -83,6 +83,8 @@ class Telemetry(ImmutableResult):
             a part of a recording.
         default_parameters: the firmware's defaults for this vehicle, by name, of those parameters whose default the log
             gives; empty if it gives none.
+        restart_delays: for each boot but the first, how long the autopilot was silent before its clock started, s, by
+            the times at which messages were received; boots for which that is not known are left out.
         is_ended_on_purpose: whether the user ended the recording, so that its end tells nothing about the vehicle;
             False if that is not known.
     """
@@ -104,6 +106,7 @@ class Telemetry(ImmutableResult):
     initial_parameters: Parameters = field(default_factory=dict)
     later_parameters: Parameters = field(default_factory=dict)
     default_parameters: Parameters = field(default_factory=dict)
+    restart_delays: Mapping[int, float] = field(default_factory=dict)
     is_ended_on_purpose: bool = False
 
     @property

@@ -53,6 +53,8 @@ MAVLINK_VERSION = 3
 
 # Values of HEARTBEAT.system_status.
 
+BOOTING = mavlink_constant("MAV_STATE_BOOT")
+"""The autopilot starts."""
 STANDBY = mavlink_constant("MAV_STATE_STANDBY")
 """The vehicle is ready on the ground."""
 ACTIVE = mavlink_constant("MAV_STATE_ACTIVE")

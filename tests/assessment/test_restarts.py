@@ -115,11 +115,25 @@ def test_a_reboot_between_flights_is_one_on_the_ground():
     assert [event.code for event in events] == [ReportedEvent.RESTARTED]
 
 
-@mark.parametrize("is_still, code", [(True, RESTARTS[0]), (False, RESTARTS[1])])
+@mark.parametrize(
+    "is_still, delays, code",
+    [
+        (True, {}, RESTARTS[0]),
+        (False, {}, RESTARTS[1]),
+        # Nobody lands and restarts the autopilot within 1.5 s.
+        (True, {1: 1.5}, RESTARTS[1]),
+        (True, {1: 20.0}, RESTARTS[0]),
+        # A clock that began long before the flight ended is not of this autopilot.
+        (True, {1: -20.0}, RESTARTS[0]),
+    ],
+)
 def test_a_recording_that_begins_three_seconds_before_the_take_off_begins_on_the_ground(
-    is_still, code
+    is_still, delays, code
 ):
-    """The log before ended in the air; in this one the motors run from 3 s on, and armed it is from the first on."""
+    """The log before ended in the air; in this one the motors run from 3 s on, and armed it is from the first on.
+
+    The delay is the time from the last message of the flight to the start of the autopilot's clock.
+    """
     telemetry = Hover(hovering=8.0).telemetry(50.0, 50.0)
     messages = {}
     for name, table in telemetry.messages.items():
@@ -135,5 +149,5 @@ def test_a_recording_that_begins_three_seconds_before_the_take_off_begins_on_the
     is_at_rest = is_still & (attitude["boot"] == 1) & (attitude["time"] < 2.6)
     rates = np.where(is_at_rest, 0.0, attitude["rollspeed"])
     messages["ATTITUDE"] = attitude | {"rollspeed": rates}
-    (event,) = restart_events(replace(telemetry, messages=messages))
+    (event,) = restart_events(replace(telemetry, messages=messages, restart_delays=delays))
     assert event.code is code

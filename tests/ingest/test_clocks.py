@@ -10,6 +10,7 @@ from pytest import approx, mark
 from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clock_readings import MessageStamps
 from mavdem.ingest.mavlink.clocks import boot_clock
+from mavdem.ingest.mavlink.restarts import HeartbeatStates
 
 WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3
@@ -27,7 +28,7 @@ def clock(message_types, count):
     """Puts messages on the boot clock. Positions that no message type has are those of messages without stamps."""
     stamped = np.concatenate([message_type.positions for message_type in message_types])
     unstamped = MessageStamps("HEARTBEAT", np.setdiff1d(np.arange(count), stamped))
-    boot_times, repairs = boot_clock([*message_types, unstamped])
+    boot_times, repairs, _ = boot_clock([*message_types, unstamped])
     time = np.empty(count)
     boot = np.empty(count, dtype=np.int64)
     for message_type in (*message_types, unstamped):
@@ -109,14 +110,40 @@ def test_a_text_before_the_first_stamp_of_a_boot_is_of_that_boot():
     attitude = MessageStamps("ATTITUDE", positions, np.r_[20.0:30.0:0.1, 1.0:11.0:0.1], WRAP_MS)
     texts = MessageStamps("STATUSTEXT", np.array([50, 100, 102]))
     received = np.r_[0.0:10.0:0.1, 10.1, 14.0, 14.1, 14.2:24.2:0.1]
-    boot_times, _ = boot_clock([attitude, texts], lambda rows: received[rows])
+    boot_times, _, delays = boot_clock([attitude, texts], lambda rows: received[rows])
+    # The clock of the second boot read 1.0 s at 14.2 s, and the last message of the first came at 9.9 s.
+    assert delays == {1: approx(14.2 - 1.0 - 9.9)}
     assert boot_times["STATUSTEXT"].boot.tolist() == [0, 0, 1]
     assert boot_times["STATUSTEXT"].time == approx([25.0, 29.9, 1.0])
-    untold, _ = boot_clock([attitude, texts])
-    assert untold["STATUSTEXT"].boot.tolist() == [0, 0, 0]
+    untold, _, no_delays = boot_clock([attitude, texts])
+    assert untold["STATUSTEXT"].boot.tolist() == [0, 0, 0] and not no_delays
     received[102:] -= 86400.0
-    of_day_before, _ = boot_clock([attitude, texts], lambda rows: received[rows])
+    of_day_before, _, _ = boot_clock([attitude, texts], lambda rows: received[rows])
     assert of_day_before["STATUSTEXT"].boot.tolist() == [0, 0, 1]
+
+
+def test_heartbeats_alone_show_a_restart_and_count_its_time():
+    """After its restart the autopilot sends HEARTBEATs, and once where it started, which has a stamp."""
+    attitude = MessageStamps("ATTITUDE", np.arange(100), np.arange(20.0, 30.0, 0.1), WRAP_MS)
+    beats = MessageStamps("HEARTBEAT", np.array([50, 100, 101, 102, 103, 105]))
+    origins = MessageStamps("GPS_GLOBAL_ORIGIN", np.array([40, 104]), np.array([20.0, 4.1]))
+    texts = MessageStamps("STATUSTEXT", np.array([60, 106]))
+    received = np.r_[0.0:10.0:0.1, 10.5, 11.5, 12.5, 13.5, 14.6, 15.5, 16.0]
+    states = HeartbeatStates(beats.positions, np.array([4, 4, 1, 1, 3, 4], dtype=np.uint8))
+    message_types = [attitude, beats, origins, texts]
+    clock_result = boot_clock(message_types, lambda rows: received[rows], states)
+    assert clock_result.times["HEARTBEAT"].boot.tolist() == [0, 0, 1, 1, 1, 1]
+    assert clock_result.times["HEARTBEAT"].time == approx([25.0, 29.9, 0.0, 1.0, 2.0, 4.0])
+    assert clock_result.times["GPS_GLOBAL_ORIGIN"].boot.tolist() == [0, 1]
+    assert clock_result.times["STATUSTEXT"].boot.tolist() == [0, 1]
+    assert clock_result.times["STATUSTEXT"].time == approx([26.0, 4.0])
+    assert clock_result.delays == {1: approx(11.5 - 9.9)}
+    (reboot,) = clock_result.repairs
+    assert reboot.code is Repair.LOG_OF_SEVERAL_BOOTS and reboot.time == approx(29.9)
+    # An autopilot that is not starting has not restarted, though its messages with a clock ended.
+    running = states._replace(system_status=np.full(6, 4, dtype=np.uint8))
+    going_on = boot_clock(message_types, lambda rows: received[rows], running)
+    assert not going_on.times["HEARTBEAT"].boot.any() and not going_on.delays
 
 
 def test_a_reboot_after_a_wrap_reads_its_own_time():

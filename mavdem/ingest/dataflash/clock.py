@@ -120,7 +120,7 @@ def on_boot_clock(
     # The boot clock takes a stamp of 0 for none.
     seconds[is_impossible] = 0.0
     all_messages = ""
-    boot_times, clock_repairs = boot_clock(
+    boot_times, clock_repairs, _ = boot_clock(
         [MessageStamps(all_messages, np.arange(len(positions)), seconds)]
     )
     time, boot = boot_times[all_messages]

@@ -80,6 +80,14 @@ class ClockReadings(NamedTuple):
         """Returns some of the messages."""
         return ClockReadings(self.positions[rows], self.time[rows], self.boot[rows])
 
+    def followed_by(self, later: "ClockReadings") -> "ClockReadings":
+        """Returns these messages and others that come after them in the stream."""
+        return ClockReadings(
+            np.concatenate([self.positions, later.positions]),
+            np.concatenate([self.time, later.time]),
+            np.concatenate([self.boot, later.boot]),
+        )
+
 
 def deviates_from_median(values: Times, window: int, limit: float | Times) -> Flags:
     """Flags values that are far from the running median.

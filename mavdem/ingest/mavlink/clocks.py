@@ -27,6 +27,12 @@ from mavdem.ingest.mavlink.clock_readings import (
     stamped_messages,
 )
 from mavdem.ingest.mavlink.reference_clock import reference_readings, reference_type_of
+from mavdem.ingest.mavlink.restarts import (
+    HeartbeatStates,
+    RestartDelays,
+    heartbeats_after_restarts,
+    restart_delays,
+)
 from mavdem.ingest.mavlink.unstamped_messages import assign_times_to_unstamped_messages
 from mavdem.ingest.telemetry import repair_facts
 
@@ -34,9 +40,22 @@ MIN_EPOCH_OFFSET = 10.0
 """Median offset, s, of a message type's stamps from the reference above which they count from another epoch."""
 
 
+class BootClock(NamedTuple):
+    """The boot clock of a component, with its messages on it."""
+
+    times: dict[str, BootTimes]
+    """Times and boots of the messages of each type by its name."""
+    repairs: Facts = ()
+    """Facts that report what was repaired."""
+    delays: RestartDelays = {}
+    """How long the component was silent before each restart."""
+
+
 def boot_clock(
-    message_types: Sequence[MessageStamps], receive_times: ReceiveTimes | None = None
-) -> tuple[dict[str, BootTimes], Facts]:
+    message_types: Sequence[MessageStamps],
+    receive_times: ReceiveTimes | None = None,
+    heartbeats: HeartbeatStates | None = None,
+) -> BootClock:
     """Puts every message of a component on its boot clock.
 
     ``tests/ingest/test_clocks.py`` has streams with wraps, restarts, late messages, outliers and UNIX times.
@@ -44,12 +63,13 @@ def boot_clock(
     Args:
         message_types: The messages that the component sent, by type.
         receive_times: When the messages at some positions were received; None where that was not recorded.
+        heartbeats: The HEARTBEATs among them; None without any.
 
     Returns:
-        Times and boots of the messages of each type by its name, and facts that report what was repaired. A message
-        without a stamp has the time of the last message before it; one before the first stamp has that stamp, and one
-        that an autopilot sends on its start, before its first stamp, has that stamp by its time of reception. If an
-        outlier was ignored, the message has the time of the last one of its type. Without any stamp all times are NaN.
+        The clock. A message without a stamp has the time of the last message before it; one before the first stamp has
+        that stamp, and one that an autopilot sends on its start, before its first stamp, has that stamp by its time of
+        reception. If an outlier was ignored, the message has the time of the last one of its type. Without any stamp
+        all times are NaN.
     """
     boot_times = {}
     for message_type in message_types:
@@ -60,8 +80,18 @@ def boot_clock(
         )
     reference_type = reference_type_of(message_types)
     if reference_type is None:
-        return boot_times, ()
+        return BootClock(boot_times)
     reference, repairs = reference_readings(reference_type)
+    # HEARTBEATs of boots in which the reference type was not sent: they define the clock there.
+    late_heartbeats = reference.select(slice(0, 0))
+    delays: RestartDelays = {}
+    if receive_times is not None and len(reference.positions):
+        if heartbeats is not None:
+            late_heartbeats = heartbeats_after_restarts(reference, heartbeats, receive_times)
+        if len(late_heartbeats.positions):
+            repairs += _restarts_after(reference, late_heartbeats)
+            reference = reference.followed_by(late_heartbeats)
+        delays = restart_delays(reference, receive_times)
     if reference.boot.any():
         for name, times in boot_times.items():
             boot_times[name] = times._replace(boot=np.zeros(len(times.time), dtype=np.int64))
@@ -82,8 +112,24 @@ def boot_clock(
             times.time[rows] = readings.time[readings_before]
             if times.boot.flags.writeable:
                 times.boot[rows] = readings.boot[readings_before]
-    assign_times_to_unstamped_messages(message_types, boot_times, receive_times)
-    return boot_times, repairs
+    if heartbeats is not None and len(late_heartbeats.positions):
+        rows = np.searchsorted(heartbeats.positions, late_heartbeats.positions)
+        boot_times["HEARTBEAT"].time[rows] = late_heartbeats.time
+        boot_times["HEARTBEAT"].boot[rows] = late_heartbeats.boot
+    assign_times_to_unstamped_messages(message_types, boot_times, reference, receive_times)
+    return BootClock(boot_times, repairs, delays)
+
+
+def _restarts_after(reference: ClockReadings, late_heartbeats: ClockReadings) -> Facts:
+    """Reports how often an autopilot restarted after the last message of the reference type.
+
+    Args:
+        reference: The messages of the reference type on the boot clock.
+        late_heartbeats: The HEARTBEATs of later boots, at least one.
+    """
+    restart_count = int(late_heartbeats.boot[-1] - reference.boot[-1])
+    last_time = float(reference.time[-1])
+    return repair_facts(Repair.LOG_OF_SEVERAL_BOOTS, count=restart_count, time=last_time)
 
 
 def _readings_by_reference(

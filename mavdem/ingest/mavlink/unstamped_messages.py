@@ -21,6 +21,7 @@ from mavdem.ingest.mavlink.clock_readings import (
 def assign_times_to_unstamped_messages(
     message_types: Sequence[MessageStamps],
     boot_times: Mapping[str, BootTimes],
+    reference: ClockReadings,
     receive_times: ReceiveTimes | None,
 ) -> None:
     """Assigns a time to each message without a usable stamp: the time of the last stamped message before it.
@@ -35,6 +36,7 @@ def assign_times_to_unstamped_messages(
         message_types: The messages of a component by type, with their stamps and positions in the stream.
         boot_times: Times, s, and boots of these messages by name of the type, which are changed in place; a time is NaN
             where it is not known yet.
+        reference: The messages that define the boot clock, in the order of the stream.
         receive_times: Returns when the messages at some positions were received, s; None if that was not recorded.
     """
     timed_types = _messages_with_time(message_types, boot_times)
@@ -52,7 +54,9 @@ def assign_times_to_unstamped_messages(
         for untimed in untimed_types:
             untimed.set_times_after(section)
     if receive_times is not None:
-        for reboot in _unmixed_reboots(timed_types):
+        # Each type shows a restart between two of its messages. HEARTBEATs that begin a boot show it together with the
+        # last message of another type, which only the reference has.
+        for reboot in _unmixed_reboots([reference, *timed_types]):
             for untimed in untimed_types:
                 untimed.move_to_next_boot(reboot, receive_times)
 

@@ -16,7 +16,7 @@ from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest.byte_rows import Bytes
 from mavdem.ingest.mavlink.clock_readings import BootTimes, MessageStamps, Times, stamped_messages
 from mavdem.ingest.mavlink.clock_steps import backward_clock_steps, with_steps_undone
-from mavdem.ingest.mavlink.clocks import boot_clock
+from mavdem.ingest.mavlink.clocks import BootClock, boot_clock
 from mavdem.ingest.mavlink.dialect import (
     MessageDefinition,
     definitions_by_id,
@@ -30,6 +30,7 @@ from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MESSAGE_UNKNOWN, Fra
 from mavdem.ingest.mavlink.payloads import FrameSender, decoded_field, latest_parameters
 from mavdem.ingest.mavlink.recording_end import is_ended_on_purpose
 from mavdem.ingest.mavlink.reference_clock import reference_type_of
+from mavdem.ingest.mavlink.restarts import HeartbeatStates, RestartDelays
 from mavdem.ingest.mavlink.sender_streams import SenderStream, sender_stream_of
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.other_recordings import (
@@ -81,6 +82,8 @@ class _ComponentRecord:
     """Its messages on its boot clock."""
     repairs: Facts
     """Facts that report what was repaired of that clock, and copies that were left out."""
+    restart_delays: RestartDelays
+    """How long it was silent before each restart."""
     has_two_senders: bool
     """Whether two vehicles send under its ids."""
 
@@ -167,6 +170,7 @@ def _telemetry_of_component(
         parameters=_parameters_of(vehicle, all_components),
         source=stream.source,
         repairs=stream_repairs + vehicle.repairs,
+        restart_delays=vehicle.restart_delays,
         is_ended_on_purpose=is_ended_on_purpose(stream, sender),
     )
 
@@ -329,7 +333,7 @@ def _component_record(
         The component, its messages by name, and facts that report what was repaired.
     """
     # A message that only the slower of two links delivered arrived after later messages.
-    messages, clock_repairs = _messages_on_boot_clock(
+    messages, clock = _messages_on_boot_clock(
         stream, frames_of_messages, is_in_order=not sender_stream.copies
     )
     vehicle_type, autopilot = UNNAMED, UNNAMED
@@ -353,7 +357,11 @@ def _component_record(
         name=f"{component.system}:{component.component}",
     )
     return _ComponentRecord(
-        component, messages, repairs + clock_repairs, sender_stream.has_two_senders
+        component,
+        messages,
+        repairs + clock.repairs,
+        restart_delays=clock.delays,
+        has_two_senders=sender_stream.has_two_senders,
     )
 
 
@@ -459,8 +467,8 @@ def vehicle_identity(heartbeats: Columns) -> VehicleIdentity:
 
 def _messages_on_boot_clock(
     stream: FrameStream, frames_of_messages: OffsetsByMessage, *, is_in_order: bool
-) -> tuple[Tables, Facts]:
-    """Puts the frames of one component on its boot clock. Of their fields only the stamps are decoded for this.
+) -> tuple[Tables, BootClock]:
+    """Puts the frames of one component on its boot clock. Of their fields only stamps and states are decoded for this.
 
     Args:
         stream: MAVLink frames of the recording, with their receive stamps.
@@ -469,7 +477,7 @@ def _messages_on_boot_clock(
             sorted by boot and time; messages of the same time keep their order.
 
     Returns:
-        Columns by name of the message, and facts that report what was repaired of the clock.
+        Columns by name of the message; and the clock, with facts that report all that was repaired of it.
     """
     definitions = definitions_by_id()
     all_stamps = []
@@ -481,12 +489,12 @@ def _messages_on_boot_clock(
     all_stamps, repairs = _without_other_recordings(stream, all_stamps)
     for step in steps:
         repairs += repair_facts(Repair.CLOCK_SET_BACK, time=step.time_before, duration=step.seconds)
-    boot_times, clock_repairs = boot_clock(all_stamps, receive_times)
+    clock = boot_clock(all_stamps, receive_times, _heartbeat_states(stream.data, all_stamps))
     tables = {}
     decoded_columns = DecodedColumns(stream.data)
     # The stamps of one message, such as ATTITUDE, after the other.
     for stamps in all_stamps:
-        times = boot_times[stamps.message]
+        times = clock.times[stamps.message]
         frame_offsets = stamps.positions
         if not is_in_order:
             order = np.lexsort((times.time, times.boot))
@@ -496,7 +504,25 @@ def _messages_on_boot_clock(
         tables[stamps.message] = FrameColumns(
             stream.data, frame_offsets, definition, times, decoded_columns
         )
-    return tables, repairs + clock_repairs
+    return tables, clock._replace(repairs=repairs + clock.repairs)
+
+
+def _heartbeat_states(
+    data: Bytes, message_types: Sequence[MessageStamps]
+) -> HeartbeatStates | None:
+    """Returns the HEARTBEATs among the messages of a component, with the states that they report; None without any.
+
+    Args:
+        data: Bytes (B,) of the recording.
+        message_types: The component's messages by type.
+    """
+    for message_type in message_types:
+        if message_type.message == "HEARTBEAT":
+            starts = message_type.positions
+            definition = definitions_by_name()["HEARTBEAT"]
+            states = decoded_field(data, starts, definition, "system_status")
+            return HeartbeatStates(starts, states)
+    return None
 
 
 def _without_other_recordings(

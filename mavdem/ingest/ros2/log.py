@@ -404,7 +404,7 @@ def _on_boot_clock(
     repairs += repair_facts(
         Repair.LOGGED_MESSAGES_LEFT_OUT, count=unusable_count, flaw=Flaw.NO_STAMP
     )
-    boot_times, clock_repairs = boot_clock(message_stamps)
+    boot_times, clock_repairs, _ = boot_clock(message_stamps)
     columns_on_boot_clock = dict[str, Columns]()
     for name, (time, boot) in boot_times.items():
         # A message whose stamp was ignored has the time of the one before, and is left out.

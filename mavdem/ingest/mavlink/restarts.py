@@ -1,0 +1,86 @@
+"""Restarts of an autopilot: those that only its HEARTBEATs show, and how long it was silent before each.
+
+Many messages come only while a program asks for them. After a restart the autopilot then sends nothing with a clock but
+HEARTBEATs, the first of them with the state MAV_STATE_BOOT, "System is booting up" (minimal.xml).
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.mavlink.clock_readings import ClockReadings, ReceiveTimes, StreamPositions
+from mavdem.ingest.vocabulary import BOOTING
+
+RestartDelays = Mapping[int, float]
+"""For each boot but the first, the time, s, from the last message before it to the start of its clock.
+
+By the times of reception; boots for which these are not known are left out. Messages come late by some tenths of a
+second, so that a delay may be a little below 0.
+"""
+
+
+class HeartbeatStates(NamedTuple):
+    """The n HEARTBEATs of an autopilot."""
+
+    positions: StreamPositions
+    """Position of each in the stream (n,), ascending."""
+    system_status: NDArray[np.uint8]
+    """MAV_STATE that each reports (n,)."""
+
+
+def heartbeats_after_restarts(
+    reference: ClockReadings, heartbeats: HeartbeatStates, receive_times: ReceiveTimes
+) -> ClockReadings:
+    """Returns the HEARTBEATs of boots in which no message of the reference type came.
+
+    Such a boot begins, after the last message of the reference, with the first of successive HEARTBEATs that report
+    MAV_STATE_BOOT. Its time counts from this HEARTBEAT: the clock of the autopilot, which nothing states, began shortly
+    before.
+
+    Args:
+        reference: The messages of the reference type on the boot clock, at least one.
+        heartbeats: The HEARTBEATs of the same component.
+        receive_times: Returns when the messages at some positions were received, s.
+
+    Returns:
+        Their positions, times and boots; none if there is no such boot, or if some time of reception is not known.
+    """
+    is_booting = heartbeats.system_status == BOOTING
+    was_booting = np.concatenate([[False], is_booting[:-1]])
+    is_after_reference = heartbeats.positions > reference.positions[-1]
+    is_first_of_boot = is_booting & ~was_booting & is_after_reference
+    restart_count = np.cumsum(is_first_of_boot)
+    is_after_restart = restart_count > 0
+    positions = heartbeats.positions[is_after_restart]
+    received = receive_times(positions)
+    if np.isnan(received).any():
+        return reference.select(slice(0, 0))
+    starts_of_boots = received[is_first_of_boot[is_after_restart]]
+    boots_after_reference = restart_count[is_after_restart]
+    return ClockReadings(
+        positions,
+        time=received - starts_of_boots[boots_after_reference - 1],
+        boot=reference.boot[-1] + boots_after_reference,
+    )
+
+
+def restart_delays(reference: ClockReadings, receive_times: ReceiveTimes) -> RestartDelays:
+    """Returns how long an autopilot was silent before the clock of each boot started.
+
+    Args:
+        reference: The messages that define the boot clock, in the order of the stream.
+        receive_times: Returns when the messages at some positions were received, s.
+    """
+    delays = {}
+    for last_row_before in np.flatnonzero(np.diff(reference.boot) > 0).tolist():
+        first_row_after = last_row_before + 1
+        received_before, received_after = receive_times(
+            reference.positions[[last_row_before, first_row_after]]
+        )
+        start_of_clock = received_after - reference.time[first_row_after]
+        delay = float(start_of_clock - received_before)
+        if np.isfinite(delay):
+            delays[int(reference.boot[first_row_after])] = delay
+    return delays
