@@ -221,9 +221,10 @@ class StatusLines:
         # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
         self._latest_lines: deque[tuple[str, str]] = deque(maxlen=MAX_LATEST_LINES)
         self._terminal_size = STDERR.size
-        # The next steps that were printed last, and at the latest look, without their numbers; and what the latest
-        # event advised.
+        # The next steps that were printed last, and at the latest look, without their numbers; the sentence that was
+        # printed last, and what the latest event advised.
         self._printed_next_step: Hashable = None
+        self._printed_next_text = ""
         self._latest_next_step: Hashable = None
         self._advised_text = ""
         # The line on the fault of an earlier flight that was printed last; empty before any.
@@ -630,8 +631,9 @@ class StatusLines:
         """Prints what to do next if that is a new step, unless the latest event said it.
 
         While nothing warns, a step counts as new once it has been the same in two looks at the status, since it may
-        change from second to second at the end of a climb. Measured numbers in a step make it no other step. A fault of
-        an earlier flight has a line of its own, which says what to do; only another step that was printed is replaced.
+        change from second to second at the end of a climb. Neither measured numbers nor another reason for the same
+        sentence make it another step. A fault of an earlier flight has a line of its own, which says what to do; only
+        another step that was printed is replaced.
 
         Args:
             status: State of the live session.
@@ -646,8 +648,10 @@ class StatusLines:
             return
         self._printed_next_step = content
         text = escape_unprintable(next_step)
+        is_same_text = text == self._printed_next_text
+        self._printed_next_text = text
         was_advised_by_event = text in escape_unprintable(self._advised_text)
-        if text and not was_advised_by_event:
+        if text and not is_same_text and not was_advised_by_event:
             self._print_now(f"{NEXT_MARKER} {text}", status)
 
     def _print_now(self, text: str, status: SessionStatus) -> None:

@@ -1284,7 +1284,9 @@ def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys)
     alarmed = replace(sound, active_alarms=(alarm,))
     lines = StatusLines(None)
     steps = []
-    for status in (sound, sound, alarmed, alarmed, sound, sound, sound):
+    # Another alarm asks for the same.
+    other = replace(sound, active_alarms=(Fact(ReportedEvent.BATTERY_SPENT, Level.BAD),))
+    for status in (sound, sound, alarmed, other, sound, sound, sound):
         lines.show_status(status)
         printed = capsys.readouterr().out.splitlines()
         steps.append([line.split("NEXT ")[1] for line in printed if "NEXT" in line])
