@@ -1707,18 +1707,32 @@ def _judgement_with_outage(judgement: Judgement, outage: float) -> Judgement:
     lights = dict(judgement.lights)
     if not lights[Light.LOG].is_watch_or_bad:
         lights[Light.LOG] = lost_link
-    headline = judgement.headline
+    headline = headline_with_outage(judgement.headline, outage)
+    if headline == judgement.headline:
+        return replace(judgement, lights=lights)
+    next_step = Fact(NextStep.DO_AS_ADVISED, reason=lost_link)
+    return replace(judgement, headline=headline, next_step=next_step, lights=lights)
+
+
+def headline_with_outage(headline: Fact, outage: float) -> Fact:
+    """Adds to a verdict without a fault of the vehicle that the link was lost for a while in flight, and makes it warn.
+
+    Args:
+        headline: headline of a flight that is over, such as the verdict of its recording. One that states a fault, or
+            no verdict, is returned as it is.
+        outage: longest time without messages in the flight, s.
+    """
     states_no_fault = headline.code in VERDICTS_ON_FLIGHT and not headline.is_watch_or_bad
     if not states_no_fault:
-        return replace(judgement, lights=lights)
+        return headline
     # A verdict that too little was checked stays unknown.
     level = Level.WATCH if headline.is_good else headline.level
-    return replace(
-        judgement,
-        headline=headline.replace(level, outage=outage),
-        next_step=Fact(NextStep.DO_AS_ADVISED, reason=lost_link),
-        lights=lights,
-    )
+    headline = headline.replace(level, outage=outage)
+    if headline.code is SessionFact.RECORDING_JUDGED:
+        # The library's next step, such as to keep the log, is not what matters most.
+        lost_link = Fact(LinkFact.WAS_LOST_IN_FLIGHT, duration=outage)
+        return headline.replace(next_step=lost_link.remedy)
+    return headline
 
 
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:

@@ -29,7 +29,7 @@ from mavdem.live.link import Link, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
-from mavdem.live.session_status import SessionStatus
+from mavdem.live.session_status import SessionStatus, headline_with_outage
 from mavdem.live.vehicle_selection import Component
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import live_title, vehicle_text
@@ -703,7 +703,8 @@ class LinkMonitor:
         if verdict == flight.verdict:
             return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
-            self._report_event(Event(nan, verdict, reception=clock.unix_time()))
+            reported_verdict = _verdict_with_outage(verdict, flight.session)
+            self._report_event(Event(nan, reported_verdict, reception=clock.unix_time()))
         judged_flight = flight._replace(verdict=verdict)
         if flight.session is not None:
             self._finished_page = _finished_page(
@@ -1434,6 +1435,17 @@ def _finished_page(
         files=files,
         is_last=is_last,
     )
+
+
+def _verdict_with_outage(verdict: Fact, session: LiveSession | None) -> Fact:
+    """Returns the verdict on a recording, with an outage of the link in flight, which the recording need not show.
+
+    Args:
+        verdict: what the recording of the flight shows.
+        session: the session that received the flight; None if it is not known any more.
+    """
+    outage = None if session is None else session.status.link_outage
+    return verdict if outage is None else headline_with_outage(verdict, outage)
 
 
 def _final_status(session: LiveSession) -> SessionStatus:

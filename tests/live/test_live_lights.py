@@ -355,6 +355,7 @@ def test_a_flight_whose_link_was_lost_for_a_while_is_not_called_sound_afterwards
         assert str(judgement.headline).startswith(statement)
         assert judgement.headline.level is judgement.lights[Light.LOG].level is Level.WATCH
         assert "antennas" in str(judgement.next_step)
+    assert judgement.headline.remedy == str(judgement.next_step), "its line in the list, too"
     # A fault of the vehicle stays the headline, with its own next step.
     fault = judged.replace(Level.BAD, headline="Motor 3 is weak.", next_step="Inspect motor 3.")
     judgement = replace(landed, recording_verdict=fault).overall_judgement

@@ -380,6 +380,12 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     live._with_verdict(flight)
     assert live._finished_page == "Too little margin."
     assert [str(event.fact) for event in told] == ["Too little margin."]
+    # The recording does not show that the link was lost for a while.
+    session.status = replace(flown, link_outage=15.0)
+    library.change(entry.id, headline="Nothing wrong found.", level="good")
+    live._with_verdict(flight)
+    assert live._finished_page == "The link was lost for 15 s in flight. Nothing wrong found."
+    assert str(told[-1].fact) == live._finished_page and "antennas" in told[-1].fact.remedy
 
 
 @mark.slow
