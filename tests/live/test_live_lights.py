@@ -356,6 +356,7 @@ def test_a_flight_whose_link_was_lost_for_a_while_is_not_called_sound_afterwards
         assert judgement.headline.level is judgement.lights[Light.LOG].level is Level.WATCH
         assert "antennas" in str(judgement.next_step)
     assert judgement.headline.remedy == str(judgement.next_step), "its line in the list, too"
+    assert "link lost 15 s" in [row.figure for row in light_rows(landed)]
     # A fault of the vehicle stays the headline, with its own next step.
     fault = judged.replace(Level.BAD, headline="Motor 3 is weak.", next_step="Inspect motor 3.")
     judgement = replace(landed, recording_verdict=fault).overall_judgement
