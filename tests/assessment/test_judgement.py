@@ -210,7 +210,7 @@ def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject,
     cause = Fact(FailedFirst.LIMIT_FIRST, subject=cause_subject) if cause_subject else None
     crash = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=cause, word=None)
     worst = headline(status_lights, ending=crash)
-    clause = "; before that, motor 2 works 10 ± 4 % harder than the mean"
+    clause = "; before that, motor 2 works 10 ± 4 % harder than the mean without lean"
     assert (clause in str(worst)) is is_added
     if cause is None:
         assert "motor 2 first" in str(choose_next_step(worst, status_lights))
