@@ -363,8 +363,8 @@ def test_no_headroom_is_stated_under_a_height_that_diverged():
 @mark.parametrize(
     "deviation, text",
     [
-        # Lean explains a part of the difference that the outputs show, which is left out of the figure.
-        (0.069, "Motor 1 works 6.9 ± 1.4 % harder than the mean without lean: compare with healthy"),
+        # Lean explains a part of the difference that the outputs show: the figure is without it.
+        (0.069, "Motor 1 works 6.9 ± 1.4 % harder than the mean without lean: compare with"),
         (-0.069, "Motor 1 works 6.9 ± 1.4 % less hard than the mean without lean: compare"),
         (0.03, "No motor stands out; one that lost 32 % of its thrust would show; headroom 24 %."),
     ],
