@@ -55,7 +55,7 @@ def fly(session_now, *flights):
     session = LiveSession(
         link,
         LiveStream(),
-        Settings(order=3, d=2, window=9, parameter_precision=10.0),
+        Settings(order=2, d=1, window=5, parameter_precision=10.0),
         Mock(return_value=None),
         Mock(),
         lambda event: facts.append(event.fact),

@@ -345,11 +345,10 @@ def batteries_in_flight(evidence: Evidence) -> list[Battery]:
     Returns:
         The batteries, the emptiest first.
     """
-    parameters = evidence.flown_parameters
     batteries = []
     for battery in batteries_worst_first(evidence.signals):
         is_recorded_in_flight = len(evidence.averages_in_flight(battery.voltage)) > 0
-        if is_recorded_in_flight and is_measured(parameters, battery):
+        if is_recorded_in_flight and is_measured(evidence.flown_parameters, battery):
             batteries.append(battery)
     return batteries
 
