@@ -42,8 +42,8 @@ AS_ANOTHER = (
 )
 """Flown as another of the recorded flights is, in other wind or at another rate, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
-TO_THE_GROUND = "ap_reboot_rates_never_asked_again"
-"""A simulated flight that is replayed whole: the autopilot restarts after its landing."""
+TO_THE_RESTART = "ap_reboot_rates_never_asked_again"
+"""A simulated flight that is replayed whole: the autopilot restarts in it, and sends HEARTBEATs alone then."""
 SECONDS = {
     "ap_short_with_climb": 82.0,
     "px4_rate_change_13.8ms": 30.0,
@@ -194,7 +194,7 @@ def hold_against_offline(path):
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     """The first seconds of real logs are replayed, since they have more irregularities than made-up flights."""
-    if path.stem != TO_THE_GROUND:
+    if path.stem != TO_THE_RESTART:
         path = first_seconds(path, tmp_path, SECONDS.get(path.stem, 45.0))
     if "SUBMARINE" in {vehicle.vehicle for vehicle in group_by_vehicle(path)}:
         assert not replay(recorded(path)).rows
