@@ -1,5 +1,7 @@
 """A roll loop of made-up flight and plant, whose gains are those of PX4 times a factor."""
 
+from functools import cache
+
 import numpy as np
 from known_gains import PX4, X_ROLL
 from numpy.random import default_rng
@@ -14,8 +16,12 @@ WIND = WindComponent(gaussian_kernel_noise(3), 1.0, 0.2)
 """A wind torque of smooth gusts."""
 
 
+@cache
 def made_up(factor=1.0):
-    """Returns a loop of a made-up flight and plant, with ``factor`` times the usual gains of the rate controller."""
+    """Returns a loop of a made-up flight and plant, with ``factor`` times the usual gains of the rate controller.
+
+    Loops cannot be changed, so that all tests of a process share each of them, and the margins that it has computed.
+    """
     rng = default_rng(3)
     status = dict.fromkeys(("effect", "damping", "lag"), Status.REPORTED)
     rate = rng.normal(0, 0.01, 2000)
