@@ -73,6 +73,22 @@ def test_what_shows_the_cause_comes_before_what_followed_and_each_is_listed_once
     )
 
 
+def test_a_command_before_and_in_a_loss_of_thrust_is_no_slow_rise():
+    """Both are medians, and the motor may have lost its thrust at once."""
+    rise = supporting_fact(
+        SensorFact.COMMAND_ROSE,
+        time=116.5,
+        end_time=126.5,
+        share_before=0.58,
+        share=0.88,
+        others_share_before=0.57,
+        others_share=0.57,
+    )
+    assert rise.sentence == (
+        "Its command was 88 % from 116.5 to 126.5 s, and 58 % before (the mean of the others stayed at 57 %)."
+    )
+
+
 def test_witnesses_stand_in_the_order_of_their_times():
     gravity = supporting_fact(SensorFact.GRAVITY_WRONG, acceleration=7.8, part="at rest")
     ended = supporting_fact(SensorFact.LOG_ENDED, duration=2.0)
