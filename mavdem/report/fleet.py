@@ -128,6 +128,9 @@ class VehicleTexts(NamedTuple):
     next_step: str
     """What to do next about what is wrong; empty where nothing is."""
 
+    finding: str
+    """What is wrong with the vehicle, in sentences, the most serious first; empty where nothing is."""
+
 
 def is_serial(name: str) -> bool:
     """Returns whether the name that logs have for a vehicle is too long to be shown, such as a serial number."""
@@ -219,7 +222,7 @@ def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool =
 
     Returns:
         The name. A vehicle without one is called by its type and a part of its serial number or of the hash, as in
-        "Quadrotor (unnamed, …6f6923)" for a hash.
+        "Quadrotor …6f6923" for a hash.
     """
     name_or_type = vehicle_name_or_type(name, frame, names, is_shared=is_shared)
     has_name_of_owner = name in names.vehicles
@@ -227,8 +230,6 @@ def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool =
     if has_name_of_owner or not is_identified_by_number:
         return name_or_type
     # Several vehicles have the same type, so that a part of the number follows it.
-    if is_calibration_name(name):
-        return f"{name_or_type} (unnamed, {short_name(name)})"
     return f"{name_or_type} {short_name(name)}"
 
 
@@ -363,8 +364,33 @@ def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
     reason = ""
     if present_anomaly is not None:
         reason = first_sentence(present_anomaly.health_reason or "")
-    next_step = _next_step(flights, present_anomaly)
-    return VehicleTexts(latest_flight.text, reason, all_flights.text, next_step)
+    return VehicleTexts(
+        latest_flight=latest_flight.text,
+        reason=reason,
+        all_flights=all_flights.text,
+        next_step=_next_step(flights, present_anomaly),
+        finding=_finding(flights, reason, latest_flight.text),
+    )
+
+
+def _finding(flights: Flights, reason: str, latest_flight_text: str) -> str:
+    """Returns what is wrong with a vehicle: a bad headline of its latest flight, then an anomaly of its motors.
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date; at least one flight.
+        reason: how its motors differ from those of healthy flights; empty without an anomaly, or where an anomaly has
+            no reason.
+        latest_flight_text: the text on the latest flight that was judged, which names the anomaly of the motors too.
+
+    Returns:
+        The sentences. With neither of both, the headline of the latest flight if that warns; otherwise an empty text.
+    """
+    if reason:
+        return f"{bad_headline(flights)} {reason}".strip()
+    if bad_headline(flights) or vehicle_health(flights) in ANOMALOUS_HEALTHS:
+        return latest_flight_text
+    latest_row = log_row(flights[-1])
+    return (latest_row.headline or "") if latest_row.headline_level == Level.WATCH else ""
 
 
 def _latest_anomalous_row(flights: Flights) -> FlightRow | None:

@@ -36,6 +36,9 @@ TIER_WORDS = {
 SECONDS_PER_HOUR = 3600
 """Seconds of an hour."""
 
+SECONDS_PER_MINUTE = 60
+"""Seconds of a minute."""
+
 MINUTES_PER_HOUR = 60
 """Minutes of an hour."""
 
@@ -48,8 +51,14 @@ MAX_REASONS = 8
 MAX_VEHICLE_LINES = 20
 """Vehicles that need a look with a line of their own on the terminal; the page has all. A choice."""
 
-MAX_LINES_BEFORE_LIST = 3
-"""Vehicles that need a look with a line above the page's list: a choice, the first screen of a telephone."""
+MAX_LINES_BEFORE_LIST = 5
+"""Vehicles that need a look that all have a line above the page's list: a choice, the first screen of a telephone."""
+
+WORST_LINES = 3
+"""Lines above that list where more vehicles need a look: the worst ones, and how many follow. A choice."""
+
+MAX_UNNAMED_LINES = 3
+"""Flights of unnamed vehicles to be watched with a line each; of more, the list of flights has them. A choice."""
 
 MAX_STEP_LENGTH = 120
 """Letters of what such a line says to do: the page has the rest. A choice."""
@@ -72,8 +81,8 @@ def fleet_blocks(
     Args:
         summaries: summary of the flights under each name.
         names: names that were given to vehicles.
-        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page. Of several
-            vehicles only the first three then have a line each.
+        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page. Lines on
+            several vehicles then state what is wrong, and the list what to do.
 
     Returns:
         Sentences and the table.
@@ -114,9 +123,12 @@ def fleet_blocks(
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
     # They follow the headline, which counts them.
-    blocks[1:1] = _urgent_vehicle_lines(
-        vehicles_of_headline, names, shared_names, lists_follow=lists_follow
-    )
+    blocks[1:1] = [
+        *_urgent_vehicle_lines(
+            vehicles_of_headline, names, shared_names, lists_follow=lists_follow
+        ),
+        *_watched_unnamed_lines(summaries, vehicles_of_headline),
+    ]
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused_rows)]
 
@@ -128,30 +140,80 @@ def _urgent_vehicle_lines(
     *,
     lists_follow: bool,
 ) -> list[Sentence]:
-    """Returns a line for each of several vehicles that need a look: what was found, and what to do next.
+    """Returns a line for each of several vehicles that need a look, and how many further ones have none.
 
     Args:
         vehicles: summary of each vehicle that the headline counts, by its name in the logs.
         names: names that owners gave to vehicles.
         shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
-        lists_follow: whether a list of all vehicles stands below, as on a page.
+        lists_follow: whether a list of all vehicles stands below, as on a page. It says what to do; without it each
+            line does.
 
     Returns:
-        The lines, the most urgent vehicle first, at most ``MAX_VEHICLE_LINES``, or ``MAX_LINES_BEFORE_LIST`` before a
-        list. There is none for a single vehicle, which the headline itself names.
+        The lines, the most urgent vehicle first. There is none for a single vehicle, which the headline itself names.
     """
     labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
     urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
     if len(urgent) < 2:
         return []
-    max_lines = MAX_LINES_BEFORE_LIST if lists_follow else MAX_VEHICLE_LINES
+    shown = urgent[: _max_vehicle_lines(len(urgent), lists_follow=lists_follow)]
     lines = []
-    for vehicle in urgent[:max_lines]:
-        finding = as_clause(listed_headline(vehicle.flights.texts.latest_flight))
-        next_step = shortened(first_sentence(vehicle.flights.texts.next_step), MAX_STEP_LENGTH)
-        text = f"{finding} · {next_step}" if vehicle.flights.texts.next_step else f"{finding}."
+    for vehicle in shown:
+        text = _finding_and_step(vehicle.flights, has_step=not lists_follow)
         lines.append(Sentence(text, lead=f"{vehicle.label}:"))
-    return lines
+    further_count = len(urgent) - len(shown)
+    return [
+        *lines,
+        *render_section("fleet_further", count=further_count, lists_follow=lists_follow),
+    ]
+
+
+def _max_vehicle_lines(urgent_count: int, *, lists_follow: bool) -> int:
+    """Returns how many of the vehicles that need a look have a line.
+
+    Args:
+        urgent_count: number of these vehicles.
+        lists_follow: whether a list of all vehicles stands below.
+
+    Returns:
+        ``MAX_VEHICLE_LINES`` without a list. Above a list all of a few vehicles have one, and of more the worst.
+    """
+    if not lists_follow:
+        return MAX_VEHICLE_LINES
+    return urgent_count if urgent_count <= MAX_LINES_BEFORE_LIST else WORST_LINES
+
+
+def _finding_and_step(vehicle: VehicleFlights, *, has_step: bool) -> str:
+    """Returns what is wrong with a vehicle in few words and, with ``has_step``, after a dot what to do next."""
+    finding = as_clause(listed_headline(vehicle.texts.finding))
+    if not has_step or not vehicle.texts.next_step:
+        return f"{finding}."
+    next_step = shortened(first_sentence(vehicle.texts.next_step), MAX_STEP_LENGTH)
+    return f"{finding} · {next_step}"
+
+
+def _watched_unnamed_lines(
+    summaries: Sequence[VehicleSummary], headline_vehicles: Mapping[str, VehicleFlights]
+) -> list[Sentence]:
+    """Returns a line with file, finding and link for each of a few flights to be watched whose vehicle is not known.
+
+    Args:
+        summaries: summary of the flights under each name.
+        headline_vehicles: summary of each vehicle that the headline counts, by name.
+
+    Returns:
+        The lines, in the order of the names; none of more than ``MAX_UNNAMED_LINES`` flights.
+    """
+    lines = []
+    for summary in summaries:
+        if not summary.has_shared_name or summary.name in headline_vehicles:
+            continue
+        for flight in summary.lines:
+            if flight.is_watched and not flight.simulated:
+                lead = f"{flight.cell('flight')} ({flight.cell('vehicle')}):"
+                text = f"{as_clause(flight.finding)}."
+                lines.append(Sentence(text, lead, address=flight.link))
+    return lines if len(lines) <= MAX_UNNAMED_LINES else []
 
 
 class _HeadlineCounts(NamedTuple):
@@ -458,7 +520,7 @@ def _watched_text(vehicles: Sequence[_LabelledVehicle]) -> str:
     """
     texts = []
     for number, vehicle in enumerate(vehicles):
-        finding = vehicle.flights.last.headline
+        finding = vehicle.flights.texts.finding
         has_finding = number == 0 and bool(finding)
         texts.append(f"{vehicle.label} ({as_clause(finding)})" if has_finding else vehicle.label)
     return abbreviated_list(texts)
@@ -507,7 +569,9 @@ class FlownTotals(NamedTuple):
 
 
 def flown_time_text(seconds: float) -> str:
-    """Returns a time in the air as people read it: "48 min" of less than an hour, "2.5 h", or "35 h"."""
+    """Returns a time in the air as people read it: "20 s", "48 min", "2.5 h", or "35 h"."""
+    if seconds < SECONDS_PER_MINUTE:
+        return f"{seconds:.0f} s"
     hours = seconds / SECONDS_PER_HOUR
     if hours < 1:
         return f"{MINUTES_PER_HOUR * hours:.0f} min"

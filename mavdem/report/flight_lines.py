@@ -21,6 +21,7 @@ from mavdem.report.fleet import (
     urgency_and_age,
     vehicle_name_or_type,
 )
+from mavdem.report.heading import listed_headline
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, rounded_up
 from mavdem.wind_velocity.compass import compass_text
@@ -64,6 +65,20 @@ class FlightLine(NamedTuple):
 
     cells: list[str]
     """The cells, one for each of the ``COLUMNS``."""
+
+    def cell(self, column: str) -> str:
+        """Returns the cell of a column by its header, such as "notes"."""
+        return self.cells[[*COLUMNS].index(column)]
+
+    @property
+    def finding(self) -> str:
+        """The first note in few words."""
+        return listed_headline(self.cell("notes").split("\n")[0])
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether the flight is to be watched, by its headline or its motors."""
+        return self.cell("health") == Level.WATCH
 
 
 def flight_line(flight: AxisRows, *, is_counted: bool = True) -> FlightLine:
@@ -243,9 +258,9 @@ def minutes_text(seconds: float) -> str:
 
 
 def _flight_time(flight: AxisRows) -> str:
-    """Returns the cell with the time in the air; empty if it is not known or the log was not read."""
+    """Returns the cell with the time in the air; empty if it is not known."""
     row = log_row(flight)
-    if row.flight_time is None or not row.is_read:
+    if row.flight_time is None:
         return ""
     return minutes_text(row.flight_time)
 

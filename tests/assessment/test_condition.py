@@ -183,7 +183,7 @@ def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not(
     vehicle_name, basis = name_of(flown(CALIBRATED))
     assert basis == "accelerometer"
     label = vehicle_label(vehicle_name, "QUADROTOR", NO_NAMES)
-    assert label == f"Quadrotor (unnamed, …{vehicle_name[-6:]})"
+    assert label == f"Quadrotor …{vehicle_name[-6:]}"
     more = {"INS_GYROFFS_X": 0.5, "ATC_RAT_RLL_P": 0.2}
     assert name_of(flown(CALIBRATED | more)) == (vehicle_name, basis)
     assert name_of(flown(CALIBRATED | {"INS_ACCOFFS_X": 0.12}))[0] != vehicle_name

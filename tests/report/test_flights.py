@@ -257,7 +257,7 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     assert (
         "1 needs a look: unnamed PX4 quadrotor (fault)" in text and "2 flights whose logs" in text
     )
-    assert "3 flights of 1 vehicle and of unknown ones" in text
+    assert "3 flights of 1 vehicle and of unnamed ones" in text
     assert [COLUMNS["vehicle"].cell([row]) for row in (rows[0], flight_row("quad", 0))] == [
         "unnamed PX4 quadrotor",
         "quad",
@@ -428,7 +428,7 @@ def test_a_wind_that_is_known_only_roughly_is_an_interval_in_the_table(speed, in
     assert flight_line([row]).cells[[*COLUMNS].index("wind (m/s)")] == text
 
 
-def test_before_a_list_the_three_most_urgent_vehicles_have_a_line():
+def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of_more():
     """Four named vehicles fell, and two flights have no known vehicle.
 
     Where a list follows, the headline is short.
@@ -459,10 +459,27 @@ def test_before_a_list_the_three_most_urgent_vehicles_have_a_line():
     )
     headline, *_ = fleet_blocks(rows, lists_follow=True)
     assert headline.lead.endswith("not known; 1 flight of an unnamed vehicle is to be watched.")
-    # The three most urgent vehicles have a line each above the list.
+    # Each of up to five vehicles has a line above the list, and so has the flight to be watched, with its page.
     _, *lines = fleet_blocks(rows, lists_follow=True)
-    assert [line.lead for line in lines[:4]] == ["quad 0:", "quad 1:", "quad 2:", "Flown:"]
-    assert lines[0].text.startswith("fell 0")
+    leads = [f"quad {number}:" for number in range(4)]
+    watched = "0003.ulg (unnamed PX4 quadrotor):"
+    assert [line.lead for line in lines[:6]] == [*leads, watched, "Flown:"]
+    assert lines[0].text == "fell 0." and lines[4][0::3] == ("low.", "pages/px4-2-3.html")
+    # The list says what to do; a terminal has none, and says it here.
+    rows[0] = replace(rows[0], next_step="Do not fly.")
+    texts = [fleet_blocks(rows, lists_follow=follows)[1].text for follows in (True, False)]
+    assert texts == ["fell 0.", "fell 0 · Do not fly."]
+    # A crash comes before a drift of the motors.
+    drift = {"health": "drift", "health_reason": "The load shifted. More."}
+    drifted = replace(rows[0], **drift, flight_time=12.6, status="Too short.")
+    assert fleet_blocks([drifted, rows[1]])[1].text == "fell 0. The load shifted · Do not fly."
+    assert flight_line([drifted]).cell("time") == "0:13"
+    assert "13 s in the air" in plain_text(fleet_blocks([drifted]))
+    # Of more vehicles the worst have a line.
+    more = [replace(rows[1], vehicle=f"quad {number}", file=f"{number}.bin") for number in (4, 5)]
+    _, *lines = fleet_blocks([*rows, *more], lists_follow=True)
+    assert [line.lead for line in lines[:3]] == leads[:3]
+    assert lines[3].text == "And 3 more vehicles below."
     # So have two vehicles: what is wrong stands at the top of the page.
     headline, *lines = fleet_blocks(rows[:2], lists_follow=True)
     assert headline.lead == "2 of 2 vehicles need a look."

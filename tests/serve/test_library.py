@@ -303,7 +303,7 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     by_calibration = replace(
         entry, vehicle="accelerometer-39ca5c6f6923", vehicle_basis="accelerometer"
     )
-    unnamed = '<span class="wide">unnamed </span>…\N{WORD JOINER}6f6923</a>'
+    unnamed = ">…\N{WORD JOINER}6f6923</a>"
     assert unnamed in library_page([by_calibration], {})
 
 

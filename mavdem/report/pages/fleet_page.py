@@ -14,6 +14,7 @@ from mavdem.containers import JsonValues
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.urgency import Urgency
+from mavdem.facts.vehicle import is_calibration_name
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRows
@@ -30,7 +31,6 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.fleet_summary import fleet_blocks, flown_time_text, vehicles_with_section
 from mavdem.report.flight_lines import COLUMNS, FlightLine, flight_line
-from mavdem.report.heading import listed_headline
 from mavdem.report.numbers import listed
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.vehicle_summary import LastFlight, VehicleFlights, VehicleSummary
@@ -182,7 +182,7 @@ def _table_of_scripts(
         "urgencies": [line.urgency for line in lines],
         "lights": [line.light_levels for line in lines],
         "counted": [line.is_counted and not _is_unused(line) for line in lines],
-        "findings": [_finding_in_short(line) for line in lines],
+        "findings": [line.finding for line in lines],
         "levels": BADGE_LEVELS,
         # In JSON the keys of an object come in the order of the alphabet, and not in that of urgency.
         "healths": [*BADGE_LEVELS],
@@ -190,15 +190,9 @@ def _table_of_scripts(
     }
 
 
-def _finding_in_short(line: FlightLine) -> str:
-    """Returns the first note on a flight in few words, which the table shows until the notes are unfolded."""
-    notes = line.cells[[*COLUMNS].index("notes")]
-    return listed_headline(notes.split("\n")[0])
-
-
 def _is_unused(line: FlightLine) -> bool:
     """Returns whether a line of the fleet's table is of a log that has no usable flight."""
-    return line.cells[[*COLUMNS].index("health")] == NOT_USED
+    return line.cell("health") == NOT_USED
 
 
 def _cells_with_rated_health(cells: Sequence[str]) -> list[str]:
@@ -494,7 +488,7 @@ def _vehicle_section(
         flights=vehicle.flight_count,
         air_time=flown_time_text(air_seconds) if air_seconds else "",
         bars=_level_bars(vehicle.levels, bar_count),
-        note=_note_on_vehicle(vehicle),
+        note=vehicle.texts.finding,
         next_step=vehicle.texts.next_step,
         summary=vehicle.texts.all_flights,
         is_compared=vehicle.health != UNKNOWN,
@@ -512,12 +506,15 @@ def _identification(logged_name: str, given_names: GivenNames, *, is_shared: boo
 
     Returns:
         "by its system id only" for a shared name. For a vehicle with a given name, the name in its logs; a serial
-        number is shortened. Empty for other vehicles, since the label has the name in the logs already.
+        number is shortened. That it has no serial number, for a vehicle that its sensors' calibration identifies. Empty
+        for other vehicles, since the label has the name in the logs already.
     """
     if is_shared:
         return "by its system id only"
     if given_names.vehicle(logged_name) != logged_name:
         return short_name(logged_name)
+    if is_calibration_name(logged_name):
+        return "no serial number, known by its sensors"
     return ""
 
 
@@ -635,21 +632,6 @@ def _labels_of_serial_numbers(
             frame = "" if summary.vehicle is None else summary.vehicle.last.frame
             labels[summary.name] = vehicle_label(summary.name, frame, names)
     return labels
-
-
-def _note_on_vehicle(vehicle: VehicleFlights) -> str:
-    """Returns what is wrong with a vehicle in one sentence, for its line in the list of a fleet's vehicles.
-
-    A vehicle with no known fault has no note, since most vehicles of a fleet would have the same.
-
-    Args:
-        vehicle: summary of the vehicle's flights, with texts on its motors and the headline of its latest flight.
-    """
-    if vehicle.needs_look:
-        # The reason is in the same words as the text on the latest flight, but shorter.
-        return vehicle.texts.reason or vehicle.texts.latest_flight
-    # The headline is empty unless it is bad or to be watched.
-    return vehicle.last.headline
 
 
 def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:

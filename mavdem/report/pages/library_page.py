@@ -14,14 +14,13 @@ from importlib.resources import files
 from typing import Any, NamedTuple, Protocol
 
 from jinja2 import Environment
-from markupsafe import Markup, escape
+from markupsafe import escape
 
 from mavdem.assessment.time_history import TimeHistory
 from mavdem.containers import Names
 from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason
-from mavdem.facts.vehicle import is_calibration_name
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows, Flights, group_by_vehicle, log_row
 from mavdem.fleet.names import NO_NAMES, content_hash
@@ -34,7 +33,6 @@ from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     HEALTH_LEVELS,
     VehicleTexts,
-    bad_headline,
     badge_level,
     short_name,
     unnamed_vehicle,
@@ -173,20 +171,16 @@ def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:
     return vehicle_label(name, frames.get(name, ""), NO_NAMES).replace("…", "…\N{WORD JOINER}")
 
 
-def _listed_vehicle_name(name: str) -> Markup:
-    """Returns the HTML of a vehicle's name for one line of a narrow column; a filter of the server's templates.
+def _listed_vehicle_name(name: str) -> str:
+    """Returns the name of a vehicle for one line of a narrow column; a filter of the server's templates.
 
     Args:
         name: name of the vehicle in its logs; its owner gave it none.
 
     Returns:
-        Text such as "unnamed …6f6923" for the hash of a calibration, both ends of a serial number, or the name itself.
-        A phone leaves the word "unnamed" out.
+        Both ends of a serial number, the end of a calibration's hash, such as "…6f6923", or the name itself.
     """
-    number = escape(short_name(name).replace("…", "…\N{WORD JOINER}"))
-    if not is_calibration_name(name):
-        return number
-    return Markup('<span class="wide">unnamed </span>{}').format(number)
+    return short_name(name).replace("…", "…\N{WORD JOINER}")
 
 
 class _FlightOfVehicle(Protocol):
@@ -386,7 +380,7 @@ def vehicle_page(
         The page as HTML.
     """
     # Without flights nothing is judged.
-    texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
+    texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="", finding="")
     level = Level.UNKNOWN
     if flights:
         texts = vehicle_texts(flights)
@@ -396,7 +390,7 @@ def vehicle_page(
     if len(flights) > 1:
         addresses = _addresses_of_flights(flights, values.get("entries", ()))
         charts = vehicle_groups(flights, addresses, healthy_logs)
-    headline = _vehicle_headline(flights, texts)
+    headline = texts.finding or texts.latest_flight
     if texts.reason:
         if texts.reason in plain_text(changes):
             # The changes below have the evidence.
@@ -424,8 +418,8 @@ class VehicleLine(NamedTuple):
     level: Level
     """How well it is, by its latest flight and by its motors in comparison with its other flights."""
 
-    latest_flight: str
-    """What the latest flight that was judged shows."""
+    finding: str
+    """What is wrong with it, the most serious first; where nothing is, what its latest judged flight shows."""
 
     flight_count: int
     """Number of its flights."""
@@ -468,27 +462,11 @@ def _vehicle_line(flights: Flights) -> VehicleLine:
     return VehicleLine(
         name=last_row.vehicle,
         level=badge_level(flights),
-        latest_flight=_vehicle_headline(flights, texts),
+        finding=texts.finding or texts.latest_flight,
         flight_count=len(flights),
         last_date=last_row.past_date,
         next_step=texts.next_step,
     )
-
-
-def _vehicle_headline(flights: Flights, texts: VehicleTexts) -> str:
-    """Returns the headline of a vehicle, which states an anomaly of its motors as the flight's own page does.
-
-    Args:
-        flights: rows of each of its flights, one for each axis, in the order of date.
-        texts: the texts about the vehicle on a fleet's page.
-
-    Returns:
-        The reason for the anomaly in one sentence, such as "Motor 1 lost about 25 % of its thrust …", and what the log
-        of the latest flight shows where that is bad; without an anomaly what the latest flight shows.
-    """
-    if not texts.reason:
-        return texts.latest_flight
-    return f"{texts.reason} {bad_headline(flights)}".strip()
 
 
 def _addresses_of_flights(flights: Sequence[AxisRows], entries: Iterable[Any]) -> list[str]:
