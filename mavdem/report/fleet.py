@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import MotorHealth, MotorsBetween
+from mavdem.facts.motors import LIKELY_PROBABILITY, MotorHealth, MotorsBetween
 from mavdem.facts.urgency import Urgency, urgency_of_headline
 from mavdem.facts.vehicle import (
     autopilot_of_system_id_name,
@@ -431,15 +431,28 @@ def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
 def motor_next_step(row: FlightRow) -> list[Sentence]:
     """Returns the next step if a comparison with other flights of the vehicle shows a fault or a drift of its motors.
 
+    The pages of the flight, of its vehicle and of its comparison with another flight all have this step.
+
     Args:
-        row: row of a flight whose motors have a fault or a drift, with the number of the suspected motor if any is.
+        row: row of a flight whose motors have a fault or a drift. The step is about the motor that the comparison
+            suspects, or else the one that the flight's own log warns of, or else all motors and the load.
+
+    Returns:
+        A list with one sentence, whose lead is "Next:".
     """
     if row.health_code == MotorsBetween.EFFORT_CHANGED:
         return render_section("effort_next")
     motor = suspected_motor(row)
-    # A suspected motor gives less thrust than in other flights. Without one, the step is about all motors and the load.
-    is_weaker = bool(motor)
-    return [*render_section("difference_next", motor=motor, is_weaker=is_weaker)]
+    watched_motor = f"motor {row.watched_motor}" if row.watched_motor else ""
+    is_unlikely = row.fault_probability is not None and row.fault_probability < LIKELY_PROBABILITY
+    return render_section(
+        "difference_next",
+        motor=motor or watched_motor,
+        # A suspected motor gives less thrust than in other flights.
+        is_weaker=bool(motor),
+        is_watched=not motor and bool(watched_motor),
+        needs_healthy_flight=is_unlikely,
+    )
 
 
 def suspected_motor(row: FlightRow) -> str:

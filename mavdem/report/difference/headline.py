@@ -18,6 +18,7 @@ from mavdem.fleet.quantities import (
     LOOP_KINDS,
     MAX_SENSITIVITY,
     PHASE_MARGIN,
+    SHARE,
 )
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
@@ -104,10 +105,11 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     difference = reviewed.difference
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
+    evidence = _evidence_in_sentence_on_motors(reviewed)
     lights = bad_lights(reviewed.reviews)
-    light_sentences = _sentences_on_lights(lights, reviewed)
+    light_sentences = _sentences_on_lights(lights, reviewed, evidence)
     bad_axes = {light.axis for light in lights if light.name == Light.MARGINS}
-    changes = changes_by_relevance(difference, bad_axes, reviewed.motors.evidence)
+    changes = changes_by_relevance(difference, bad_axes, evidence)
     changed_axes = {
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
     }
@@ -132,14 +134,34 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     return [*sentences, *gain_sentences, *watched, *result]
 
 
+def _evidence_in_sentence_on_motors(reviewed: ReviewedDifference) -> tuple[QuantityChange, ...]:
+    """Returns the changes of figures of a weak motor that the sentence on the motors states as its evidence.
+
+    Where the trim of another motor changed too, the result compares the trims, and the larger one, mostly that of the
+    weak motor, heads it: sure changes of the weak motor are then left to the result.
+
+    Args:
+        reviewed: comparison of the two states, with what is known of the motors.
+    """
+    evidence = reviewed.motors.evidence
+    other_changes = changes_by_relevance(reviewed.difference, without=evidence)
+    unexplained = changes_by_cause(reviewed.difference, other_changes).unexplained
+    if not any(change.quantity.kind == SHARE for change in unexplained):
+        return evidence
+    return tuple(change for change in evidence if change.outcome != QuantityOutcome.CHANGED)
+
+
 def _sentences_on_lights(
-    lights: Sequence[BadLight], reviewed: ReviewedDifference
+    lights: Sequence[BadLight],
+    reviewed: ReviewedDifference,
+    evidence: Collection[QuantityChange],
 ) -> list[Sentence]:
     """Returns a sentence on each bad light, and on the motors if they are judged differently, with measured evidence.
 
     Args:
         lights: the lights (judgements of one subject each) that are bad in at least one of the states.
         reviewed: comparison of the two states, with the reviews of both logs.
+        evidence: changes of figures of a weak motor that the sentence on the motors states.
     """
     sentences = _sentences_on_bad_lights(lights, reviewed)
     is_motors_light_bad = any(light.name == Light.MOTORS for light in lights)
@@ -148,7 +170,8 @@ def _sentences_on_lights(
     # Means over flights with and without the fault agree with neither.
     if mixed_sides(reviewed):
         return sentences
-    return with_evidence(sentences, reviewed.motors, reviewed.difference)
+    motors = reviewed.motors._replace(evidence=tuple(evidence))
+    return with_evidence(sentences, motors, reviewed.difference)
 
 
 def _do_gains_come_first(lights: Sequence[BadLight], reviewed: ReviewedDifference) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import motor_number
+from mavdem.facts.motors import MotorsBetween, motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.random_effects import QuantityChange
@@ -37,12 +37,13 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
     2. A light is bad: the next step of that log's own review; for the earlier log, only if the later one does not show
        that its fault was mended.
     3. The states are of two vehicles: no step, since their differences are no faults.
-    4. A light warns of a motor that the later log does not show to be mended: to inspect it.
-    5. A quantity changed that new gains do not explain: to check the part that this points to.
-    6. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
+    4. The later flight differs by its motors from other flights of the vehicle: the step of its own page.
+    5. A light warns of a motor that the later log does not show to be mended: to inspect it.
+    6. A quantity changed that new gains do not explain: to check the part that this points to.
+    7. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
        motors together does not exclude, and to fly again.
-    7. All motors perhaps work harder or less hard: to check the load, then the propellers.
-    8. Otherwise: no step.
+    8. All motors perhaps work harder or less hard: to check the load, then the propellers.
+    9. Otherwise: no step.
 
     Args:
         reviewed: comparison of two states, beside the reviews of both logs.
@@ -58,7 +59,7 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
         return steps
     if reviewed.are_two_vehicles:
         return []
-    motor_steps = _step_of_watched_motor(reviewed)
+    motor_steps = _step_of_compared_motors(reviewed) or _step_of_watched_motor(reviewed)
     if motor_steps:
         return motor_steps
     changes = changes_by_relevance(difference, without=reviewed.motors.evidence)
@@ -144,6 +145,20 @@ def _has_other_gains(light: BadLight, difference: VehicleDifference) -> bool:
         difference: comparison of the two states, which knows the axes with other gains.
     """
     return light.name == Light.MARGINS and light.axis in difference.axes_with_changed_loops
+
+
+def _step_of_compared_motors(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the step of the later flight's page if its motors differ from other flights of the vehicle; or none.
+
+    Args:
+        reviewed: comparison of the two states, with the reviews of both logs. The headline of a review has a code of
+            ``MotorsBetween`` where the motors differ, and its next step is then about these.
+    """
+    review = reviewed.reviews.get(later_side(reviewed.reviews), {})
+    next_step = value_at(review, "next_step.sentence")
+    if not next_step or value_at(review, "headline.code") not in [*MotorsBetween]:
+        return []
+    return [Sentence(next_step, lead="Next:")]
 
 
 def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:

@@ -52,6 +52,9 @@ NEXT_STEP = "<p><strong>Next:</strong>"
 NEXT_STEP_ALONE = "<p><strong>Then, by this log alone:</strong>"
 """The beginning of a log's next step, where the anomaly has one that comes first."""
 
+NEXT_STEP_REPEATED = "<p hidden><strong>Next:</strong>"
+"""The beginning of a log's next step that the anomaly has too, so that it is not shown again."""
+
 SECTION_CLASSES = {Level.BAD: "doubted", Level.WATCH: "lacking"}
 """The class of a section with a result, by the level of the result."""
 
@@ -82,7 +85,7 @@ class MotorAnomaly(NamedTuple):
     """The evidence, in sentences."""
 
     next_step: list[Sentence]
-    """What to do next; empty of a drift without a suspected motor."""
+    """What to do next."""
 
     code: str
     """Code of the evidence, a value of ``MotorsBetween``; empty where it is not known."""
@@ -106,14 +109,12 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
     """
     if row is None or row.health not in ANOMALOUS_HEALTHS:
         return None
-    motor = suspected_motor(row)
-    # A fault has a next step even where the motor is not known; a drift has one only for a suspected motor.
-    next_step = []
-    if row.health == MotorHealth.FAULT or motor:
-        next_step = motor_next_step(row)
-    level = HEALTH_LEVELS[MotorHealth(row.health)]
     return MotorAnomaly(
-        level, row.health_reason or "", next_step, code=row.health_code or "", motor=motor
+        HEALTH_LEVELS[MotorHealth(row.health)],
+        row.health_reason or "",
+        next_step=motor_next_step(row),
+        code=row.health_code or "",
+        motor=suspected_motor(row),
     )
 
 
@@ -325,6 +326,7 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     # What an earlier call has changed in the result is undone first: how it marked the headline and the next step.
     content = HEADLINE_ALONE.sub(r'<p class="headline"><strong>\1</strong></p>', result["content"])
     content = content.replace(NEXT_STEP_ALONE, NEXT_STEP, 1)
+    content = content.replace(NEXT_STEP_REPEATED, NEXT_STEP, 1)
     opening = f'<section id="result" class="{result["classes"]}">\n'
     if anomaly is None:
         return f"{opening}{content}</section>\n"
@@ -338,8 +340,9 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     if is_below:
         return f"{opening}{content}</section>\n{anomaly_section}\n"
     content = HEADLINE.sub(r"<p><strong>This log alone:</strong> \1</p>", content, count=1)
-    if anomaly.next_step:
-        content = content.replace(NEXT_STEP, NEXT_STEP_ALONE, 1)
+    is_same_step = any(f"{NEXT_STEP} {step.text}</p>" in content for step in anomaly.next_step)
+    lead = NEXT_STEP_REPEATED if is_same_step else NEXT_STEP_ALONE
+    content = content.replace(NEXT_STEP, lead, 1)
     return f"{anomaly_section}\n{opening}{content}</section>\n"
 
 

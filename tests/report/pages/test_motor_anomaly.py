@@ -31,6 +31,7 @@ from mavdem.report.difference.reviewed import (
     reviewed_difference,
 )
 from mavdem.report.difference.sides import side_descriptions
+from mavdem.report.fleet import vehicle_texts
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.motor_anomaly import (
     motor_anomaly,
@@ -109,12 +110,26 @@ def test_a_flight_that_is_judged_anew_and_is_sound_has_its_own_result_again(
     assert page_with_anomaly(with_anomaly, health) == page
 
 
-def test_a_drift_without_a_motor_leaves_the_next_step_to_the_log():
+def test_a_drift_without_a_motor_has_the_step_of_its_vehicle_and_of_its_comparison():
     page = page_with_anomaly(PAGE, "drift")
     assert "data-alone" not in page
     assert page.count('class="headline"') == 1 and "<strong>It differs.</strong>" in page
-    assert page.count("<strong>Next:</strong> Fly anew.") == 1
+    step = "Unless they were replaced, check motors and propellers, then the load."
+    assert f"<strong>Next:</strong> {step}" in page
+    assert page.count("<strong>Then, by this log alone:</strong> Fly anew.") == 1
     assert page_with_anomaly(page, "drift") == page
+    # The motor that the log alone warns of comes first, and its step is not repeated.
+    row = flight_row("quad", 1, health="drift", health_reason="It differs.", watched_motor=1)
+    row = replace(row, health_code=MotorsBetween.BALANCE_CHANGED)
+    step = "Compare the propeller of motor 1 with the others, and check the place of the load."
+    page_of_log = PAGE.replace("Fly anew.", step)
+    page = with_motor_anomaly(page_of_log, motor_anomaly(row))
+    assert page.count(f"<p><strong>Next:</strong> {step}") == 1 and "<p hidden>" in page
+    assert with_motor_anomaly(page, None) == page_of_log
+    assert vehicle_texts([[row]]).next_step == step
+    reviews = {"A": GOOD_REVIEW, "B": review_with_compared_motors(GOOD_REVIEW, [row])}
+    reviewed = reviewed_difference(doubtful_trim(1, 0.16), reviews)
+    assert texts(next_blocks(reviewed)) == [f"Next: {step}"]
 
 
 @mark.parametrize("health", ["drift", "fault"])
@@ -383,6 +398,14 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     assert (
         "This agrees with motor 1's relative trim +16 % (+10 to +22 %), sure by itself." in headline
     )
+    assert "Changed:" not in headline
+    # Where the trim of another motor changed, too, the larger change heads the result, and is not stated twice.
+    other = next(change for change in rest if change.quantity.kind == SHARE)
+    other = other._replace(outcome=QuantityOutcome.CHANGED, p=1e-5, tested_difference=log1p(-0.09))
+    both = difference._replace(changes=(sure, other))
+    headline = " ".join(texts(headline_of_comparison(reviewed_difference(both, reviews))))
+    assert "Changed: motor 1's relative trim +16 % (+10 to +22 %), and 1 more." in headline
+    assert headline.count("+16 %") == 1
     # Where all trims together leave it open, the headline has one verdict, and the next step a further flight.
     reviews = judged_reviews(health="drift", suspect_motor=1, fault_probability=0.5)
     doubted = reviewed_difference(difference, reviews)
@@ -404,7 +427,6 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     assert fact.sentence.startswith(
         "Motor 1 works 13 % (6 to 20 %) harder; that it lost thrust is as likely as not (probability 0.50): one healthy"
     )
-    assert "Changed:" not in headline
 
 
 def test_a_doubtful_trim_is_no_step_where_all_together_show_no_weak_motor():
