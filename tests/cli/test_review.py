@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import click
 from command_line import document_of, run, strict_json
-from pytest import mark, raises
+from pytest import fixture, mark, raises
 from recorded_flights import LOGS, SLOW
 from refusals import prose
 
@@ -21,6 +21,12 @@ from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import TrimFact
 from mavdem.ingest import read_log
 from mavdem.report.review import first_lines, further_lines, review_screen
+
+
+@fixture(scope="module")
+def assessment():
+    """The assessment of a sound flight, which the tests change in copies."""
+    return assess(read_log(SLOW))
 
 
 def test_a_log_alone_is_reviewed(here, capsys, monkeypatch):
@@ -82,8 +88,7 @@ def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
 
 
 @mark.slow
-def test_a_row_divides_the_alarms_of_two_boots():
-    assessment = assess(read_log(SLOW))
+def test_a_row_divides_the_alarms_of_two_boots(assessment):
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD)
     times = (
         (0, 60.0, "motor 3"),
@@ -107,9 +112,8 @@ def test_a_row_divides_the_alarms_of_two_boots():
 
 
 @mark.slow
-def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
+def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline(assessment):
     """The headline's event has its place in the order of time, and its sentence stands once, below."""
-    assessment = assess(read_log(SLOW))
     mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, time=90.0, subject="Loiter", cause=None)
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD)
     loss, *others = (
@@ -128,9 +132,8 @@ def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
 
 
 @mark.slow
-def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
+def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page(assessment):
     """Of a motor's saturations the first stands for all, as on the page, even if a later one lasted longer."""
-    assessment = assess(read_log(SLOW))
     motor = "motor 4 (rear right), which is named at some length"
     limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=motor, share=0.5, boot=0)
     first = limit.replace(time=100.0, end_time=102.0)
@@ -144,9 +147,8 @@ def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
 
 
 @mark.slow
-def test_the_event_of_the_headline_is_wrapped_too():
+def test_the_event_of_the_headline_is_wrapped_too(assessment):
     """Its first clause stands in the list, and the whole of it below."""
-    assessment = assess(read_log(SLOW))
     motor = "motor 4 (rear right), which is named at some length"
     cause = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=99.0, subject=motor, boot=0)
     figures = {"speed": 5.1, "height": 0.0, "cause": None, "word": ""}
@@ -161,8 +163,7 @@ def test_the_event_of_the_headline_is_wrapped_too():
 
 
 @mark.slow
-def test_a_screen_lists_the_modes_before_the_landing():
-    assessment = assess(read_log(SLOW))
+def test_a_screen_lists_the_modes_before_the_landing(assessment):
     mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, subject="Return", cause=None, boot=0)
     swing = Fact(
         MotionEvent.ATTITUDE_SWUNG,
@@ -184,9 +185,8 @@ def test_a_screen_lists_the_modes_before_the_landing():
 
 
 @mark.slow
-def test_the_light_of_the_headline_refers_to_it():
+def test_the_light_of_the_headline_refers_to_it(assessment):
     """The terminal would otherwise show one sentence twice."""
-    assessment = assess(read_log(SLOW))
     trim = Fact(
         TrimFact.TRIM_OF_YAW,
         share=0.13,
@@ -260,8 +260,7 @@ def test_the_inventory_and_the_review_have_every_instance_and_what_can_be_truste
 
 
 @mark.slow
-def test_a_light_that_has_no_short_sentence_is_shown_whole():
-    assessment = assess(read_log(SLOW))
+def test_a_light_that_has_no_short_sentence_is_shown_whole(assessment):
     reason = Fact(Unjudged.MULTIROTORS_ONLY, kind="a long type of vehicle " * 5)
     judgement = replace(assessment.judgement, lights={"wind": reason.replace(level=Level.GOOD)})
     for columns in (80, 160):
@@ -270,8 +269,7 @@ def test_a_light_that_has_no_short_sentence_is_shown_whole():
 
 
 @mark.slow
-def test_a_warning_of_two_lights_is_printed_once():
-    assessment = assess(read_log(SLOW))
+def test_a_warning_of_two_lights_is_printed_once(assessment):
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=60.0, boot=0, subject="motor 3")
     lights = {"motors": stop, "tracking": stop}
     judgement = replace(assessment.judgement, lights=lights)

@@ -50,7 +50,7 @@ STEERED = {
     "vehicle": {"model": "iris", "rate_gain": 4.0, "parameters": {"SCHED_LOOP_RATE": 200.0}},
     "excitation": {
         "kind": "multisine",
-        "axis": "all",
+        "axis": "roll",
         "sd": 3.0,
         "lowest": 0.2,
         "highest": 5.0,
