@@ -127,7 +127,7 @@ class LibraryEntry:
     modes: str = ""
     """Flight modes in order of their first use, separated by commas."""
     motor: int | None = None
-    """Number of the motor that is suspected of a fault, from 1."""
+    """Number of the motor that is suspected of a fault, or that the light of the motors warns of, from 1."""
     wind_speed: float | None = None
     """Mean of the wind speeds, m/s; none where still air is likely as well, or the speed is not identifiable."""
     wind_low: float | None = None
@@ -403,7 +403,7 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "headline": first_row.headline or "",
         "level": first_row.headline_level or "",
         "urgency": int(urgency_of_headline(first_row.headline_level, first_row.headline_rank)),
-        "motor": _motor_with_fault(rows),
+        "motor": _suspect_motor(rows),
         "wind_speed": first_row.wind_speed,
         "wind_low": wind_low,
         "wind_high": wind_high,
@@ -428,19 +428,19 @@ def _date_columns(row: FlightRow) -> dict[str, str]:
     return columns
 
 
-def _motor_with_fault(rows: Sequence[FlightRow]) -> int | None:
-    """Returns the number of the motor that failed in a log or, if none did, of a motor that is suspected of a fault.
+def _suspect_motor(rows: Sequence[FlightRow]) -> int | None:
+    """Returns the number of the motor that a log suspects of a fault.
 
     Args:
         rows: rows of the log in the fleet's table, one per vehicle and axis. The first with such a motor counts.
 
     Returns:
-        The number, from 1; None if no motor failed and none is suspected.
+        The number, from 1, of a motor that failed; otherwise of one that other flights of the vehicle show to be weak;
+        otherwise of one that the light of the motors warns of. None without any.
     """
-    for row in rows:
-        if row.failed_motor is not None:
-            return row.failed_motor
-    for row in rows:
-        if row.suspect_motor is not None:
-            return row.suspect_motor
+    for column in ("failed_motor", "suspect_motor", "watched_motor"):
+        for row in rows:
+            motor: int | None = getattr(row, column)
+            if motor is not None:
+                return motor
     return None

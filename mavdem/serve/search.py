@@ -64,6 +64,9 @@ NUMBER_COLUMNS = {
 Where a search compares the wind, its interval is used instead of this column.
 """
 
+YAW_TRIM_GLOB = "yaw trim *"
+"""Glob pattern of SQLite that the headline of a yaw trim matches, in small letters (``yaw_trim`` in motors.toml)."""
+
 LEVEL_COLUMNS = {"level", *map(str, Light)}
 """Columns with a level, by their own names."""
 
@@ -459,9 +462,13 @@ def _motor_condition(number: float) -> SqlCondition:
     Args:
         number: number of the motor.
     """
-    # A headline may name other motors besides the suspected one.
+    # A headline may name other motors besides the suspected one. That of a yaw trim names the motor that deviates most
+    # and suspects none: all motors of one direction of rotation work harder.
     named_motor = f"*motor {number:g}[^0-9]*"
-    is_suspected_by_log = f"(motor = ?) or (lower({SHOWN_HEADLINE_OF_LOG_SQL}) glob ?)"
+    headline = f"lower({SHOWN_HEADLINE_OF_LOG_SQL})"
+    is_suspected_by_log = (
+        f"(motor = ?) or ({headline} glob ? and {headline} not glob '{YAW_TRIM_GLOB}')"
+    )
     is_suspected_by_comparison = has_anomaly_sql("suspect_motor = ? or lower(reason) glob ?")
     return SqlCondition(
         f"{is_suspected_by_log} or {is_suspected_by_comparison}",

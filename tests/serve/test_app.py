@@ -32,11 +32,13 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import RefusalReason, Sharing, Stage, StartFailure
 from mavdem.facts.sources import SourceFact
+from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import Job, failed
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import PAGE_FILE
 from mavdem.serve import api, listening, uploads
 from mavdem.serve.guard import POLICY_HEADER
+from mavdem.serve.index import columns_of_flight
 from mavdem.serve.library import Library
 from mavdem.serve.rights import Rights, rights_for_host
 from mavdem.serve.stored_files import refuse_full_disk
@@ -274,6 +276,11 @@ def test_a_flight_is_changed_found_and_deleted(served):
         0,
         0,
     ]
+    # A yaw trim suspects no motor, and names the one that deviates most.
+    served.library.change(id, headline="Yaw trim 13 %: motor 1 deviates 14 %.")
+    assert total(served, "motor:1") == 0
+    watched = FlightRow(file="a.bin", watched_motor=1)
+    assert columns_of_flight([watched])["motor"] == 1
     assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0
     # A program is told what a browser shows; a word with a colon may be in a note, such as a time of day.
     unknown = served.get("/api/flights?q=foo:bar")

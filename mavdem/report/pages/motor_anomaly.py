@@ -29,8 +29,10 @@ from mavdem.report.fleet import (
     motor_next_step,
     suspected_motor,
 )
+from mavdem.report.heading import Heading, listed_headline
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
+from mavdem.report.templates import first_and_further_sentences
 
 RESULT_HTML = re.compile(
     r'(?P<anomaly><section id="beside".*?</section>\n)?'
@@ -95,6 +97,13 @@ class MotorAnomaly(NamedTuple):
 
     comparison: PageLink | None = None
     """The page that compares the flight with a sound one; None where there is no such page."""
+
+    @property
+    def heading(self) -> Heading:
+        """The first sentence of the evidence in few words, and what that leaves out."""
+        first, further = first_and_further_sentences(self.reason)
+        finding = listed_headline(first)
+        return Heading(finding, details=further if finding == first else self.reason)
 
 
 def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:

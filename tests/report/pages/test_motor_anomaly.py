@@ -118,6 +118,10 @@ def test_a_drift_without_a_motor_has_the_step_of_its_vehicle_and_of_its_comparis
     assert f"<strong>Next:</strong> {step}" in page
     assert page.count("<strong>Then, by this log alone:</strong> Fly anew.") == 1
     assert page_with_anomaly(page, "drift") == page
+    # Figures stand below the headline and the next step.
+    page = with_motor_anomaly(PAGE, anomaly("drift", reason="It differs. Roll by 4.8 %."))
+    assert "<strong>It differs.</strong>" in page
+    assert page.index("Next:") < page.index('<p class="soft">Roll by 4.8 %. By comparison')
     # The motor that the log alone warns of comes first, and its step is not repeated.
     row = flight_row("quad", 1, health="drift", health_reason="It differs.", watched_motor=1)
     row = replace(row, health_code=MotorsBetween.BALANCE_CHANGED)
