@@ -9,6 +9,7 @@ from pytest import mark, raises
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
+from mavdem.assessment.axis import Options
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import predicted_errors
@@ -76,7 +77,8 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
     assert (twin.code, twin.subject) == (GainFact.TWIN_ANGLE_ERROR, "roll")
     assert 0 < twin.figures["expected_error"] < 6 and 0 < twin.figures["present_error"] < 6
-    (refused,) = predicted_errors(assess(read_log(recording)).evidence, {"ATC_ANG_RLL_P": -1.0})
+    evidence = assess(read_log(recording), options=Options(with_model=False)).evidence
+    (refused,) = predicted_errors(evidence, {"ATC_ANG_RLL_P": -1.0})
     assert refused.code is TwinFact.CANNOT_FLY
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     document = strict_json(capsys.readouterr().out)
