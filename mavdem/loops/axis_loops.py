@@ -51,6 +51,11 @@ class MarginTarget(NamedTuple):
     ms: float
     """Largest maximum sensitivity."""
 
+    @property
+    def largest_gain(self) -> float:
+        """Largest gain |L| of a loop with this gain margin where its phase is −180°."""
+        return float(10 ** (-self.gain_margin / DECIBELS_PER_DECADE))
+
 
 MARGIN_TARGETS = {
     "soft": MarginTarget(55.0, 8.0, 1.7),
@@ -66,6 +71,10 @@ LOWEST_SCORE = -1.0
 """Least score of margins that a fact reports: unstable loops have minus infinity."""
 LARGEST_REPORTED_GAIN_MARGIN = 99.0
 """Gain margin that is reported in the place of an infinite end of an interval, dB."""
+SLOW_LOG = (LoopFact.CROSSOVER_FAST, LoopFact.GAIN_MARGIN_EXTRAPOLATED)
+"""Cautions that the log hardly shows frequencies that the margins rest on; each states the ``least_rate`` that does."""
+DECIBELS_PER_DECADE = 20.0
+"""Decibels in a factor of ten of an amplitude."""
 AXIS_PARAMETER_PREFIXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
 """Beginnings of the names of parameters that belong to one axis; others concern all axes."""
 
@@ -90,7 +99,7 @@ class Loop(Margins):
     dynamics: Array
     """Damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters, in the same order."""
     cautions: Facts = ()
-    """Known errors that the intervals of the margins do not allow for."""
+    """What limits how far the margins can be relied on, such as a log that is slow for the loop."""
     measured: MeasuredResponse | None = None
     """The response of the rate in flight, if the log has setpoints."""
     grid: FrequencyGrid = FINE_GRID
@@ -107,17 +116,43 @@ class Loop(Margins):
 
     @property
     def has_biased_effectiveness(self) -> bool:
-        """Whether wind biases the control effectiveness, for which the intervals of the margins do not allow."""
+        """Whether wind biases the estimated control effectiveness. The intervals of the margins allow for that."""
         return any(caution.code is LoopFact.EFFECT_BIASED for caution in self.cautions)
 
     @property
-    def is_logged_too_slowly(self) -> bool:
-        """Whether the margins rest on frequencies that the log hardly shows, for which their intervals do not allow.
+    def least_log_rate(self) -> float | None:
+        """Rate of the log, Hz, from which on it would show all frequencies of the margins; None if it shows them."""
+        rates = [
+            caution.figures["least_rate"] for caution in self.cautions if caution.code in SLOW_LOG
+        ]
+        return max(rates, default=None)
 
-        Then the crossover is near the rate of the log, or the gain margin beyond its Nyquist frequency.
+    def is_logged_too_slowly(self, target: MarginTarget) -> bool:
+        """Returns whether the log is too slow to say surely that the margins are reached, whatever their intervals are.
+
+        There are two cases:
+
+        - The rate loop crosses over so near to the rate of the log that few samples show the phase there.
+        - Its phase reaches −180° beyond the Nyquist frequency, and the gain there may exceed what the gain margin
+          permits. The phase is not known beyond that frequency. But if the gain is nowhere larger than permitted, the
+          loop has the gain margin at any phase.
+
+        Args:
+            target: margins to reach.
         """
         codes = {caution.code for caution in self.cautions}
-        return LoopFact.CROSSOVER_FAST in codes or LoopFact.GAIN_MARGIN_EXTRAPOLATED in codes
+        if LoopFact.CROSSOVER_FAST in codes:
+            return True
+        return (
+            LoopFact.GAIN_MARGIN_EXTRAPOLATED in codes and self._unseen_gain > target.largest_gain
+        )
+
+    @property
+    def _unseen_gain(self) -> float:
+        """Largest gain |L| of the rate loop beyond the Nyquist frequency of the record: its 95 % quantile."""
+        is_unseen = self.rate.frequency >= 0.5 / self.record.dt
+        largest_gains = np.abs(self.rate.response[:, is_unseen]).max(axis=1, initial=0.0)
+        return float(np.quantile(largest_gains, INTERVAL_QUANTILES[1]))
 
     @property
     def advice(self) -> Advice:
@@ -310,7 +345,9 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     Each margin is divided by its target, and the smallest of these ratios is the score of a loop
     (:func:`margin_scores`). If it is at least 1, the loop has all margins. There is one score for the estimated plant
     and one for each draw from its posterior. The level is "good" if at least 95 % of the scores are at least 1, so that
-    the margins are certain. It is "watch" if fewer are, but the estimate's is, and "bad" otherwise.
+    the margins are certain; "unknown" if they are, but by a log that is too slow to show them
+    (:meth:`Loop.is_logged_too_slowly`); "watch" if fewer are, but the estimate's is; and "bad" otherwise. This is the
+    only judgement of margins by a model: lights, decisions, advice and reports all go by it.
 
     Args:
         loop: rate and attitude loop of one axis.
@@ -319,7 +356,9 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     Returns:
         A fact with the margins and 90 % intervals of the weaker of the two loops. ``subject`` names that loop, "rate"
         or "attitude"; ``lacking`` names its margin with the smallest ratio, "phase_margin", "gain_margin" or "ms";
-        ``share`` is the lower score of both loops with the estimated plant.
+        ``share`` is the lower score of both loops with the estimated plant. ``is_log_slow`` is whether the log is too
+        slow for the level "good", and ``unseen_from`` the frequency, Hz, beyond which the gain margin is extrapolated,
+        or None.
     """
     # The weaker loop is chosen by the estimated plant.
     rate_score = margin_scores(target, loop.rate)[ESTIMATE]
@@ -334,8 +373,9 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     # If the 5 % quantile of the scores is at least 1, then so are the scores of 95 % of the plants. The method "lower"
     # returns one of the scores. Interpolation with minus infinity, the score of an unstable loop, would give NaN.
     low_probability = 1 - INTERVAL_QUANTILES[1]
+    is_log_slow = loop.is_logged_too_slowly(target)
     if np.quantile(scores, low_probability, method="lower") >= 1:
-        level = Level.GOOD
+        level = Level.UNKNOWN if is_log_slow else Level.GOOD
     elif scores[ESTIMATE] >= 1:
         level = Level.WATCH
     ratios = margin_ratios(target, weaker_loop)
@@ -355,7 +395,17 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         gain_margin_interval=gain_margin_interval,
         ms=weaker_loop.ms,
         ms_interval=weaker_loop.ms_interval,
+        is_log_slow=is_log_slow,
+        unseen_from=_nyquist_frequency_if_exceeded(loop) if weaker_name == "rate" else None,
     )
+
+
+def _nyquist_frequency_if_exceeded(loop: Loop) -> float | None:
+    """Returns the Nyquist frequency of the record, Hz, if the gain margin of the rate loop is beyond it; else None."""
+    for caution in loop.cautions:
+        if caution.code is LoopFact.GAIN_MARGIN_EXTRAPOLATED:
+            return float(caution.figures["rate"])
+    return None
 
 
 def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:

@@ -15,7 +15,7 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import ControllerFact, LoopFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.autopilot_parameters import MOTOR_COUNT
-from mavdem.loops.axis_loops import Loop, parameters_changed_in_flight
+from mavdem.loops.axis_loops import DECIBELS_PER_DECADE, Loop, parameters_changed_in_flight
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.filters import gyro_delay
 from mavdem.loops.measured_response import measured_rate_response
@@ -54,9 +54,6 @@ BUTTERWORTH_AT_HALF_CUTOFF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
 
 The delay of the filter is √2 / ω_c, so that the imaginary part √2 / 2 is half of the cut-off times the delay.
 """
-
-DECIBELS_PER_DECADE = 20.0
-"""Decibels in a factor of ten of an amplitude."""
 
 
 def loop_from_learned(learned: Learned, controller: Controller | None = None) -> Loop:
@@ -188,8 +185,16 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
         # is the one at which L is nearest to that point.
         point_on_axis = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
         crossing_index = np.argmin(np.abs(rate.response[ESTIMATE] - point_on_axis))
-        if rate.frequency[crossing_index] >= nyquist_frequency:
-            cautions.append(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
+        crossing_frequency = float(rate.frequency[crossing_index])
+        if crossing_frequency >= nyquist_frequency:
+            cautions.append(
+                Fact(
+                    LoopFact.GAIN_MARGIN_EXTRAPOLATED,
+                    rate=nyquist_frequency,
+                    # By the sampling theorem the log must be twice as fast as the frequency.
+                    least_rate=_advised_log_rate(2 * crossing_frequency),
+                )
+            )
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
         cautions.append(
             Fact(

@@ -29,14 +29,14 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
-from mavdem.loops.advice import Advice, AdviceByAxis, Gain
+from mavdem.loops.advice import GAIN_REDUCTION, Advice, AdviceByAxis, Gain
 from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis, MarginTarget, margin_rating
 from mavdem.loops.filters import gyro_delay, gyro_filters
 from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
     MAX_GAIN_STEP,
     MIN_GAIN_CHANGE,
-    SURE_SHARE,
+    round_gain,
 )
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
@@ -120,7 +120,7 @@ class GainOutcome(StrEnum):
     KEEP = "keep"
     """The loops have their margins, and the gains stay."""
     KEEP_UNSURE = "keep_unsure"
-    """The gains stay, but too few models of the vehicle have the margins, or wind or a slow log biases these."""
+    """The gains stay, but too few models of the vehicle have the margins, or the log is too slow to show them."""
     FLY_FIRST = "fly_first"
     """Other gains were tried, and another flight is to confirm them before they are loaded."""
     LOWER = "lower"
@@ -632,11 +632,7 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         return GainOutcome.DOUBTFUL
     if advice.parameters:
         return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
-    loop = advice.before
-    if loop.has_biased_effectiveness or loop.is_logged_too_slowly:
-        return GainOutcome.KEEP_UNSURE
-    reaches_goal = advice.rating.is_good or advice.sure >= SURE_SHARE
-    return GainOutcome.KEEP if reaches_goal else GainOutcome.KEEP_UNSURE
+    return GainOutcome.KEEP if advice.rating.is_good else GainOutcome.KEEP_UNSURE
 
 
 def tune_blocks(
@@ -1337,7 +1333,7 @@ def _advice_on_gains(tuning: Tuning, advice: Advice) -> Fact:
     - ``waits``: whether these gains are not to be loaded yet. Gains are loaded in stages, with a flight after each, and
       those of stage 2 wait while another axis has gains of stage 1.
     - ``is_goal_stated``: that the sentence need not state the goal of the margins, as :func:`goal_sentences` does so.
-    - ``is_biased``: whether wind biases the estimated control effectiveness, so that the margins are not sure.
+    - ``is_biased``: whether the margins are not sure, and wind biases the estimated control effectiveness.
     - ``is_log_slow``: whether they are not sure since the log hardly shows the frequencies that they are of.
 
     Args:
@@ -1347,8 +1343,8 @@ def _advice_on_gains(tuning: Tuning, advice: Advice) -> Fact:
     return advice.conclusion.replace(
         waits=tuning.waits(advice),
         is_goal_stated=True,
-        is_biased=advice.before.has_biased_effectiveness,
-        is_log_slow=advice.before.is_logged_too_slowly,
+        is_biased=not advice.rating.is_good and advice.before.has_biased_effectiveness,
+        is_log_slow=advice.rating.figures["is_log_slow"],
     )
 
 
@@ -1429,11 +1425,11 @@ def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -
         decision: decision on the loops of the axis; None if there is none.
 
     Returns:
-        A list with the rating (:func:`_rating_of_margins`). If the axis does not follow its setpoint, the rating is
-        "watch" at best, and its sentence says that the margins are not enough. The list is empty if the loop cannot be
-        relied on, so that no gains are advised, and the decision was made for another reason than the margins.
+        A list with the rating. If the axis does not follow its setpoint, the rating is "watch" at best, and its
+        sentence says that the margins are not enough. The list is empty if the loop cannot be relied on, so that no
+        gains are advised, and the decision was made for another reason than the margins.
     """
-    rating = _rating_of_margins(advice)
+    rating = advice.rating
     if decision is None:
         return [rating]
     is_decided_by_margins = decision.reason.code is MarginsLight.LOOP_MARGINS
@@ -1444,21 +1440,6 @@ def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -
         # The figure ``follows`` = False adds to the sentence "but the axis does not follow its setpoint".
         return [rating.replace(level, follows=False)]
     return [rating]
-
-
-def _rating_of_margins(advice: Advice) -> Fact:
-    """Returns the rating of an axis' stability margins, at best "watch" if their intervals may be wrong.
-
-    The intervals do not allow for wind that biases the control effectiveness, nor for a log that is slow for the loop.
-
-    Args:
-        advice: advice on the gains of the axis, with the rating of the margins of its identified loop.
-    """
-    loop = advice.before
-    are_intervals_wrong = loop.has_biased_effectiveness or loop.is_logged_too_slowly
-    if advice.rating.is_good and are_intervals_wrong:
-        return advice.rating.replace(Level.WATCH)
-    return advice.rating
 
 
 def decision_sentences(
@@ -1785,7 +1766,7 @@ def _worst_rating(tuning: Tuning) -> Fact | None:
         decision = tuning.judgement.loop_decisions.get(axis)
         for rating in _rating_unless_contradicted(advice, decision):
             ratings.append(rating.replace(subject=f"{axis} {rating.subject}"))
-    for level in (Level.BAD, Level.WATCH, Level.GOOD):
+    for level in (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD):
         for rating in ratings:
             if rating.level is level:
                 return rating
@@ -2234,6 +2215,10 @@ def gain_table(advice: Advice) -> list[Table]:
 def gain_row(name: str, gain: Gain) -> list[str]:
     """Returns the row of a gain: its name, value now, value to set, and the factor between them (1 for a gain of 0)."""
     factor = gain.set / gain.now if gain.now else 1.0
+    # Gains are rounded to three digits: 0.2 is lowered to 0.133, by the same factor as all others.
+    is_lowered_by_rule = round_gain(gain.set) == round_gain(GAIN_REDUCTION * gain.now)
+    if gain.now and is_lowered_by_rule:
+        factor = GAIN_REDUCTION
     return [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"]
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from hover import Hover, evidence_of
 from known_gains import PX4
 from made_up_loop import made_up
 from partial_records import partial_record
@@ -15,8 +16,11 @@ from mavdem.assessment.axis.loop_decision import (
     decide_on_loops,
 )
 from mavdem.assessment.axis.margins import AxisMargins, response_comparison
+from mavdem.assessment.lights.log import log_light
+from mavdem.assessment.lights.margins import margins_light
 from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.dataset.segments import Segment
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact, StepResponseFact
@@ -107,6 +111,20 @@ def test_a_loop_with_its_margins_stays_as_it_is():
     decision = decision_on_roll(made_up())
     assert (decision.diagnosis, decision.action) == (LoopDiagnosis.NOTHING_WRONG, None)
     assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.reasons_against_gains
+    # A log that is slow for the loop does not show the same margins surely: neither light nor `mavdem tune` says so.
+    fast = Fact(LoopFact.CROSSOVER_FAST, crossover=2.1, rate=9.4, least_rate=50.0)
+    slow = replace(made_up(), cautions=(fast,))
+    decision = decision_on_roll(slow)
+    assert (decision.diagnosis, decision.reason.level) == (LoopDiagnosis.UNKNOWN, Level.UNKNOWN)
+    assert "with rates and motors logged at 50 Hz or more" in decision.action.sentence
+    slow_evidence = evidence_of(Signals(Hover(hovering=40.0).telemetry(10.0, 10.0)))
+    slow_evidence = replace(slow_evidence, loops={"roll": slow})
+    light = margins_light(slow_evidence)
+    assert light.level is advise(slow).rating.level is Level.UNKNOWN
+    assert light.sentence.startswith(
+        "Margin goal probably met, roll only, but this log is too slow to be sure:"
+    )
+    assert log_light(slow_evidence, light).level is Level.WATCH
 
 
 @mark.slow

@@ -40,6 +40,7 @@ from mavdem.facts.loops import (
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
+from mavdem.ingest import Log
 from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.vocabulary import Injection
 from mavdem.loops.advice import (
@@ -287,6 +288,7 @@ def tuned_by(loops, decisions=None, headline=None, **options):
     """Returns the tuning of a vehicle with these loops and decisions, and with a notch filter advised."""
     evidence = partial_record(
         Evidence,
+        log=partial_record(Log, components=()),
         signals=Signals(Hover().telemetry(parameters=ARDUPILOT)),
         loops=loops,
         gain_reduction=None,
@@ -353,14 +355,33 @@ def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more():
     [outcome] = outcome_sentences(tuning)
     assert outcome.lead == "Roll: keep the gains, margins not sure."
     assert tuning.judgement.next_step.code is not NextStep.KEEP_OR_CONFIRM_GAINS
-    # The intervals of a slow log's margins do not allow for what its messages do not show.
-    slow = replace(made_up(), cautions=(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=4.7),))
+    # The draws allow for wind that biases the effectiveness: margins that nearly all of them have are sure.
+    biased = replace(made_up(), cautions=(Fact(LoopFact.EFFECT_BIASED, reason=""),))
+    [outcome] = outcome_sentences(tuned_by({"roll": biased}))
+    assert outcome.lead == "Roll: keep the gains."
+    # What a slow log does not show is in no interval.
+    fast = Fact(LoopFact.CROSSOVER_FAST, crossover=2.1, rate=9.4, least_rate=50.0)
+    slow = replace(made_up(), cautions=(fast,))
     tuning_of_slow_log = tuned_by({"roll": slow}, headline=unsure)
     [outcome] = outcome_sentences(tuning_of_slow_log)
     assert outcome.lead == "Roll: keep the gains, margins not sure."
     [roll, *_] = tune_blocks(tuning_of_slow_log, is_full=False, is_page=True)
-    assert roll.text.startswith("Margin goal probably met:")
+    assert roll.text.startswith("Margin goal probably met, but this log is too slow to be sure:")
     assert roll.text.endswith("both loops reach the goal by an estimate from a slow log.")
+
+
+@mark.slow
+@mark.parametrize("time_step, level", [(0.02, Level.GOOD), (0.1, Level.UNKNOWN)])
+def test_an_extrapolated_gain_margin_is_sure_where_no_gain_beyond_the_log_exceeds_it(
+    time_step, level
+):
+    """At 50 Hz |L| is below −6 dB from 25 Hz on, at any phase; at 10 Hz it is above that at 5 Hz."""
+    loop = made_up()
+    beyond = Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=0.5 / time_step, least_rate=100.0)
+    extrapolated = replace(loop, record=replace(loop.record, dt=time_step), cautions=(beyond,))
+    gain_at_limit = np.interp(0.5 / time_step, loop.rate.frequency, abs(loop.rate.response[0]))
+    assert bool(gain_at_limit < 0.5) is (level is Level.GOOD)
+    assert margin_rating(extrapolated).level is level
 
 
 @mark.slow

@@ -18,6 +18,7 @@ from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
 from mavdem.report.gain_changes import changes_on_trial, gain_changes, loading_sentences
+from mavdem.report.loops import gain_row
 
 LOWER = Fact(
     LoopAction.LOWER_BY_A_THIRD,
@@ -33,6 +34,8 @@ def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, lowered_gains(next_step))
     assert changes.first_table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
+    # Rounding to three digits makes it 0.665 here, which is the same third.
+    assert gain_row("MC_ROLLRATE_P", Gain(0.20000000298, 0.133))[-1] == "0.67"
     [lowered] = changes.cautions
     assert lowered.lead == "Roll:" and "no model of the loop says" in lowered.text
     gains = {}

@@ -272,12 +272,24 @@ def test_after_a_repair_a_firmware_without_the_gains_is_updated_before_any_doubl
 def test_doublets_are_flown_for_margins_that_wind_biases_and_not_the_log(doubt, is_removed):
     bias = Fact(LoopFact.EFFECT_BIASED, reason=doubt)
     assert is_removed_by_flight(bias) is is_removed
-    kept = Mock(spec=Advice, refusals=(), parameters={}, before=Mock(cautions=(bias,)))
+    unsure = Fact(LoopFact.MARGIN_RATING, Level.WATCH, is_log_slow=False)
+    kept = Mock(spec=Advice, refusals=(), parameters={}, rating=unsure, before=Mock())
+    kept.before.cautions = (bias,)
     evidence = Mock()
     evidence.log.components = ()
     evidence.signals.telemetry = Hover().telemetry()
     flight = flight_for_gains(evidence, {"yaw": kept}, {}, (), is_after_repair=False)
     assert (flight is not None) is is_removed
+    kept.rating = unsure.replace(Level.GOOD)
+    assert flight_for_gains(evidence, {"yaw": kept}, {}, (), is_after_repair=False) is None
+    # Margins that a log was too slow for are flown for, too, with the rate that they need.
+    kept.rating = unsure.replace(Level.UNKNOWN, is_log_slow=True)
+    fast = Fact(LoopFact.CROSSOVER_FAST, crossover=2.1, rate=9.4, least_rate=50.0)
+    kept.before.cautions = (fast,)
+    flight = flight_for_gains(evidence, {"yaw": kept}, {}, (), is_after_repair=False)
+    assert flight.sentence.startswith("Set the telemetry port's SRn_EXTRA1")
+    unset = flight.replace(also=()).sentence
+    assert "about yaw in calm air, with rates and motors logged at 50 Hz or more, and" in unset
 
 
 def test_a_next_step_with_doublets_leaves_what_to_log_in_the_same_flight():

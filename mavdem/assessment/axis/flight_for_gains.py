@@ -25,6 +25,7 @@ from mavdem.facts.loops import (
 )
 from mavdem.facts.model import ParameterDoubt
 from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.loops.axis_loops import SLOW_LOG
 
 REMOVED_BY_DOUBLETS = (
     LoopAction.FLY_DOUBLETS,
@@ -81,7 +82,8 @@ def flight_for_gains(
 
         - ``axes``: the axes about which doublets are to be flown;
         - ``also``: facts with what to set before the flight, so that it is logged fast enough;
-        - ``names`` and ``rates``, Hz, of messages that came too slowly, if the log shows no setting to change.
+        - ``names`` and ``rates``, Hz, of messages that came too slowly, if the log shows no setting to change;
+        - ``least_rate``, Hz, that the loops of these axes need of the log, if it was too slow for one; otherwise None.
     """
     reasons_by_axis: dict[str, Facts] = {}
     for axis, advice in advice_by_axis.items():
@@ -102,6 +104,7 @@ def flight_for_gains(
         also=logging_steps,
         names=() if slowest is None else slowest.figures["names"],
         rates=() if slowest is None else slowest.figures["rates"],
+        least_rate=_least_log_rate(all_reasons),
     )
 
 
@@ -115,7 +118,9 @@ def is_removed_by_flight(reason: Fact) -> bool:
         reason: the reason, or an action on it; a coded finding that may contain others as its figures.
     """
     for fact in fact_and_contained_facts(reason):
-        if fact.code in REMOVED_BY_DOUBLETS or _advises_to_log(fact) or _has_slow_messages(fact):
+        if fact.code in (*REMOVED_BY_DOUBLETS, *SLOW_LOG):
+            return True
+        if _advises_to_log(fact) or _has_slow_messages(fact):
             return True
         # Margins that stay uncertain although the axis was steered do not become sure by more doublets.
         if fact.code is LoopFact.MARGIN_UNCERTAIN and not fact.figures["is_steered"]:
@@ -136,7 +141,7 @@ def _facts_and_contained_facts(groups: Iterable[Facts]) -> list[Fact]:
 def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) -> Facts:
     """Returns why this log gives no gains for an axis, or only doubtful ones, as facts (coded findings).
 
-    Doubtful are gains that stay because of an estimate of the motors' effect that wind biases.
+    Doubtful are gains that stay although their margins are not sure, by an estimate that wind biases or a slow log.
 
     Args:
         evidence: the identified loops, or why they are not known.
@@ -144,18 +149,32 @@ def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) 
         advice: the advice on the axis, or the fact that its loop is not known.
 
     Returns:
-        The reasons; empty if the axis gets gains, or keeps them by an estimate without bias.
+        The reasons; empty if the axis gets gains, or keeps them by margins that are sure or that only other models of
+        the vehicle lack.
     """
     if isinstance(advice, Advice):
         if advice.refusals or advice.parameters:
             return advice.refusals
-        cautions = advice.before.cautions
-        return tuple(caution for caution in cautions if caution.code is LoopFact.EFFECT_BIASED)
+        return () if advice.rating.is_good else _limits_of_margins(advice)
     loop_or_reason = evidence.loops[axis]
     if isinstance(loop_or_reason, Fact):
         return (advice, loop_or_reason)
     # The loop is identified, but the vehicle must be repaired first, which the fact in place of the advice says.
     return (advice,)
+
+
+def _limits_of_margins(advice: Advice) -> Facts:
+    """Returns what makes the margins of kept gains unsure, such as a slow log, as the cautions of their loop.
+
+    Args:
+        advice: the advice on an axis, whose margins are not surely good.
+    """
+    limits = []
+    for caution in advice.before.cautions:
+        is_slow_log = caution.code in SLOW_LOG and advice.rating.figures["is_log_slow"]
+        if caution.code is LoopFact.EFFECT_BIASED or is_slow_log:
+            limits.append(caution)
+    return tuple(limits)
 
 
 def _lowers_gains(decision: LoopDecision | None) -> bool:
@@ -205,7 +224,8 @@ def _logging_steps(evidence: Evidence, reasons: Iterable[Fact]) -> Facts:
         if _advises_to_log(fact):
             steps.append(fact)
         # One setting makes all messages faster, which several reasons may ask for.
-        is_advice_needed = _has_slow_messages(fact) or _adds_setpoint(advice, fact)
+        is_log_slow = fact.code in SLOW_LOG or _has_slow_messages(fact)
+        is_advice_needed = is_log_slow or _adds_setpoint(advice, fact)
         if is_setting_named and is_advice_needed and advice not in steps:
             steps.append(advice)
     return tuple(_with_flight_stated(step) for step in steps)
@@ -242,3 +262,13 @@ def _slowest_messages(reasons: Iterable[Fact]) -> Fact | None:
     """
     slow_facts = [fact for fact in reasons if _has_slow_messages(fact)]
     return min(slow_facts, key=lambda fact: min(fact.figures["rates"]), default=None)
+
+
+def _least_log_rate(reasons: Iterable[Fact]) -> float | None:
+    """Returns the rate of the log, Hz, that the margins of all loops need; None if it was fast enough for each.
+
+    Args:
+        reasons: why axes get no gains, as facts (coded findings). Those of ``SLOW_LOG`` state the rate for one loop.
+    """
+    rates = [fact.figures["least_rate"] for fact in reasons if fact.code in SLOW_LOG]
+    return max(rates, default=None)

@@ -258,7 +258,7 @@ def _decision_on_uncertain_loop(
     margins = observations.margins
     if margins.contradiction is not None and observations.tracking.is_watch_or_bad:
         return None
-    action = _advice_to_fly_doublets(margins.axis, loop_fact)
+    action = _advice_to_fly_doublets(margins, loop_fact)
     reason = loop_fact.replace(action=action)
     reasons_against_gains: Facts = ()
     if margins.contradiction is not None:
@@ -575,6 +575,8 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
+    if not good_facts and margins.unsure_margins is not None:
+        return _decision_on_slow_log(margins, margins.unsure_margins)
     if not good_facts:
         return _decision_without_margins(observations)
     # A fact (a coded finding) on the margins themselves comes before one on the measured response.
@@ -592,6 +594,22 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
         LoopDiagnosis.NOTHING_WRONG,
         best_fact,
         reasons_against_gains=reasons_against_gains,
+    )
+
+
+def _decision_on_slow_log(margins: AxisMargins, loop_fact: Fact) -> LoopDecision:
+    """Returns the decision on an axis whose loop has its margins by the estimate, but by a log that is too slow for it.
+
+    Args:
+        margins: margins of the axis.
+        loop_fact: the fact about the margins of the identified loop, of the level "unknown".
+
+    Returns:
+        The decision, with the diagnosis "unknown". Its action is to fly doublets with a faster log.
+    """
+    action = _advice_to_fly_doublets(margins, loop_fact)
+    return LoopDecision(
+        margins.axis, LoopDiagnosis.UNKNOWN, loop_fact.replace(action=action), action
     )
 
 
@@ -643,17 +661,26 @@ def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     return observations.tracking
 
 
-def _advice_to_fly_doublets(axis: str, loop_fact: Fact) -> Fact:
+def _advice_to_fly_doublets(margins: AxisMargins, loop_fact: Fact) -> Fact:
     """Returns the advice to fly doublets, so that the next log shows the margins of an axis better.
 
     A doublet is a push of the stick to one side and at once to the other.
 
     Args:
-        axis: "roll", "pitch" or "yaw".
-        loop_fact: the fact about the margins of the identified loop. Its figure ``is_biased`` is whether wind biases
-            them, which the advice then gives as its reason.
+        margins: margins of the axis; its loop is identified.
+        loop_fact: the fact about the margins of the loop. Its figure ``is_biased`` is whether wind biases them, which
+            the advice then gives as its reason; ``is_log_slow`` is whether the log is too slow for the loop, and the
+            advice then states the ``least_rate`` of the next log, Hz.
     """
-    return Fact(LoopAction.FLY_DOUBLETS, axis=axis, is_biased=loop_fact.figures["is_biased"])
+    least_rate = None
+    if isinstance(margins.loop, Loop) and loop_fact.figures["is_log_slow"]:
+        least_rate = margins.loop.least_log_rate
+    return Fact(
+        LoopAction.FLY_DOUBLETS,
+        axis=margins.axis,
+        is_biased=loop_fact.figures["is_biased"],
+        least_rate=least_rate,
+    )
 
 
 def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fact:

@@ -94,6 +94,17 @@ class AxisMargins:
             facts.append(resonance_fact(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
 
+    @cached_property
+    def unsure_margins(self) -> Fact | None:
+        """The fact about the margins of the identified loop if its log is too slow to be sure of them; otherwise None.
+
+        By the estimate the loop has its margins. The fact is none of :attr:`facts`, since its level is "unknown".
+        """
+        margin_fact = self._margin_fact()
+        if margin_fact is None or margin_fact.code is not MarginsLight.LOOP_MARGINS:
+            return None
+        return margin_fact if margin_fact.level is Level.UNKNOWN else None
+
     def _margin_fact(self) -> Fact | None:
         """Returns the fact on the margins from the best source that the log has; None if it has none.
 
@@ -322,9 +333,10 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     """Judges the stability margins of an identified loop, as a fact: a code with a level and figures.
 
     The level is good if 95 % of the plants that agree with the flight have the usual margins, as in
-    :func:`mavdem.loops.axis_loops.margin_rating`: then the lower end of the 90 % interval has them. It is bad if at
-    most 10 % of the plants have the least margins to fly with, and otherwise "watch". The margins are those at the
-    thrust of the flight; only advised gains must keep them with 20 % more or less.
+    :func:`mavdem.loops.axis_loops.margin_rating`, which `mavdem tune` goes by, too: then the lower end of the 90 %
+    interval has them. It is unknown if the log is too slow for that to be sure. It is bad if at most 10 % of the plants
+    have the least margins to fly with, and otherwise "watch". The margins are those at the thrust of the flight; only
+    advised gains must keep them with 20 % more or less.
 
     If a motor is at a limit for longer than ``MAX_AT_LIMIT_SHARE`` of the flight, the level is "watch" at best: the
     mixer then gives up a part of the demand, and no loop was compared with the truth in such flights.
@@ -342,11 +354,12 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     """
     rating = margin_rating(loop)
     fraction_at_limit = at_limit_share(loop.record, loop.controller)
-    if rating.is_good and fraction_at_limit > MAX_AT_LIMIT_SHARE:
+    has_margins = rating.level in (Level.GOOD, Level.UNKNOWN)
+    if has_margins and fraction_at_limit > MAX_AT_LIMIT_SHARE:
         rating = rating.replace(Level.WATCH)
     level = Level.WATCH
-    if contradiction is None and rating.is_good:
-        level = Level.GOOD
+    if contradiction is None and rating.level in (Level.GOOD, Level.UNKNOWN):
+        level = rating.level
     elif contradiction is None and loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
         level = Level.BAD
     return Fact(

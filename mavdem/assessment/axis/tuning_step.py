@@ -20,7 +20,7 @@ from mavdem.containers import Names
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopAction, LoopFact
+from mavdem.facts.loops import LoopAction
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.gain_design import SURE_SHARE
@@ -260,19 +260,27 @@ def _step_to_keep_or_confirm_gains(
         - ``can_go_on``: whether ``mavdem tune --more`` can compute other gains for all of them;
         - ``least_rate``: rate of messages, Hz, that their loops need, if this log is slower; otherwise None.
     """
-    uncertain_loops = [advice for advice in advice_on_loops if advice.sure < SURE_SHARE]
+    uncertain_loops = []
+    loops_of_few_models = []
     needed_rates = []
-    for advice in uncertain_loops:
-        for caution in advice.before.cautions:
-            if caution.code is LoopFact.CROSSOVER_FAST:
-                needed_rates.append(caution.figures["least_rate"])
-    conclusions = [advice.conclusion for advice in uncertain_loops]
+    for advice in advice_on_loops:
+        is_log_slow = advice.rating.figures["is_log_slow"]
+        if advice.sure < SURE_SHARE:
+            loops_of_few_models.append(advice)
+        if advice.sure < SURE_SHARE or is_log_slow:
+            uncertain_loops.append(advice)
+        if is_log_slow and advice.before.least_log_rate is not None:
+            needed_rates.append(advice.before.least_log_rate)
+    # Other gains reach the goal in more models, but do not make a slow log faster.
+    is_log_slow_alone = bool(uncertain_loops) and not loops_of_few_models
+    conclusions = [advice.conclusion for advice in loops_of_few_models]
     names = tuple(advice.before.axis for advice in uncertain_loops)
     return Fact(
         NextStep.KEEP_OR_CONFIRM_GAINS,
         judgement.headline.level,
         names=names or (judgement.headline.figures["axis"],),
-        can_go_on=all(conclusion.figures["can_go_on"] for conclusion in conclusions),
+        can_go_on=not is_log_slow_alone
+        and all(conclusion.figures["can_go_on"] for conclusion in conclusions),
         needed=SURE_SHARE,
         least_rate=max(needed_rates, default=None),
         arguments=tuple(arguments),

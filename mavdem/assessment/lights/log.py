@@ -120,7 +120,7 @@ def log_light(evidence: Evidence, margins: Fact | None = None) -> Fact:
 
 
 def _are_margins_lost_by_rates(margins: Fact | None) -> bool:
-    """Returns whether slow messages are the reason why the stability margins of the control loops are not known.
+    """Returns whether slow messages are the reason why the stability margins of the control loops are not known surely.
 
     Margins may also be unknown for another reason, such as a flight that is too short, or a firmware without the needed
     parameters: then a faster log would not help.
@@ -130,6 +130,9 @@ def _are_margins_lost_by_rates(margins: Fact | None) -> bool:
             be too slow for them.
     """
     if margins is None:
+        return True
+    if margins.level is Level.UNKNOWN and margins.figures.get("is_log_slow"):
+        # The margins were computed, but the log is too slow to be sure of them.
         return True
     reason = margins.figures.get("reason")
     is_unknown = margins.code is MarginsLight.MARGINS_UNKNOWN

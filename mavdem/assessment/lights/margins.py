@@ -18,7 +18,8 @@ def margins_light(evidence: Evidence) -> Fact:
     1. In a limit cycle there is no margin: the light is that fact.
     2. The worst fact about any axis warns: the light is that fact.
     3. The margins of roll or pitch are good, and so is the light; good margins of yaw alone do not suffice.
-    4. The margins are unknown.
+    4. By the estimate roll or pitch has its margins, but the log is too slow to be sure: the light is that fact.
+    5. The margins are unknown.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -52,7 +53,7 @@ def margins_light(evidence: Evidence) -> Fact:
     if smallest_good_margin is not None and is_tilt_good:
         # One sentence states the smallest margin, and names all axes with good ones.
         return smallest_good_margin.replace(names=tuple(axes_with_good_margins))
-    return _unknown_margins(evidence)
+    return _unsure_margins(evidence) or _unknown_margins(evidence)
 
 
 def _facts_by_margin(evidence: Evidence) -> list[Fact]:
@@ -72,6 +73,26 @@ def _facts_by_margin(evidence: Evidence) -> list[Fact]:
         facts += axis_margins.facts
     facts.sort(key=lambda fact: fact.figures.get("share", inf))
     return facts
+
+
+def _unsure_margins(evidence: Evidence) -> Fact | None:
+    """Returns the fact about margins that an identified loop has by the estimate, but by a log that is too slow for it.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact on the smallest of these margins, with all such axes as the figure ``names``. None if there are none of
+        roll or pitch.
+    """
+    facts_by_axis = {}
+    for axis_margins in evidence.margins:
+        if axis_margins.unsure_margins is not None:
+            facts_by_axis[axis_margins.axis] = axis_margins.unsure_margins
+    if not any(axis in facts_by_axis for axis in TILT_AXES):
+        return None
+    smallest_margin = min(facts_by_axis.values(), key=lambda fact: fact.figures["share"])
+    return smallest_margin.replace(names=tuple(facts_by_axis))
 
 
 def _unknown_margins(evidence: Evidence) -> Fact:

@@ -414,8 +414,11 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
     """
     axes_and_findings = []
     for margins in evidence.margins:
+        facts_on_margins = [*margins.facts]
+        if margins.unsure_margins is not None:
+            facts_on_margins.append(margins.unsure_margins)
         # The figure ``names`` makes the sentence speak of this axis alone.
-        findings = [fact.replace(names=(margins.axis,)) for fact in margins.facts]
+        findings = [fact.replace(names=(margins.axis,)) for fact in facts_on_margins]
         if not findings and isinstance(margins.loop, Fact):
             # In the place of an identified loop there is the reason why it could not be identified.
             findings = [margins.loop]
