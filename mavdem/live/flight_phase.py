@@ -66,6 +66,8 @@ class FlightPhase:
         is_landed_state_reported: whether a report of the autopilot decides at present if the vehicle is on the ground;
             if none does, the motors decide.
         landing_time: when the vehicle came to the ground last; None before that, and in flight.
+        is_armed_since_landing: whether the vehicle has landed and was not disarmed since. An arming after that, or
+            after a restart of the autopilot, is for the next flight.
         contradicted_report: the fact that the autopilot reports the ground although the vehicle flies; None while it
             does not, or nothing shows that.
     """
@@ -81,6 +83,7 @@ class FlightPhase:
         self.motors_are_idle = False
         self.is_landed_state_reported = False
         self.landing_time: float | None = None
+        self.is_armed_since_landing = False
         self.contradicted_report: Fact | None = None
         self._slow_messages = slow_messages
         self._report_check = LandedReportCheck()
@@ -207,6 +210,8 @@ class FlightPhase:
             self._review_time = now
             return
         self._update_airborne(now, flight_states.airborne_intervals(signals, boot))
+        if self.is_flying or not is_armed:
+            self.is_armed_since_landing = False
 
         climb_rate = signals.climb_rate
         if climb_rate is not None:
@@ -289,6 +294,8 @@ class FlightPhase:
             landing_times = [end for _, end in airborne if end < now]
             # Without an interval that has ended, the time of this review is the best that is known.
             self.landing_time = max(landing_times, default=now)
+            # The caller corrects this if the landing was a disarming.
+            self.is_armed_since_landing = True
         self.is_flying = present_flight is not None
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:

@@ -300,6 +300,9 @@ class SessionStatus(ImmutableResult):
     landing_time: float | None = None
     """When the vehicle came to the ground last, s of the boot clock; None before that, and in flight."""
 
+    is_armed_since_landing: bool = False
+    """Whether the vehicle was armed all the time since it landed: then it is not armed for another flight."""
+
     is_recording_judged: bool = False
     """Whether ``model_judgement`` is that of the recording, which is judged by the rules for logs after a landing."""
 
@@ -510,14 +513,15 @@ class SessionStatus(ImmutableResult):
         """What is uncertain just after a flight, so that the flight is not called sound yet; None if nothing is.
 
         The motors may have stopped in the air: a fall is found a moment later. While they are still armed after the
-        landing, the vehicle may topple over.
+        landing, the vehicle may topple over. A vehicle that is armed anew is about to begin another flight.
         """
         is_after_flight = self.flight_number > 0 and not self.is_flying
         if not is_after_flight or self.is_over:
             return None
         if not self.has_landed:
             return Fact(WatchFact.MOTORS_JUST_STOPPED)
-        if self.state is not None and self.state.is_armed:
+        is_armed = self.state is not None and self.state.is_armed
+        if is_armed and self.is_armed_since_landing:
             return Fact(WatchFact.ARMED_AFTER_LANDING)
         return None
 

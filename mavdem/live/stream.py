@@ -375,6 +375,7 @@ class LiveStream:
             motor_alarms_of_flight=self.motor_alarms.changes_in_latest_flight,
             has_landed=watchdog.has_landed,
             landing_time=self._phase.landing_time,
+            is_armed_since_landing=self._phase.is_armed_since_landing,
             loss=loss,
             ground_contact=watchdog.ground_contact,
             active_alarms=self._active_alarms,

@@ -845,8 +845,15 @@ def test_a_vehicle_whose_motors_have_just_stopped_is_not_called_sound():
     judgement = stopped.overall_judgement
     assert judgement.headline.code is WatchFact.MOTORS_JUST_STOPPED
     assert judgement.headline.level is Level.UNKNOWN and str(judgement.next_step) == "Keep clear."
-    landed = replace(stopped, has_landed=True, state=VehicleState("Land", is_armed=True))
+    landed = replace(
+        stopped,
+        has_landed=True,
+        state=VehicleState("Land", is_armed=True),
+        is_armed_since_landing=True,
+    )
     assert str(landed.overall_judgement.next_step) == "Disarm it.", "it may still topple over"
+    rearmed = replace(landed, is_armed_since_landing=False)
+    assert rearmed.overall_judgement.headline.is_good, "it is about to begin another flight"
     disarmed = replace(landed, state=VehicleState("Land", is_armed=False))
     assert disarmed.overall_judgement.headline.is_good
 

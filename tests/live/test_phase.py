@@ -117,6 +117,22 @@ def test_a_flight_goes_on_after_a_silence_of_the_link(has_landed):
     assert vehicle.phase.takeoff_time == takeoff_time
 
 
+def test_an_arming_on_the_ground_is_for_the_next_flight():
+    """A vehicle stays armed for a moment after its landing; once it was disarmed, it is armed to take off again."""
+    vehicle = Vehicle()
+    assert not vehicle.phase.is_armed_since_landing, "it has not flown yet"
+    vehicle.fly(3.0)
+    vehicle.fly(2.0, collective=0.0)
+    assert vehicle.phase.landing_time is not None and vehicle.phase.is_armed_since_landing
+    vehicle.fly(1.5, collective=0.0, armed=False)
+    vehicle.fly(1.5, collective=0.0)
+    assert not vehicle.phase.is_armed_since_landing
+    # A landing that is a disarming leaves nothing armed either.
+    vehicle.fly(3.0)
+    vehicle.fly(2.0, collective=0.0, armed=False)
+    assert vehicle.phase.landing_time is not None and not vehicle.phase.is_armed_since_landing
+
+
 class Tumble(Hover):
     """A hover that tumbles from 18 s to 20 s, upright for moments, and hovers again."""
 
