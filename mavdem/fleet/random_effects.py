@@ -74,7 +74,7 @@ INTERVAL_FREEDOM = 20
 EQUIVALENCE_LIMITS = {
     SHARE: 0.06,
     EFFECT: 0.2,
-    MEAN_EFFECT: 0.3,
+    MEAN_EFFECT: 0.2,
     DAMPING: 0.8,
     LAG: 0.02,
     PHASE_MARGIN: 0.2,
@@ -85,7 +85,7 @@ EQUIVALENCE_LIMITS = {
     OVERSHOOT: 0.15,
     RISE: 0.3,
 }
-"""Largest difference of a quantity that is called the same, in the units of ``SD_BETWEEN_FLIGHTS``.
+"""Largest difference of a quantity that is called the same, as ``QuantityChange.difference`` has it.
 
 The whole interval of the difference must lie within it (an equivalence test). The limits are choices.
 """
@@ -103,6 +103,24 @@ FAMILIES = {
 
 They are the motors' outputs in hover, the physical parameters of the models, and the figures of the identified loops.
 """
+
+
+def equivalence_interval(kind: str) -> Interval:
+    """Returns the smallest and the largest difference of a quantity that are called the same.
+
+    A ratio of 1.2 is +20 % or, with the other state as the first, −17 %. Both count as one difference, so that the
+    result does not depend on the order of the states.
+
+    Args:
+        kind: kind of the quantity, such as ``DAMPING``.
+
+    Returns:
+        The two differences, as ``QuantityChange.difference`` has them, such as (−0.167, 0.2).
+    """
+    limit = EQUIVALENCE_LIMITS[kind]
+    if kind in LOGARITHMIC_KINDS:
+        return (1 / (1 + limit) - 1, limit)
+    return (-limit, limit)
 
 
 class QuantityChange(NamedTuple):
@@ -219,6 +237,13 @@ class QuantityChange(NamedTuple):
         if self.quantity.kind == SHARE:
             return self.difference > 0
         return self.difference < 0
+
+    @property
+    def is_equivalent(self) -> bool:
+        """Whether the whole interval of the difference lies within what is called the same (an equivalence test)."""
+        low, high = self.interval
+        lowest, highest = equivalence_interval(self.quantity.kind)
+        return lowest <= low and high <= highest
 
     @property
     def largest_difference(self) -> float:
@@ -421,8 +446,8 @@ def with_outcomes(
     - The figures of a loop whose gains are known to differ are expected to differ too. Such a figure changed if its own
       90 % interval does not contain 0.
     - All other quantities are tested together (:func:`_changed_quantities`), which bounds the number of false alarms.
-    - A quantity that did not change is called the same if its interval lies within ``EQUIVALENCE_LIMITS``, and
-      uncertain otherwise.
+    - A quantity that did not change is called the same if its whole interval lies within ``equivalence_interval``,
+      and uncertain otherwise.
 
     Args:
         changes: the differences with their p-values.
@@ -445,11 +470,9 @@ def with_outcomes(
 
     changes_with_outcomes = []
     for change in changes:
-        equivalence_limit = EQUIVALENCE_LIMITS[change.quantity.kind]
-        largest_difference = abs(change.tested_difference) + change.tested_half_width
         if change.quantity in changed_quantities:
             outcome = QuantityOutcome.CHANGED
-        elif largest_difference <= equivalence_limit:
+        elif change.is_equivalent:
             outcome = QuantityOutcome.SAME
         else:
             outcome = QuantityOutcome.UNCERTAIN

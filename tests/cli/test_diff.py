@@ -245,8 +245,9 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
 @mark.parametrize(
     "half_widths, conclusion",
     [
-        ({}, "Trims and physical parameters did not change."),
-        ({"lag_interval": 1.0}, "No compared figure changed significantly."),
+        # The mean effect varies too much between two flights to be called the same.
+        ({"effect": None}, "Trims and physical parameters did not change."),
+        ({}, "No compared figure changed significantly."),
         (
             {
                 "trim_share_interval": (0.2,) * 4,

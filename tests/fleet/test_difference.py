@@ -298,10 +298,13 @@ def test_a_difference_of_several_flights_and_its_chance_are_those_by_hand():
 
 def test_the_same_is_said_only_where_the_whole_interval_is_small():
     """A quantity is "same" if its whole interval is below a limit, otherwise "uncertain"."""
-    limits = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
+    limits = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.2, DAMPING: 0.8, LAG: 0.02}
     for share, outcome in ((0.69, "same"), (0.71, "uncertain")):
         changes = []
         for kind, limit in limits.items():
+            if kind in LOGARITHMIC_KINDS:
+                # The limit of a ratio is one of percent: 20 % more, and not what has the logarithm 0.2.
+                limit = np.log1p(limit)
             difference, half_width = -0.3 * limit, share * limit
             changes.append(
                 QuantityChange(Quantity(kind), 0.0, 0.0, difference, half_width, 1.0, 0.0)

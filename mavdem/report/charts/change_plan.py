@@ -1,14 +1,15 @@
 """A drawing of what changed between two states of a vehicle: each quantity's change with its interval (a forest plot).
 
-Quantities have different units. So each change is drawn relative to the largest one that is called the same, its
-equivalence limit: within ±1 nothing of note changed.
+Quantities have different units, so that each kind of them has a scale of its own. A shaded band shows the changes that
+are called the same.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from enum import StrEnum
-from math import floor
+from math import floor, log10
 from typing import NamedTuple
 
+from mavdem.containers import group_by
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import (
@@ -17,18 +18,20 @@ from mavdem.fleet.quantities import (
     EFFECT,
     GAIN_MARGIN,
     LAG,
+    LOGARITHMIC_KINDS,
     MAX_SENSITIVITY,
     OVERSHOOT,
     PHASE_MARGIN,
     SHARE,
 )
-from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
+from mavdem.fleet.random_effects import QuantityChange, equivalence_interval
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import figure_as_svg
 from mavdem.report.difference.quantity_texts import (
     change_text,
     change_without_lean,
     scale_text,
+    shown_difference,
 )
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
@@ -78,8 +81,16 @@ SHAPES = {
 EVIDENCE_REMARK = "agrees with the weak motor"
 """What stands below such a change in the drawing."""
 
-MAX_RELATIVE_CHANGE = 4.0
-"""Largest change that has room in the drawing, in equivalence limits; a larger one ends at its edge. A choice."""
+PERCENT = 100.0
+
+MAX_TICKS_PER_SIDE = 3
+"""Ticks of a scale at either side of "no change": their texts have room on a phone. A choice."""
+
+ROUND_FACTORS = (1.0, 2.0, 5.0)
+"""Distances of two ticks, but for powers of 10."""
+
+ROUND_ANGLES = (5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0)
+"""Distances of two ticks of an angle, °."""
 
 CENTER_PERCENT = 50.0
 """Position of no change, % of the width of the drawing."""
@@ -98,6 +109,23 @@ class ScaleTick(NamedTuple):
     """Change of the quantity, with its sign and unit."""
 
 
+class ChangeScale(NamedTuple):
+    """The scale of the changes of one kind of quantity; "no change" is in the middle of the drawing."""
+
+    extent: float
+    """Largest change that has room, in the unit of the change."""
+
+    ticks: tuple[ScaleTick, ...] = ()
+    """Its ticks."""
+
+    band: tuple[float, float] = (CENTER_PERCENT, CENTER_PERCENT)
+    """Positions of the smallest and the largest change that are called the same, % of the width."""
+
+    def position(self, change: float) -> float:
+        """Returns where a change is drawn, % of the width from the left."""
+        return CENTER_PERCENT + (CENTER_PERCENT - MARGIN_PERCENT) * change / self.extent
+
+
 class DrawnChange(NamedTuple):
     """A change as it is drawn; positions are % of the width."""
 
@@ -113,12 +141,8 @@ class DrawnChange(NamedTuple):
     """Position of the estimate."""
     high: float
     """Position of the upper end of the interval."""
-    ticks: tuple[ScaleTick, ...]
-    """Scale of its quantity."""
-    beyond: int
-    """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
-    cut_ends: tuple[int, ...]
-    """1 and -1 for an end of the interval to the right and to the left of the drawing, which an arrow shows."""
+    scale: ChangeScale
+    """Scale of its kind of quantity."""
     remark: str = ""
     """What the change is besides its own outcome; empty for most."""
     without_lean: str = ""
@@ -159,7 +183,7 @@ def change_plan(
 ) -> Plan | None:
     """Draws how much each quantity changed, with its 90 % interval, as a forest plot with a row for each quantity.
 
-    Changes are drawn relative to the equivalence limit of their quantity, below which a change does not matter.
+    The scale of each kind of quantity contains the intervals of all its changes.
 
     Args:
         difference: changes of a vehicle between two states, quantity by quantity.
@@ -172,20 +196,14 @@ def change_plan(
     changes = drawn_changes(difference)
     if not changes:
         return None
-    relative_changes = [_relative_change(change) for change in changes]
-    # The axis reaches to the farthest end of an interval, and at least to the equivalence limit, which is 1.
-    extent = 1.0
-    for relative in relative_changes:
-        extent = max(extent, abs(relative.low), abs(relative.high))
-    extent = min(extent, MAX_RELATIVE_CHANGE)
+    changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
+    scales = {
+        kind: _scale(kind, changes_of_kind) for kind, changes_of_kind in changes_by_kind.items()
+    }
     rows = []
-    for change, relative in zip(changes, relative_changes, strict=True):
-        # An arrow at the right (1) or left edge (-1) stands for a change beyond it.
-        beyond = 0
-        if relative.difference > extent:
-            beyond = 1
-        elif relative.difference < -extent:
-            beyond = -1
+    for change in changes:
+        scale = scales[change.quantity.kind]
+        low, high = change.interval
         shape = SHAPES[change.outcome]
         remark = ""
         if is_uncertain_sign_of_weak_motor(change, evidence):
@@ -196,60 +214,74 @@ def change_plan(
                 capitalize_first(change_text(change, difference)),
                 shape=shape,
                 colour=_colour(change, shape, are_judged=not are_two_vehicles),
-                low=_position(relative.low, extent),
-                middle=_position(relative.difference, extent),
-                high=_position(relative.high, extent),
-                ticks=_scale_ticks(change.quantity.kind, extent),
-                beyond=beyond,
-                cut_ends=_cut_ends(relative, extent),
+                low=scale.position(low),
+                middle=scale.position(change.difference),
+                high=scale.position(high),
+                scale=scale,
                 remark=remark,
                 without_lean=change_without_lean(change),
             )
         )
-    band = _position(-1.0, extent), _position(1.0, extent)
-    svg = figure_as_svg("changes", rows=rows, band=band)
+    svg = figure_as_svg("changes", rows=rows)
     texts = listed(row.text for row in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
 
 
-def _position(relative_change: float, extent: float) -> float:
-    """Returns where a change is drawn, % of the width from the left; what has no room there lies at an edge.
-
-    Args:
-        relative_change: the change, in equivalence limits.
-        extent: largest change that has room in the drawing, in equivalence limits.
-    """
-    percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
-    return min(max(CENTER_PERCENT + percent_per_limit * relative_change, 0.0), 100.0)
-
-
-def _scale_ticks(kind: str, extent: float) -> tuple[ScaleTick, ...]:
-    """Returns the ticks of a kind of quantity: no change, and the multiples of its equivalence limit.
+def _scale(kind: str, changes: Sequence[QuantityChange]) -> ChangeScale:
+    """Returns the scale of the changes of a kind of quantity, which contains their intervals and the shaded band.
 
     Args:
         kind: kind of quantity, such as ``SHARE``.
-        extent: largest change that has room in the drawing, in equivalence limits.
+        changes: the drawn changes of this kind.
     """
-    largest_multiple = floor(extent)
+    limits_of_same = equivalence_interval(kind)
+    ends = [abs(limit) for limit in limits_of_same]
+    ends += [change.largest_difference for change in changes]
+    scale = ChangeScale(max(ends))
+    ticks = _scale_ticks(kind, scale)
+    low, high = limits_of_same
+    return scale._replace(ticks=ticks, band=(scale.position(low), scale.position(high)))
+
+
+def _scale_ticks(kind: str, scale: ChangeScale) -> tuple[ScaleTick, ...]:
+    """Returns the ticks of a scale: no change, and at most ``MAX_TICKS_PER_SIDE`` round numbers at either side of it.
+
+    Args:
+        kind: kind of quantity, such as ``SHARE``.
+        scale: its scale, still without ticks.
+    """
+    shown = shown_difference(kind)
+    shown_extent = shown.scale * scale.extent
+    step = _round_step(shown_extent / MAX_TICKS_PER_SIDE, is_angle=shown.unit == "°")
+    tick_count = floor(shown_extent / step)
+    is_ratio = kind in LOGARITHMIC_KINDS
     ticks = []
-    for multiple in range(-largest_multiple, largest_multiple + 1):
-        ticks.append(ScaleTick(_position(multiple, extent), scale_text(kind, multiple)))
+    for multiple in range(-tick_count, tick_count + 1):
+        difference = multiple * step
+        # No quantity falls by more than all of it.
+        if is_ratio and difference < -PERCENT:
+            continue
+        position = scale.position(difference / shown.scale)
+        ticks.append(ScaleTick(position, scale_text(difference, shown.unit)))
     return tuple(ticks)
 
 
-def _cut_ends(relative: "_RelativeChange", extent: float) -> tuple[int, ...]:
-    """Returns at which edges of the drawing an interval is cut off: 1 for the right one, -1 for the left one.
+def _round_step(smallest_step: float, *, is_angle: bool) -> float:
+    """Returns the smallest round number that is not below a step, such as 20 for 14, or 15 for an angle.
 
     Args:
-        relative: the change with its interval, in equivalence limits.
-        extent: largest change that has room in the drawing, in equivalence limits.
+        smallest_step: the step, above 0, in the shown unit.
+        is_angle: whether it is an angle in degrees, of which 15, 30, 45, 60 and 90 are round.
     """
-    ends = []
-    if relative.low < -extent:
-        ends.append(-1)
-    if relative.high > extent:
-        ends.append(1)
-    return tuple(ends)
+    if is_angle:
+        for angle in ROUND_ANGLES:
+            if angle >= smallest_step:
+                return angle
+    decade = 10.0 ** floor(log10(smallest_step))
+    for factor in ROUND_FACTORS:
+        if factor * decade >= smallest_step:
+            return factor * decade
+    return 10 * decade
 
 
 def is_uncertain_sign_of_weak_motor(
@@ -289,25 +321,3 @@ def _colour(change: QuantityChange, shape: Shape, *, are_judged: bool) -> str:
     if is_worse:
         return "bad"
     return "link" if kind in KINDS_OF_ONE_MOTOR else "good"
-
-
-class _RelativeChange(NamedTuple):
-    """A change of a quantity in units of its equivalence limit."""
-
-    difference: float
-    """The difference."""
-    low: float
-    """Lower end of its 90 % interval."""
-    high: float
-    """Upper end of its 90 % interval."""
-
-
-def _relative_change(change: QuantityChange) -> _RelativeChange:
-    """Returns a change in units of the equivalence limit of its quantity, so that all quantities share one axis.
-
-    Args:
-        change: change of one quantity with its interval. Below the equivalence limit, a change does not matter.
-    """
-    limit = EQUIVALENCE_LIMITS[change.quantity.kind]
-    low, high = change.interval
-    return _RelativeChange(change.difference / limit, low=low / limit, high=high / limit)

@@ -1,6 +1,6 @@
 """Whether all motors work harder in state B: mean output at equal voltage, which relative trims do not show."""
 
-from mavdem.facts.motors import MotorsBetween
+from mavdem.facts.motors import EVEN_PROBABILITY, MotorsBetween
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.motors.effort import EffortChange
@@ -35,14 +35,21 @@ def _does_light_warn_of_effort(reviewed: ReviewedDifference) -> bool:
 
 
 def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns what to check if all motors work harder or less hard than before; empty if they do not.
+    """Returns what to do if all motors work harder or less hard than before; empty if they do not.
 
     Args:
         reviewed: comparison of two states of one vehicle.
+
+    Returns:
+        The step to fly again where a change is less probable than none, and otherwise what to check.
     """
-    has_changed = unexplained_effort_change(reviewed) is not None
-    if not has_changed and not _does_light_warn_of_effort(reviewed):
+    if _does_light_warn_of_effort(reviewed):
+        return render_section("effort_next")
+    effort = unexplained_effort_change(reviewed)
+    if effort is None:
         return []
+    if effort.probability < EVEN_PROBABILITY:
+        return render_section("difference_doubt", motor="")
     return render_section("effort_next")
 
 
@@ -53,7 +60,8 @@ def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed: comparison of two states.
 
     Returns:
-        A list with the sentence; empty if no such change is certain, or if something else explains it.
+        A list with the sentence, which leaves open whether they do if that is less probable than not. Empty if the
+        interval of the change includes 0, or if something else explains it.
     """
     effort = unexplained_effort_change(reviewed)
     if effort is None:
@@ -63,5 +71,6 @@ def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         "difference_effort",
         side=later_name,
         effort=effort,
+        is_unlikely=effort.probability < EVEN_PROBABILITY,
         is_doubtful=effort.probability < MIN_FAULT_PROBABILITY,
     )

@@ -21,7 +21,7 @@ from mavdem.fleet.quantities import (
     RISE,
     SHARE,
 )
-from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
+from mavdem.fleet.random_effects import QuantityChange
 from mavdem.report.numbers import (
     listed,
     number_with_unit,
@@ -42,6 +42,16 @@ class ShownQuantity(NamedTuple):
 
     scale: float
     """Factor from the compared unit to the shown one."""
+
+    unit: str
+    """Shown unit."""
+
+
+class ShownDifference(NamedTuple):
+    """How a difference of a kind of quantity is shown."""
+
+    scale: float
+    """Factor from the compared difference to the shown one."""
 
     unit: str
     """Shown unit."""
@@ -180,20 +190,18 @@ def texts_of_equal_changes(
 
 
 def texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
-    """Yields a text for each kind of quantity, such as "relative trim of motors 1 and 2 (± 2 %)".
+    """Yields a text for each kind of quantity, such as "relative trim of motors 1 and 2 (within ±2 %)".
 
-    The uncertainty is the widest half width of the 90 % intervals of one kind, so that the text holds for each of its
-    quantities.
+    The limit is the largest difference that the 90 % intervals of one kind contain, so that the text holds for each of
+    its quantities.
 
     Args:
         changes: changes of quantities that stayed the same within their uncertainty.
     """
     changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
     for kind, changes_of_kind in changes_by_kind.items():
-        widest_half_width = max(change.half_width for change in changes_of_kind)
         names = _names_of_quantities(changes_of_kind)
-        uncertainty = _amount_text(kind, widest_half_width)
-        yield f"{SHOWN_QUANTITIES[kind].name} of {names} (± {uncertainty})"
+        yield f"{SHOWN_QUANTITIES[kind].name} of {names} (within {_bound_text(kind, changes_of_kind)})"
 
 
 def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float) -> list[str]:
@@ -207,9 +215,19 @@ def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float)
     Returns:
         Cells such as "phase margin of pitch and roll", "±14°" and "38°".
     """
-    bound = max(change.largest_difference for change in changes)
     name = f"{SHOWN_QUANTITIES[kind].name} of {_names_of_quantities(changes)}"
-    return [name, f"±{_limit_text(kind, bound)}", detectable_change(kind, changes, significance)]
+    return [name, _bound_text(kind, changes), detectable_change(kind, changes, significance)]
+
+
+def _bound_text(kind: str, changes: Sequence[QuantityChange]) -> str:
+    """Returns the largest difference that the 90 % intervals of a kind of quantity contain, such as "±14°".
+
+    Args:
+        kind: kind of the quantities, such as ``DAMPING``.
+        changes: changes of quantities of this kind, at least one; the widest bound counts.
+    """
+    bound = max(change.largest_difference for change in changes)
+    return f"±{_limit_text(kind, bound)}"
 
 
 def detectable_change(kind: str, changes: Sequence[QuantityChange], significance: float) -> str:
@@ -263,18 +281,25 @@ def _amount_text(kind: str, amount: float) -> str:
     return number_with_unit(rounded(shown_form.scale * amount), shown_form.unit)
 
 
-def scale_text(kind: str, multiple: int) -> str:
-    """Returns a multiple of the largest difference of a kind of quantity that is called the same: "−12 %", "0", "+6 %".
+def shown_difference(kind: str) -> ShownDifference:
+    """Returns how a difference of a kind of quantity is shown: in percent if it is compared as a ratio.
 
     Args:
         kind: kind of quantity, such as ``DAMPING``.
-        multiple: which multiple; negative for a decrease.
     """
-    if not multiple:
-        return "0"
-    shown_form = SHOWN_QUANTITIES[kind]
-    amount = shown_form.scale * multiple * EQUIVALENCE_LIMITS[kind]
-    unit = shown_form.unit
     if kind in LOGARITHMIC_KINDS:
-        amount, unit = 100 * multiple * EQUIVALENCE_LIMITS[kind], "%"
-    return number_with_unit(_signed(f"{amount:.3g}"), unit)
+        return ShownDifference(scale=100.0, unit="%")
+    shown_form = SHOWN_QUANTITIES[kind]
+    return ShownDifference(shown_form.scale, shown_form.unit)
+
+
+def scale_text(difference: float, unit: str) -> str:
+    """Returns a difference at the scale of a drawing, such as "−12 %", "0" or "+0.5 1/s".
+
+    Args:
+        difference: the difference, in its shown unit; negative for a decrease.
+        unit: that unit.
+    """
+    if not difference:
+        return "0"
+    return number_with_unit(_signed(f"{difference:g}"), unit)

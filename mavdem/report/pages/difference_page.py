@@ -91,8 +91,8 @@ SIDE_SHAPES = {"A": LineStyle.DOTS, "B": LineStyle.SQUARES}
 """Shape of each side in the chart of trims, where colours of single flights are those of their motors' level."""
 
 CHANGES_CAPTION = """\
-Changes from A to B with their 90 % intervals; within the shaded band a change is called the same, and an arrow leads \
-to what lies outside the drawing."""
+Changes from A to B with their 90 % intervals, each kind on its own scale. Where the whole interval lies within the \
+shaded band, the figure is called the same."""
 """What stands below the drawing of all changes, before what its shapes mean."""
 
 OUTCOME_CAPTIONS = {

@@ -21,9 +21,9 @@ def test_what_changed_stands_first_and_every_change_is_within_the_drawing():
     positions = [float(value) for value in re.findall(r'(?:x|x1|x2|cx)="([\d.]+)%"', svg)]
     assert min(positions) >= 0 and max(positions) <= 100
     assert svg.count("font-weight: 650") == 2
-    # The scale has multiples of what is called the same: quantities have different units.
+    # Each kind of quantity has a scale with round numbers.
     ticks = re.findall(r'<text class="small[^>]*>([^<]*)<', svg)
-    assert ticks[:5] == ["−12 %", "−6 %", "0", "+6 %", "+12 %"]
+    assert ticks[:5] == ["−10 %", "−5 %", "0", "+5 %", "+10 %"]
     # Their texts, up to 36 of the 320 pixels on a phone, have room at both edges.
     places = [float(x) for x in re.findall(r'<text class="small" x="([\d.]+)%"', svg)]
     assert min(places) > 5.6 and max(places) < 94.4

@@ -151,7 +151,7 @@ def test_a_comparison_states_first_that_it_is_of_two_vehicles():
     rows = [flight_row(vehicle, 0) for vehicle in ("quad", "other")]
     difference = vehicle_difference(rows[:1], rows[1:])
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, {"A": {}, "B": {}}))
-    assert page.index("are two vehicles") < page.index("do not differ.")
+    assert page.index("are two vehicles") < page.index("No compared figure differs significantly.")
     # The style of the lights of a flight's page is not that of a table of two.
     assert 'id="lights"' not in page
 
@@ -267,14 +267,18 @@ def test_still_air_comes_from_nowhere(difference):
         assert wind_rows(reviewed_difference(difference, {"B": review}))[0].cells[1].endswith(text)
 
 
-def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(difference):
+def test_the_scale_of_a_large_change_contains_it_and_has_round_ticks(difference):
     (largest, *_) = sorted(difference.changes, key=lambda change: -abs(change.difference))
     far = difference._replace(
-        changes=(largest._replace(tested_difference=5.0, tested_half_width=0.01),)
+        changes=(largest._replace(tested_difference=1.3, tested_half_width=0.3),)
     )
-    plan = change_plan(far)
-    assert plan.svg.count('d="M-11 -6') == 1 and 'width="10"' not in plan.svg
-    assert 'd="M-11 -6' not in change_plan(difference).svg
+    svg = change_plan(far).svg
+    assert 'width="10"' in svg
+    positions = [float(value) for value in re.findall(r'(?:x|x1|x2|cx)="([\d.]+)%"', svg)]
+    assert max(positions) == 94.0
+    # The interval ends at exp(1.6) - 1, and nothing falls by more than 100 %.
+    ticks = re.findall(r'<text class="small[^>]*>([^<]*)<', svg)
+    assert ticks == ["0", "+200 %"]
 
 
 def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
@@ -375,11 +379,12 @@ def motor_review(motor, level="bad", **figures):
 
 
 def unchanged():
-    """Returns the comparison of two flights of a vehicle whose compared figures are the same."""
-    intervals = {"trim_share_interval": (0.01,) * 4}
-    return vehicle_difference(
-        *([flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1))
-    )
+    """Returns the comparison of two flights of a vehicle whose compared figures are the same.
+
+    The mean effect varies too much from flight to flight for that, and is not among them.
+    """
+    figures = {"trim_share": SHARES["A"], "trim_share_interval": (0.01,) * 4, "effect": None}
+    return vehicle_difference(*([flight_row("quad", number, **figures)] for number in (0, 1)))
 
 
 def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference):
@@ -554,14 +559,17 @@ def test_motors_that_all_work_harder_are_stated_for_two_single_flights():
     harder = reviewed(0.5 * 1.086)
     first, *_ = headline_of_comparison(harder)
     assert first.text.startswith(
-        "all motors work 8.6 % harder in B (+3 to +15 %, probability 0.28)."
+        "whether all motors work harder in B. Their output is 8.6 % higher (+3 to +15 %); the "
+        "probability that this is more than the usual variation from flight to flight is 0.28."
     )
-    assert first.lead == "Perhaps:" and "mean output at equal voltage" in first.text
-    assert next_blocks(harder)[0].text == "Check the load, then all propellers."
+    assert first.lead == "Not decided:" and "mean output at equal voltage" in first.text
+    assert next_blocks(harder)[0].text.startswith("Fly again as in B")
     (table,) = condition_table(harder)
     assert ["mean output at equal voltage (% of A)", "100", "108.6"] in table.rows
-    first, *_ = headline_of_comparison(reviewed(0.7))
+    much_harder = reviewed(0.7)
+    first, *_ = headline_of_comparison(much_harder)
     assert first.lead == "Changed:"
+    assert next_blocks(much_harder)[0].text == "Check the load, then all propellers."
     # A fuller battery needs as much more output as it has less voltage, and another range means other fractions.
     full = reviewed(0.5 * 12.0 / 13.0, voltage_mean=13.0)
     assert "all motors" not in headline_of_comparison(full)[0].text and not next_blocks(full)
@@ -571,7 +579,7 @@ def test_motors_that_all_work_harder_are_stated_for_two_single_flights():
     assert vehicle_difference(rows[:1], rows[1:], other_range).effort is None
     # The advice is that of the judgement of the motors by earlier flights.
     judged = replace(rows[1], health="drift", health_code=MotorsBetween.EFFORT_CHANGED)
-    assert motor_next_step(judged) == next_blocks(harder)
+    assert motor_next_step(judged) == next_blocks(much_harder)
 
 
 def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(difference):

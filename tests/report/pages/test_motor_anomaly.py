@@ -240,7 +240,7 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     motors, rest, *_ = texts(headline)
     assert motors.startswith("Motors: good in A, watch in B. Motor 1 (front right) lost about 21 %")
     assert motors.endswith("This agrees with motor 1's relative trim +8 % (+2 to +14 %).")
-    assert rest.startswith("No other compared figure changed.")
+    assert rest.startswith("No other compared figure changed significantly.")
     everything = " ".join(
         texts([*headline, *difference_blocks(reviewed_difference(difference, reviews), headline)])
     )
@@ -304,7 +304,7 @@ def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
         "Motors: good in A, watch in B. Motor 1 lost thrust. "
         "This agrees with motor 1's relative trim +8 % (+2 to +14 %)."
     )
-    assert rest.startswith("No other compared figure changed.")
+    assert rest.startswith("No other compared figure changed significantly.")
     assert reviews["B"]["headline"]["sentence"] == "Motor 1 lost thrust."
 
 
@@ -472,7 +472,7 @@ def test_beside_a_baseline_the_weak_motor_has_one_verdict():
     assert motors == (
         "Motors: Motor 1 lost thrust. This agrees with motor 1's relative trim +8 % (+2 to +14 %)."
     )
-    assert rest.startswith("No other compared figure changed.")
+    assert rest.startswith("No other compared figure changed significantly.")
     assert not any("Perhaps" in text or "Doubtful" in text for text in further_texts)
 
 
