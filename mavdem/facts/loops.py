@@ -133,6 +133,10 @@ class StepResponseFact(Code):
     TOO_SLOW = "too_slow"
     TOO_LITTLE_FLIGHT = "too_little_flight"
     TOO_LITTLE_ASKED = "too_little_asked"
+    NO_RESPONSE_WINDOW = "no_response_window"
+    NOT_COHERENT = "not_coherent"
+    GAIN_UNCERTAIN = "gain_uncertain"
+    STEP_UNCERTAIN = "step_uncertain"
     SETPOINT_FOLLOWS = "setpoint_follows_vehicle"
 
 

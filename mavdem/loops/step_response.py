@@ -98,6 +98,8 @@ MAX_GAIN_DEVIATION = 0.25
 """Largest standard deviation of |T| with which it counts as known: a choice."""
 MAX_STEP_HALF_WIDTH = 0.3
 """Half width of a step's 90 % band from which on the step is not reported: an overshoot of 30 % may then be none."""
+MIN_KNOWN_FREQUENCIES = 2
+"""Least number of frequencies at which a response must be known for it to be reported."""
 MAX_DISAGREEING_SHARE = 0.3
 """Largest share of the frequencies at which a right prediction may lie outside the 90 % band: a choice.
 
@@ -380,7 +382,7 @@ def _measured_step_response(
 
     Returns:
         The step response; or the reason why there is none: messages are too slow or too few, the setpoint hardly
-        varies, or it follows the vehicle.
+        varies, or it follows the vehicle, or the response is not certain enough.
     """
     signals_on_grid = _signals_on_grid(signals, loop, series, segments, min_rate)
     if isinstance(signals_on_grid, Fact):
@@ -391,11 +393,17 @@ def _measured_step_response(
     # MIN_WINDOWS windows, each of two durations of the response.
     pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[_SETPOINT]) != 0]
     sample_count = sum(piece.shape[1] for piece in pieces)
-    setpoint_moves_too_little = Fact(
-        StepResponseFact.TOO_LITTLE_ASKED, subject=f"{signals.axis} {loop}"
-    )
-    if sample_count < 2 * MIN_WINDOWS * seconds * sampling_rate:
-        return setpoint_moves_too_little
+    subject = f"{signals.axis} {loop}"
+    no_response_window = Fact(StepResponseFact.NO_RESPONSE_WINDOW, subject=subject)
+    moving_duration = sample_count / sampling_rate
+    least_duration = 2 * MIN_WINDOWS * seconds
+    if moving_duration < least_duration:
+        return Fact(
+            StepResponseFact.TOO_LITTLE_ASKED,
+            subject=subject,
+            moving_duration=moving_duration,
+            least_duration=least_duration,
+        )
     angle_gain = 0.0
     if loop == "rate":
         # The rate loop is inside an attitude loop, whose controller feeds the angle back to the setpoint.
@@ -409,16 +417,16 @@ def _measured_step_response(
     timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
-        return setpoint_moves_too_little
+        return no_response_window
     if attitude_controller is not None and _setpoint_follows_angle(spectra, attitude_controller):
-        return Fact(StepResponseFact.SETPOINT_FOLLOWS, subject=f"{signals.axis} {loop}")
+        return Fact(StepResponseFact.SETPOINT_FOLLOWS, subject=subject)
     decimation = _decimation_factor(sampling_rate, min_rate, spectra)
     pieces = decimated_pieces(pieces, decimation)
     impulse_response = estimate_impulse_response(
         sampling_rate / decimation, pieces, angle_gain, seconds, 1 / MAX_SAMPLING_RATES[loop]
     )
     if impulse_response is None:
-        return setpoint_moves_too_little
+        return no_response_window
     return _described_response(
         signals.axis, loop, impulse_response, timing_error, spectra, rate_loop
     )
@@ -735,7 +743,7 @@ def _described_response(
 
     Returns:
         The step response. If fewer than two frequencies are known or the interval of the step is too wide, the fact
-        (coded finding) that setpoints varied too little.
+        (coded finding) which of them it is.
     """
     # Angle setpoints may not have their own time stamps, so that only the lower half of the usual band is used.
     nyquist_frequency = estimate.sampling_rate / 2
@@ -749,10 +757,37 @@ def _described_response(
     steps = responses.steps if steps_of_fast_loop is None else steps_of_fast_loop
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
-    known_count = _known_frequency_count(responses.frequency, gains, spectra.frequency, coherence)
+    coherent_count = _coherent_frequency_count(responses.frequency, spectra.frequency, coherence)
+    certain_count = _certain_frequency_count(gains)
+    subject = f"{axis} {loop}"
+    if coherent_count < MIN_KNOWN_FREQUENCIES:
+        # All of these are too little: one that is coherent would have made a second frequency known.
+        is_above_lowest = spectra.frequency > responses.frequency[MIN_KNOWN_FREQUENCIES - 1]
+        return Fact(
+            StepResponseFact.NOT_COHERENT,
+            subject=subject,
+            frequency=MIN_FREQUENCY,
+            coherence=coherence[is_above_lowest].max(initial=0.0),
+            least_coherence=MIN_COHERENCE,
+        )
+    gain_half_width = coverage_factor() * gains[DRAWS].std(axis=0)
+    if certain_count < MIN_KNOWN_FREQUENCIES:
+        return Fact(
+            StepResponseFact.GAIN_UNCERTAIN,
+            subject=subject,
+            frequency=MIN_FREQUENCY,
+            band_half_width=gain_half_width[:MIN_KNOWN_FREQUENCIES].max(),
+        )
     step_half_width = coverage_factor() * steps[DRAWS].std(axis=0)
-    if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
-        return Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
+    if step_half_width.max() >= MAX_STEP_HALF_WIDTH:
+        return Fact(
+            StepResponseFact.STEP_UNCERTAIN,
+            subject=subject,
+            band_half_width=step_half_width.max(),
+            largest_half_width=MAX_STEP_HALF_WIDTH,
+            sampling_rate=1 / message_interval,
+        )
+    known_count = min(coherent_count, certain_count)
     frequency = responses.frequency[:known_count]
     gains = gains[:, :known_count]
     characteristics = step_characteristics(responses.time, steps, frequency, gains)
@@ -765,7 +800,7 @@ def _described_response(
         step_half=step_half_width,
         frequency=frequency,
         response=responses.responses[ESTIMATE, :known_count],
-        gain_half=coverage_factor() * gains[DRAWS].std(axis=0),
+        gain_half=gain_half_width[:known_count],
         max_frequency=frequency[-1],
         windows=estimate.windows,
         coherence=np.interp(peak_frequency, spectra.frequency, coherence),
@@ -809,32 +844,37 @@ def _coherence_where_driven(spectra: WelchSpectra) -> Array:
     return np.where(is_driven, spectra.coherence, 0.0)
 
 
-def _known_frequency_count(
-    frequency: Array, gains: Array, spectrum_frequency: Array, coherence: Array
+def _coherent_frequency_count(
+    frequency: Array, spectrum_frequency: Array, coherence: Array
 ) -> int:
-    """Returns the number of frequencies at which a response is known, counted from the lowest.
-
-    The known frequencies end before the first at which the standard deviation of |T| exceeds ``MAX_GAIN_DEVIATION``,
-    and before the highest at which setpoint and response are coherent.
+    """Returns the number of frequencies of a response below the highest at which setpoint and response are coherent.
 
     Args:
         frequency: (F,) frequencies of the response, Hz, ascending.
-        gains: (N, F) gains |T|, of the estimate in the first row, then of draws.
         spectrum_frequency: (F′,) frequencies of the coherence, Hz.
         coherence: (F′,) coherence of setpoint and response.
 
     Returns:
         The number, at most F.
     """
-    gains_of_draws = gains[DRAWS]
-    is_uncertain = gains_of_draws.std(axis=0) > MAX_GAIN_DEVIATION
-    certain_count = len(frequency)
-    if is_uncertain.any():
-        # The index of the first uncertain frequency is the number of those below it.
-        certain_count = int(np.argmax(is_uncertain))
     highest_coherent = spectrum_frequency[coherence >= MIN_COHERENCE].max(initial=0.0)
-    coherent_count = int(np.searchsorted(frequency, highest_coherent))
-    return min(certain_count, coherent_count)
+    return int(np.searchsorted(frequency, highest_coherent))
+
+
+def _certain_frequency_count(gains: Array) -> int:
+    """Returns the number of frequencies before the first at which the gain is too uncertain (``MAX_GAIN_DEVIATION``).
+
+    Args:
+        gains: (N, F) gains |T|, of the estimate in the first row, then of draws; frequencies ascend.
+
+    Returns:
+        The number, at most F.
+    """
+    is_uncertain = gains[DRAWS].std(axis=0) > MAX_GAIN_DEVIATION
+    if not is_uncertain.any():
+        return len(is_uncertain)
+    # The index of the first uncertain frequency is the number of those below it.
+    return int(np.argmax(is_uncertain))
 
 
 def _steps_of_fast_loop(

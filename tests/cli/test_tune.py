@@ -47,7 +47,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_the_page_alone(
     flown_gains = read_parameters(out / "gains.before.params")
     assert flown_gains.keys() == gains.keys() and flown_gains != gains
     page = (out / "tune.html").read_text()
-    assert page.count('<figure class="chart"') == 15 and 'class="headline"' in page
+    assert page.count('<figure class="chart"') == 16 and 'class="headline"' in page
     assert "Stage 1, rate P, I and D" in page and roll["stage"] == 1
     # The files stand directly below the gains, before how to fly with them.
     assert page.index('download="') < page.index("Next:")

@@ -22,6 +22,7 @@ from mavdem.loops.attitude_response import predicted_attitude_response
 from mavdem.loops.identified_step import predicted_step, step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
 from mavdem.loops.step_response import (
+    MAX_STEP_HALF_WIDTH,
     StepResponse,
     _Responses,
     _unseen_part,
@@ -29,7 +30,7 @@ from mavdem.loops.step_response import (
     decimated_pieces,
     rate_step_response,
 )
-from mavdem.loops.welch import welch_spectra_of_pieces
+from mavdem.loops.welch import MIN_COHERENCE, welch_spectra_of_pieces
 
 HOVER = Hover(hovering=60.0)
 TIME = HOVER.stamps(200.0)
@@ -259,7 +260,8 @@ def test_a_slow_setpoint_does_not_show_a_fast_response():
     rate_setpoint = lfilter([0.01], [1.0, -0.99], steered(1, slow_setpoint=0.97))
     noise = steered(2, slow_setpoint=0.0) / 2000
     measured_step = measured(flight(rate_setpoint + noise, rate_setpoint))
-    assert measured_step.code is StepResponseFact.TOO_LITTLE_ASKED
+    assert measured_step.code is StepResponseFact.STEP_UNCERTAIN
+    assert measured_step.figures["band_half_width"] >= MAX_STEP_HALF_WIDTH
 
 
 @mark.slow
@@ -267,7 +269,7 @@ def test_pieces_too_short_for_a_window_give_no_step_response():
     """Each gap in the messages begins another piece; here a flight is nothing but pieces of 2.2 s."""
     pieces = [Segment(0, start, start + 2.2) for start in np.arange(12.0, 60.0, 3.0)]
     measured_step = rate_step_response(Signals(flight(steered(), steered())), pieces)
-    assert measured_step.code is StepResponseFact.TOO_LITTLE_ASKED
+    assert measured_step.code is StepResponseFact.NO_RESPONSE_WINDOW
 
 
 @mark.slow
@@ -275,7 +277,7 @@ def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
     rate_setpoint = np.where(TIME < 12.8, steered(), 0.0)
     whole = Segment(0, 12.0, 60.0)
     measured_step = rate_step_response(Signals(flight(0 * TIME, rate_setpoint)), [whole])
-    assert measured_step.code is StepResponseFact.TOO_LITTLE_ASKED
+    assert measured_step.code is StepResponseFact.NOT_COHERENT
 
 
 @mark.slow
@@ -306,4 +308,12 @@ def test_why_there_is_no_step_response(monkeypatch):
     assert without_setpoint.code is without_attitude_setpoint.code is StepResponseFact.NO_SETPOINT
     assert slow_setpoint.code is StepResponseFact.TOO_SLOW
     assert without_flight.code is StepResponseFact.TOO_LITTLE_FLIGHT
-    assert without_excitation.code is uncertain_step.code is StepResponseFact.TOO_LITTLE_ASKED
+    assert without_excitation.code is StepResponseFact.TOO_LITTLE_ASKED
+    assert without_excitation.figures["moving_duration"] == 0.0
+    assert uncertain_step.code is StepResponseFact.STEP_UNCERTAIN
+    monkeypatch.setattr("mavdem.loops.step_response.MAX_GAIN_DEVIATION", 0.0)
+    assert measured(telemetry).code is StepResponseFact.GAIN_UNCERTAIN
+    # The rate moves, but has nothing to do with its setpoint.
+    unrelated = measured(flight(steered(2), rate))
+    assert unrelated.code is StepResponseFact.NOT_COHERENT
+    assert unrelated.figures["coherence"] < MIN_COHERENCE

@@ -423,16 +423,24 @@ def test_axes_that_are_all_sluggish_are_not_named_twice(sluggish_axes, words):
 
 
 def test_an_attitude_that_rings_more_than_predicted_has_its_fit_below_the_chart():
-    step = np.array([0.0, 1.0, 1.3, 1.0])
-    overshoot = IntervalEstimate(0.3, 0.2, 0.4)
-    measured = partial_record(StepResponse, step=step, overshoot=overshoot)
-    predicted_step = np.array([0.0, 1.0, 1.0, 1.0])
+    # The chart ends before the last value, which the line below it ignores.
+    end = 0.35
+    time = np.arange(0.0, 0.5, 0.1)
+    step = np.array([0.0, 1.0, 1.3, 1.0, 1.9])
+    measured = partial_record(StepResponse, time=time, step=step)
+    predicted_step = np.array([0.0, 1.0, 1.0, 1.0, 0.5])
     # The RMS of the difference is 0.15, the standard deviation of the step 0.49.
-    caption = step_caption(LoopResponse(measured, predicted_step))
+    caption = step_caption(LoopResponse(measured, predicted_step), end)
     assert caption == "Measured: overshoot 30 %, predicted 0 %; fit 70 %."
-    without_loop = step_caption(LoopResponse(measured))
+    without_loop = step_caption(LoopResponse(measured), end)
     assert without_loop.endswith("no loop is identified to compare with.")
     assert step_caption(None) == "Identified loop; no step was measured."
+
+
+def _messages_at(message_rate):
+    """Returns five seconds of messages at a rate, Hz."""
+    time = np.arange(0.0, 5.0, 1 / message_rate)
+    return TimeSeries(time, np.zeros(len(time), int), np.zeros(len(time)))
 
 
 @mark.parametrize("code, is_doubtful", [("AGREES", False), ("DOUBTED", True)])
@@ -440,14 +448,13 @@ def test_an_identified_step_that_the_measured_gain_contradicts_is_doubtful(code,
     rise_time = IntervalEstimate(0.056, 0.05, 0.07)
     step = partial_record(StepResponse, is_identified=True, rise_time=rise_time)
     compared = Fact(StepResponseFact[f"PREDICTION_{code}"], share=0.35)
-    assert (
-        gain_caption(compared)
-        == "Measured; the identified loop differs at 35 % of the frequencies."
-    )
+    agreement = "differs at 35 % of the frequencies" if is_doubtful else "agrees"
+    assert gain_caption(compared) == f"Measured; the identified loop {agreement}."
     response = LoopResponse(step, compared=compared)
     assert response.is_step_doubtful is is_doubtful
-    caption = step_caption(response)
-    assert "rises in 56 ms, too fast for this log" in caption
+    messages = _messages_at(50.0)
+    caption = step_caption(response, rate_and_setpoint=(messages, messages))
+    assert "rises in 56 ms, messages at 50 Hz measure a rise from 240 ms on" in caption
     assert caption.startswith("Doubtful:" if is_doubtful else "Identified loop:")
 
 
@@ -477,8 +484,7 @@ def test_a_measured_step_is_too_fast_if_it_rises_within_few_messages(
     """At 50 Hz twelve messages take 240 ms, at 400 Hz 30 ms."""
     rise_time = IntervalEstimate(0.06, 0.05, 0.07)
     measured = partial_record(StepResponse, is_identified=False, rise_time=rise_time)
-    time = np.arange(0.0, 5.0, 1 / message_rate)
-    series = TimeSeries(time, np.zeros(len(time), int), np.zeros(len(time)))
+    series = _messages_at(message_rate)
     assert is_too_fast(measured, (series, series)) is is_step_too_fast
 
 

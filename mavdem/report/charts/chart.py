@@ -19,6 +19,7 @@ from markupsafe import Markup
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names, Numbers
 from mavdem.facts import Fact
+from mavdem.loops.step_characteristics import SETTLING_BAND
 from mavdem.report.numbers import name_with_unit, rounded
 from mavdem.report.palette import MEASURED
 
@@ -627,9 +628,10 @@ def step_chart(title: str, steps: Sequence[Line]) -> Chart:
     """Makes a chart of step responses over the time after the step, s; a horizontal line at 1 is the setpoint.
 
     A chart ends after twice the time in which its slowest response settles, which differs much between vehicles: the
-    rest would only compress the part in which the responses differ. That time is rounded up to a multiple of
-    ``STEP_TIME_UNIT``, so that similar axes are mostly compared on one scale. A response has settled when it stays
-    within the fraction ``SETTLED_SHARE`` of its last value.
+    rest would only compress the part in which the responses differ. It does not end before the largest overshoot of a
+    response, if that exceeds ``SETTLING_BAND``. The time is rounded up to a multiple of ``STEP_TIME_UNIT``, so that
+    similar axes are mostly compared on one scale. A response has settled when it stays within the fraction
+    ``SETTLED_SHARE`` of its last value.
 
     Args:
         title: title of the chart.
@@ -641,15 +643,19 @@ def step_chart(title: str, steps: Sequence[Line]) -> Chart:
         title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), levels=(setpoint,), group=title
     )
     longest_settling_time = 0.0
+    latest_overshoot_time = 0.0
     for step in steps:
         last_value = step.y[-1]
         is_unsettled = abs(step.y - last_value) > SETTLED_SHARE * abs(last_value)
         # Time of the last sample that is not settled; 0 if all are.
         settling_time = float(step.x[is_unsettled].max(initial=0.0))
         longest_settling_time = max(longest_settling_time, settling_time)
+        if step.y.max() > setpoint + SETTLING_BAND:
+            latest_overshoot_time = max(latest_overshoot_time, float(step.x[step.y.argmax()]))
     if longest_settling_time == 0.0:
         return chart
-    end = STEP_TIME_UNIT * ceil(2 * longest_settling_time / STEP_TIME_UNIT)
+    shown_time = max(2 * longest_settling_time, latest_overshoot_time)
+    end = STEP_TIME_UNIT * ceil(shown_time / STEP_TIME_UNIT)
     return chart._replace(lines=tuple(step.until(end) for step in steps))
 
 

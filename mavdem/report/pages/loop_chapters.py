@@ -152,18 +152,20 @@ def sentences_without_response(responses: Responses) -> list[Sentence]:
     Args:
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
     """
-    names_by_reason = dict[Fact, list[str]]()
+    names_by_sentence = dict[str, list[str]]()
+    reasons = dict[str, Fact]()
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
             measured = response.measured
             if isinstance(measured, Fact) or measured.is_doubtful:
-                # Without their subject, such as "roll rate", equal reasons are equal facts.
                 reason = measured if isinstance(measured, Fact) else measured.fact
-                reason = reason.replace(subject="")
-                names_by_reason.setdefault(reason, []).append(f"{axis} {loop_name}")
+                # Without their subject, such as "roll rate", equal reasons have equal sentences.
+                sentence = str(reason.replace(subject=""))
+                reasons.setdefault(sentence, reason)
+                names_by_sentence.setdefault(sentence, []).append(f"{axis} {loop_name}")
     sentences = []
-    for reason, names in names_by_reason.items():
-        sentences.append(Sentence(str(reason.replace(subject=listed(names)))))
+    for sentence, names in names_by_sentence.items():
+        sentences.append(Sentence(str(reasons[sentence].replace(subject=listed(names)))))
     return sentences
 
 

@@ -1,6 +1,7 @@
 """The line below the chart of a step response: whether the step was measured, and whether model and flight agree."""
 
 from collections.abc import Sequence
+from math import inf
 
 import numpy as np
 
@@ -9,23 +10,29 @@ from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.dataset.signals import rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
-from mavdem.loops.step_response import MIN_RISE_MESSAGES, StepResponse
+from mavdem.loops.step_response import MAX_SAMPLING_RATES, MIN_RISE_MESSAGES, StepResponse
 from mavdem.report.templates import render_section
 
 FIT_MEANING = (
-    "Fit: 100 % is no difference, 0 % one as large as the standard deviation of the measured step."
+    "Overshoot and fit are of the lines as drawn. Fit: 100 % is no difference, 0 % one as large as the standard "
+    "deviation of the measured line."
 )
 """What the caption of a chapter adds if a line below a chart has the fit of a predicted step."""
 
 
 def step_caption(
-    response: LoopResponse | None, rate_and_setpoint: Sequence[TimeSeries] | None = None
+    response: LoopResponse | None,
+    end: float = inf,
+    rate_and_setpoint: Sequence[TimeSeries] | None = None,
 ) -> str:
     """Returns the line below the chart of a step, such as "Measured: overshoot 13 %, predicted 14 %; fit 85 %.".
+
+    Its figures are those of the lines as far as they are drawn, so that the chart shows them.
 
     Args:
         response: the response of one loop; None, or with a fact in the place of the measured response, if the chart has
             only what the identified loop predicts.
+        end: time at which the chart ends, s after the step.
         rate_and_setpoint: messages of the body rate and of its setpoint, by which the step of a rate is too fast or
             not; None for the step of an attitude.
     """
@@ -34,33 +41,50 @@ def step_caption(
     step = response.measured
     compared_code = None if response.compared is None else response.compared.code
     if step.is_identified:
-        return _caption("identified", step=step, compared_code=compared_code)
+        # Only the step of a rate can be that of the identified loop.
+        assert rate_and_setpoint is not None
+        return _caption(
+            "identified",
+            step=step,
+            compared_code=compared_code,
+            message_rate=_message_rate(rate_and_setpoint),
+            least_rise_time=_least_rise_time(rate_and_setpoint),
+        )
     if response.is_step_doubtful:
         return _caption("doubtful", step=step)
     fit = None
     predicted_overshoot = None
+    is_drawn = step.time <= end
+    measured_step = step.step[is_drawn]
     if response.predicted_step is not None:
-        fit = step_fit(step.step, response.predicted_step)
-        predicted_overshoot = max(0.0, float(response.predicted_step.max()) - 1)
+        predicted_step = response.predicted_step[is_drawn]
+        fit = step_fit(measured_step, predicted_step)
+        predicted_overshoot = _overshoot(predicted_step)
     return _caption(
         "measured",
         step=step,
         compared_code=compared_code,
-        overshoot=max(0.0, step.overshoot.value),
+        overshoot=_overshoot(measured_step),
         predicted_overshoot=predicted_overshoot,
         fit=fit,
         is_too_fast=rate_and_setpoint is not None and is_too_fast(step, rate_and_setpoint),
     )
 
 
-def gain_caption(contradiction: Fact) -> str:
-    """Returns the line below the chart of the gain |T| of a rate loop whose prediction the flight contradicts.
+def _overshoot(step: Array) -> float:
+    """Returns by how much a response to a step of 1 exceeds it, (K,); 0 for one that stays below."""
+    return max(0.0, float(step.max()) - 1)
+
+
+def gain_caption(compared: Fact | None) -> str:
+    """Returns the line below the chart of the measured gain |T| of a rate loop: whether the prediction agrees.
 
     Args:
-        contradiction: that measured and predicted gain differ (``LoopResponse.contradiction``), a coded finding with
-            the ``share`` of the frequencies.
+        compared: whether measured and predicted gain agree (``LoopResponse.compared``), a coded finding with the
+            ``share`` of the frequencies at which they differ, if they do; None if the two were not compared.
     """
-    return _caption("gain", share=contradiction.figures["share"])
+    share = None if compared is None or compared.is_good else compared.figures["share"]
+    return _caption("gain", is_compared=compared is not None, share=share)
 
 
 def _caption(source: str, **values: object) -> str:
@@ -96,7 +120,20 @@ def is_too_fast(step: StepResponse, rate_and_setpoint: Sequence[TimeSeries]) -> 
 
     Args:
         step: measured step of a body rate.
-        rate_and_setpoint: messages of the rate and of its setpoint; the slower ones decide.
+        rate_and_setpoint: messages of the rate and of its setpoint.
     """
-    message_rate = min([rate_between_outages(series) for series in rate_and_setpoint])
-    return step.rise_time.value < MIN_RISE_MESSAGES / message_rate
+    return step.rise_time.value < _least_rise_time(rate_and_setpoint)
+
+
+def _least_rise_time(rate_and_setpoint: Sequence[TimeSeries]) -> float:
+    """Returns the shortest rise, s, that the messages of a body rate and its setpoint suffice to measure.
+
+    Faster messages are reduced to the highest rate of the samples that a step is estimated from.
+    """
+    sampling_rate = min(_message_rate(rate_and_setpoint), MAX_SAMPLING_RATES["rate"])
+    return MIN_RISE_MESSAGES / sampling_rate
+
+
+def _message_rate(rate_and_setpoint: Sequence[TimeSeries]) -> float:
+    """Returns the rate, Hz, of the slower messages among those of a body rate and of its setpoint."""
+    return min([rate_between_outages(series) for series in rate_and_setpoint])

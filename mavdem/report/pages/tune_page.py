@@ -72,7 +72,7 @@ COLOUR_MEANINGS = {
 NAMES_OF_NEW_GAINS = ("new", "new gains")
 """Names of the lines of new gains in charts."""
 
-GAIN_MEANING = "|T| is the gain of the closed rate loop, shown where flight and prediction differ."
+GAIN_MEANING = "|T| is the gain of the closed rate loop over frequency."
 """What the caption adds if the gain of a rate loop is drawn, too."""
 
 GAIN_PANEL = "gain"
@@ -255,10 +255,7 @@ def _caption_of_step_chapter(
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
     """
     caption = _step_caption(panels) + feedforward_remark(responses)
-    rate_responses = [loops["rate"] for loops in responses.values() if "rate" in loops]
-    # A contradicted prediction has a chart of the gain over frequency besides that of the step.
-    has_gain_chart = any(response.contradiction is not None for response in rate_responses)
-    if has_gain_chart:
+    if any(GAIN_PANEL in panels_by_name for panels_by_name in panels.values()):
         caption = f"{caption} {GAIN_MEANING}"
     if any(has_fit(response) for loops in responses.values() for response in loops.values()):
         caption = f"{caption} {FIT_MEANING}"
@@ -306,9 +303,8 @@ def _step_panels(
 
     Below each step a line says whether it was measured, and whether model and flight agree.
 
-    A loop without a measured response and without an identified model has no chart. Where the measurement contradicts
-    the prediction, a rate loop also has the chart of its gain, measured and predicted. It comes last, so
-    that the charts of several axes are aligned.
+    A loop without a measured response and without an identified model has no chart. A measured rate loop also has the
+    chart of its gain, measured and predicted. It comes last, so that the charts of several axes are aligned.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -324,20 +320,20 @@ def _step_panels(
     for loop_name in LOOP_NAMES:
         response = responses.get(loop_name)
         messages = rate_and_setpoint if loop_name == "rate" else None
-        caption = step_caption(response, messages)
         if response is not None and isinstance(response.measured, StepResponse):
             # The chart has the measured response, the predicted one, and that with the advised gains.
             response_of_loop = {axis: {loop_name: response}}
             chart, *_ = step_charts(response_of_loop, advised, has_gain=False)[axis]
+            caption = step_caption(response, chart.lines[0].x[-1], messages)
             panels[loop_name] = [chart._replace(caption=caption)]
         elif isinstance(advice, Advice):
             # Without a measured response, the chart has what the identified loop predicts.
             predicted_chart = predicted_step_chart(compared_loops(advice), loop_name)
-            panels[loop_name] = [predicted_chart._replace(caption=caption)]
+            panels[loop_name] = [predicted_chart._replace(caption=step_caption(response))]
     rate_response = responses.get("rate")
-    if rate_response is not None and rate_response.contradiction is not None:
+    if rate_response is not None and isinstance(rate_response.measured, StepResponse):
         _, gain_chart = step_charts({axis: {"rate": rate_response}})[axis]
-        caption = gain_caption(rate_response.contradiction)
+        caption = gain_caption(rate_response.compared)
         panels[GAIN_PANEL] = [gain_chart._replace(caption=caption)]
     if isinstance(advice, Advice) and not advice.is_sound:
         return {name: _with_tried_gains(charts) for name, charts in panels.items()}
