@@ -844,9 +844,7 @@ def _coherence_where_driven(spectra: WelchSpectra) -> Array:
     return np.where(is_driven, spectra.coherence, 0.0)
 
 
-def _coherent_frequency_count(
-    frequency: Array, spectrum_frequency: Array, coherence: Array
-) -> int:
+def _coherent_frequency_count(frequency: Array, spectrum_frequency: Array, coherence: Array) -> int:
     """Returns the number of frequencies of a response below the highest at which setpoint and response are coherent.
 
     Args:
