@@ -29,6 +29,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.fleet import ReadingFact
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import motor_number
 from mavdem.fleet.row import FlightRow, FlightRows
@@ -84,9 +85,7 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
                 raise
             rows.append(_row_of_failed_vehicle(path, telemetry, error))
             continue
-        # All rows of a vehicle are of the same flight, so the first tells whether there is one to show.
-        has_flight = vehicle_rows[0].has_flight
-        if has_flight and make_page is not None:
+        if make_page is not None and has_page(vehicle_rows):
             page_name = f"{key[:PAGE_KEY_LETTERS]}-{telemetry.system}-{telemetry.component}.html"
             pages[page_name] = make_page(path.name, assessment)
             vehicle_rows = [replace(row, page=f"{PAGES}/{page_name}") for row in vehicle_rows]
@@ -94,6 +93,15 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
     if not rows:
         rows = [FlightRow.without_flight(str(path), Fact(ReadingFact.NO_VEHICLE))]
     return LogRows(rows, pages)
+
+
+def has_page(rows: FlightRows) -> bool:
+    """Returns whether a vehicle has a page: if it flew, or if it is no multirotor, of which some lights are judged.
+
+    Args:
+        rows: rows of the vehicle, all of the same flight.
+    """
+    return rows[0].has_flight or rows[0].status_code == NotLearnableReason.NO_MULTIROTOR
 
 
 def _row_of_failed_vehicle(path: Path, telemetry: Telemetry, error: Exception) -> FlightRow:

@@ -230,10 +230,12 @@
     const allDots = data.lines.filter(isDots), dotsWithWhiskers = allDots.filter(line => line.low);
     const dots = dotsWithWhiskers.length ? dotsWithWhiskers : allDots, room = bbox.width / data.x.names.length;
     const dotDistance = data.x.names.length ? Math.min(9 * ratio, 0.8 * room / dots.length) : 0;
+    // Where dots have little room, those beside a line with a remark, which is to be followed through them, are pale.
+    const isCrowded = dotDistance < 9 * ratio && data.lines.some(line => line.remark);
     for (const line of data.lines) {
       const stems = line.kind === "stems";
       if (!stems && !isDots(line)) continue;
-      const offset = !dots.includes(line) ? 0 : dotDistance * (dots.indexOf(line) - (dots.length - 1) / 2);
+      const alpha = isCrowded && !line.remark ? 0.3 : 1, offset = !dots.includes(line) ? 0 : dotDistance * (dots.indexOf(line) - (dots.length - 1) / 2);
       ctx.strokeStyle = line.colour; ctx.lineWidth = (stems ? 1.6 : 1.1) * ratio;
       if (line.kind === "joined") {
         ctx.beginPath();
@@ -244,11 +246,10 @@
           if (isKnown) ctx[isBroken ? "moveTo" : "lineTo"](chart.valToPos(x, "x", true) + offset, chart.valToPos(line.y[i], "y", true));
           isBroken = !isKnown;
         });
-        // A line with a remark is to be followed through the others.
-        ctx.globalAlpha = line.remark ? 1 : 0.45;
+        ctx.globalAlpha = line.remark ? 1 : 0.45 * alpha;
         ctx.stroke();
-        ctx.globalAlpha = 1;
       }
+      ctx.globalAlpha = alpha;
       data.columns.forEach((x, i) => {
         if (line.y[i] == null) return;
         const left = chart.valToPos(x, "x", true) + offset;
@@ -267,6 +268,7 @@
         ctx.lineTo(left, chart.valToPos(stems ? line.y[i] : line.high[i], "y", true));
         ctx.stroke();
       });
+      ctx.globalAlpha = 1;
     }
     ctx.font = `${(root.classList.contains("printing") ? 8 : 10) * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;

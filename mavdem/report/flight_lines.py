@@ -7,6 +7,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from mavdem.facts import Level
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.facts.urgency import Urgency
@@ -58,7 +59,7 @@ class FlightLine(NamedTuple):
     """Whether it counts where flights are counted: a simulated one only if its name identifies the vehicle."""
 
     urgency: Urgency
-    """How urgently the vehicle needs a look after this flight; a simulated one needs none."""
+    """How urgently the vehicle needs a look after this flight; a simulated one or a log without a flight needs none."""
 
     light_levels: str
     """Levels of all lights, in their order, separated by spaces: by them the page's filter finds "motors:good"."""
@@ -103,10 +104,22 @@ def flight_line(flight: AxisRows, *, is_counted: bool = True) -> FlightLine:
         vehicle=first_row.vehicle,
         simulated=bool(first_row.simulated),
         is_counted=is_counted,
-        urgency=Urgency.UNKNOWN if first_row.simulated else urgency_and_age([flight]).urgency,
+        urgency=_urgency(flight),
         light_levels=" ".join(light_level(flight, light) for light in Light),
         cells=cells,
     )
+
+
+def _urgency(flight: AxisRows) -> Urgency:
+    """Returns how urgently a vehicle needs a look after a flight; a simulated one and a log without a flight need none.
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
+    """
+    row = log_row(flight)
+    if row.simulated or not row.has_flight:
+        return Urgency.UNKNOWN
+    return urgency_and_age([flight]).urgency
 
 
 class Column(NamedTuple):
@@ -225,6 +238,11 @@ def _notes_on_flight(flight: AxisRows) -> str:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
     first_row = log_row(flight)
+    if first_row.status_code == NotLearnableReason.NO_MULTIROTOR:
+        (note,) = render_section(
+            "fleet_other_vehicle", frame=first_row.frame, headline=first_row.headline
+        )
+        return note.text
     if not first_row.has_flight:
         return first_row.status
     notes = []

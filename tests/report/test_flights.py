@@ -7,10 +7,13 @@ from math import pi
 from fleet_rows import WEAK, flight_row
 from pytest import mark
 
+from mavdem.facts.urgency import Urgency
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.rows_of_log import has_page
 from mavdem.report import fleet_summary
 from mavdem.report.blocks import plain_text
 from mavdem.report.difference.baseline import baseline_blocks
@@ -475,6 +478,18 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     assert fleet_blocks([drifted, rows[1]])[1].text == "fell 0. The load shifted · Do not fly."
     assert flight_line([drifted]).cell("time") == "0:13"
     assert "13 s in the air" in plain_text(fleet_blocks([drifted]))
+    # A vehicle that is no multirotor has lights and a page, and is no flight to look at.
+    submarine = FlightRow(
+        file="sub.tlog",
+        frame="SUBMARINE",
+        headline="It was in a failsafe.",
+        headline_level="watch",
+        status="Give a multirotor's log.",
+        status_code="no_multirotor",
+    )
+    line = flight_line([submarine])
+    assert line.finding == "Submarine: lights alone, no model and no motors. It was in a failsafe."
+    assert line.urgency is Urgency.UNKNOWN and has_page([submarine])
     # Of more vehicles the worst have a line.
     more = [replace(rows[1], vehicle=f"quad {number}", file=f"{number}.bin") for number in (4, 5)]
     _, *lines = fleet_blocks([*rows, *more], lists_follow=True)

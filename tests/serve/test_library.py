@@ -313,6 +313,7 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
         ("notalog.bin", "notalog.bin contains no DataFlash messages."),
         ("notalog.ulg", "notalog.ulg is no PX4 ULog:"),
         ("notalog.tlog", "notalog.tlog contains no MAVLink:"),
+        ("README.md", "README.md is no flight log:"),
     ],
 )
 def test_what_is_no_log_is_refused_as_its_name_says(tmp_path, name, sentence):

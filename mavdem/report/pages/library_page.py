@@ -419,7 +419,7 @@ class VehicleLine(NamedTuple):
     """How well it is, by its latest flight and by its motors in comparison with its other flights."""
 
     finding: str
-    """What is wrong with it, the most serious first; where nothing is, what its latest judged flight shows."""
+    """Its faults, the most serious first; without any, what its latest judged flight shows."""
 
     flight_count: int
     """Number of its flights."""
