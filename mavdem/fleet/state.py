@@ -314,14 +314,16 @@ def motors_by_pair(rows: FlightRows, pair_rows: FlightRows) -> str:
 
     Returns:
         The judgement by the two flights alone, in sentences. Empty if they leave the health of the motors unknown, or
-        if the page has the same sentences already.
+        find what all flights do, of the same motor: only the probabilities differ then, and more flights know better.
     """
     if not pair_rows:
         return ""
-    first_reason = worst_row(rows).health_reason
+    row = worst_row(rows)
     pair_row = worst_row(pair_rows)
-    is_unknown = pair_row.health == UNKNOWN
-    if is_unknown or pair_row.health_reason == first_reason:
+    is_same_finding = (
+        pair_row.health_code == row.health_code and pair_row.suspect_motor == row.suspect_motor
+    )
+    if pair_row.health == UNKNOWN or is_same_finding:
         return ""
     return pair_row.health_reason or ""
 

@@ -51,6 +51,9 @@ which such boards share.
 NOT_USED = "not used"
 """What is shown in the place of the health of a log without a flight."""
 
+BY_LOG_ALONE = "By this log alone:"
+"""What introduces the motors' light by a flight's log alone, behind an anomaly that other flights show."""
+
 URGENCY_OF_HEALTHS = {
     MotorHealth.FAULT: Urgency.BAD,
     MotorHealth.DRIFT: Urgency.DRIFT,

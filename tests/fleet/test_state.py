@@ -70,7 +70,9 @@ def test_two_flights_of_a_fleet_are_judged_by_each_other_alone():
     # A library states the health by all flights first, and then what the two alone show, if that is something else.
     assert rows_with_known_health(in_fleet[2:], alone[1:]) == in_fleet[2:]
     assert rows_with_known_health(after.rows, alone[1:]) == alone[1:]
-    assert motors_by_pair(in_fleet[2:], alone[1:]) == alone[1].health_reason
+    assert motors_by_pair(in_fleet[2:], alone[1:]) == ""
+    of_other_motor = [replace(alone[1], suspect_motor=2)]
+    assert motors_by_pair(in_fleet[2:], of_other_motor) == alone[1].health_reason
     assert motors_by_pair(alone[1:], alone[1:]) == motors_by_pair([], []) == ""
 
 

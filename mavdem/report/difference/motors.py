@@ -30,7 +30,7 @@ from mavdem.report.difference.quantity_texts import (
     motor_with_place,
 )
 from mavdem.report.difference.side_titles import last_flight_title
-from mavdem.report.fleet import ANOMALOUS_HEALTHS
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, BY_LOG_ALONE
 from mavdem.report.templates import render_section, without_full_stop
 
 MOTOR_AT_START = re.compile(r"^[Mm]otor \d+ (\([^()]*\) )?")
@@ -307,8 +307,10 @@ def _motor_cell(review: Review, warning: JsonValues | None) -> str:
             "difference_motor", is_known=are_motors_judged, loss=None, is_control_lost=False
         )
         return sentence.text
+    # What other flights of the vehicle show, without naming a motor, may stand before what the log shows of this one.
+    sentence_on_motor = warning["sentence"].rpartition(f"{BY_LOG_ALONE} ")[2]
     # The row has the name of the motor already.
-    sentence_without_motor = MOTOR_AT_START.sub("", warning["sentence"])
+    sentence_without_motor = MOTOR_AT_START.sub("", sentence_on_motor)
     sentence_without_motor = AFTER_LOST_PERCENT.sub("", sentence_without_motor)
     [sentence] = render_section(
         "difference_motor",

@@ -22,6 +22,7 @@ from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report.blocks import Sentence
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
+    BY_LOG_ALONE,
     HEALTH_LEVELS,
     is_headline_replaced,
     level_beside_other_flights,
@@ -272,7 +273,7 @@ def _light_with_anomaly(light: Mapping[str, Any], anomaly: MotorAnomaly) -> Mapp
         return light
     motor_of_log = light.get("subject") or ""
     if level_of_log is Level.WATCH and motor_of_log and not anomaly.motor:
-        sentences = f"{anomaly.reason} By this log alone: {light['sentence']}"
+        sentences = f"{anomaly.reason} {BY_LOG_ALONE} {light['sentence']}"
         return _sentence_document(anomaly, sentences, subject=motor_of_log)
     return _sentence_document(anomaly, anomaly.reason, subject=anomaly.motor)
 

@@ -134,6 +134,13 @@ def test_a_drift_without_a_motor_has_the_step_of_its_vehicle_and_of_its_comparis
     reviews = {"A": GOOD_REVIEW, "B": review_with_compared_motors(GOOD_REVIEW, [row])}
     reviewed = reviewed_difference(doubtful_trim(1, 0.16), reviews)
     assert texts(next_blocks(reviewed)) == [f"Next: {step}"]
+    # The table of motors has what the log shows of the motor.
+    sentence = "Motor 1 (front right) works 8 % harder."
+    light = {"level": "watch", "subject": "motor 1", "sentence": sentence}
+    watched_review = GOOD_REVIEW | {"lights": {"motors": light}}
+    reviews["B"] = review_with_compared_motors(watched_review, [row])
+    (table,) = motor_table(reviews, reviewed.difference)
+    assert table.rows[0][2] == "works 8 % harder"
 
 
 @mark.parametrize("health", ["drift", "fault"])
