@@ -116,7 +116,8 @@ def _spans_between_restarts(signals: Signals) -> list[Segments]:
 def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
     """Returns the messages of some boots of a vehicle, as if nothing else had been recorded.
 
-    The parameters are those of these boots, also if they were reported in other ones only. A recording states one
+    The parameters are those of these boots, also if they were reported in other ones only. Who ended the recording has
+    ended the messages of its last boot alone: those of an earlier one ended with its autopilot. A recording states one
     autopilot: if another vehicle had the same ids in another boot, the autopilot is found anew.
 
     Args:
@@ -154,9 +155,11 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
             initial_values[name] = values_at_start[name]
         if values_at_end[name] != history.last_values[name]:
             later_values[name] = history.last_values[name]
+    is_last_boot = last_boot == recorded_spans(signals)[-1].boot
     return replace(
         telemetry,
         messages=messages,
+        is_ended_on_purpose=telemetry.is_ended_on_purpose and is_last_boot,
         parameters=values_at_end,
         initial_parameters=initial_values,
         later_parameters=later_values,

@@ -151,6 +151,7 @@ class SessionFact(Code):
     REPORTS_LEFT_OUT = "reports_left_out"
     FLIGHT_VERDICT = "flight_verdict"
     ENDED_IN_FLIGHT = "ended_in_flight"
+    END_NOT_SEEN = "end_not_seen"
     FLIGHT_END_UNKNOWN = "flight_end_unknown"
     UNREPAIRED_FAULT = "unrepaired_fault"
     FLIGHT_OF_RECORDING = "flight_of_recording"

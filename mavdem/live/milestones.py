@@ -17,6 +17,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
 from mavdem.live.learning import FlightLearning
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.unseen_end import judgement_with_unseen_end
 from mavdem.live.wind import WindEstimate
 from mavdem.plant.parameters import Physical
 
@@ -182,7 +183,10 @@ class Milestones:
         """
         self._boot = boot
         if self._was_flying and self._latest_verdict is not None:
-            self._latest_verdict = self._latest_verdict._replace(is_lost_in_air=True)
+            former_verdict = self._latest_verdict
+            self._latest_verdict = former_verdict._replace(
+                judgement=judgement_with_unseen_end(former_verdict.judgement), is_lost_in_air=True
+            )
         # Just after a restart it is not known whether the vehicle flies. Without this reset the next update would take
         # the change from flying to not flying for a landing.
         self._was_flying = False

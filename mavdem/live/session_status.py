@@ -59,6 +59,7 @@ from mavdem.live.live_lights import (
     lights_before_model,
 )
 from mavdem.live.takeoff_place import Displacement
+from mavdem.live.unseen_end import judgement_with_unseen_end
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
 from mavdem.loops.identification import MIN_IDENTIFIED_SECONDS
@@ -421,7 +422,9 @@ class SessionStatus(ImmutableResult):
         1. The link was lost in flight.
         2. The server ended in flight, so that nobody watches the vehicle any more.
         3. It is not certain that the flight ended well, unless something was wrong in it anyway.
-        4. What the recording of the flight shows, or that it is not judged yet.
+        4. The autopilot restarted after the last message of the flight in the air, so that nobody saw how it ended. A
+           bad fault comes first.
+        5. What the recording of the flight shows, or that it is not judged yet.
 
         Where none of these is a fault, an outage of the link in the flight is added (:meth:`_judgement_with_outage`).
         If the session has ended in flight, the next step begins with the landing.
@@ -441,12 +444,22 @@ class SessionStatus(ImmutableResult):
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=uncertainty)
             return replace(judgement, headline=uncertainty, next_step=next_step)
         judgement = self._judgement_with_recording(judgement)
+        if self._is_end_unseen:
+            judgement = judgement_with_unseen_end(judgement)
         if self.link_outage is not None:
             judgement = _judgement_with_outage(judgement, self.link_outage)
         has_ended_in_flight = self._is_in_air and self.loss is None
         if has_ended_in_flight:
             return self._judgement_until_landing(judgement)
         return judgement
+
+    @property
+    def _is_end_unseen(self) -> bool:
+        """Whether the autopilot restarted after the last message of the latest flight in the air, and does not fly."""
+        if self.is_flying or not self.verdicts:
+            return False
+        latest_verdict = self.verdicts[-1]
+        return latest_verdict.number == self.flight_number and latest_verdict.is_lost_in_air
 
     def _judgement_until_landing(self, judgement: Judgement) -> Judgement:
         """Puts the landing before the next step of a judgement, after a session that has ended in flight.
@@ -574,7 +587,9 @@ class SessionStatus(ImmutableResult):
     @property
     def verdict(self) -> FlightVerdict:
         """The judgement of the latest flight so far as if it were over: without what a pilot must do in flight."""
-        flight_so_far = replace(self, is_flying=False, is_over=True)
+        # A vehicle that flies on after a restart in the air still has the verdict by which its flight seemed to be lost.
+        verdicts = () if self.is_flying else self.verdicts
+        flight_so_far = replace(self, is_flying=False, is_over=True, verdicts=verdicts)
         return FlightVerdict(
             self.flight_number, flight_so_far.overall_judgement, self.flight_seconds
         )

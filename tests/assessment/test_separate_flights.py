@@ -100,9 +100,13 @@ def assessment():
 @mark.slow
 def test_a_flight_has_the_parameters_that_it_was_flown_with():
     signals = recording((SOUND, 0.25), (SOUND, 0.3), (SOUND, 0.197))
-    flights = separate_flights(signals)
+    ended_by_user = replace(signals.telemetry, is_ended_on_purpose=True)
+    flights = separate_flights(Signals(ended_by_user))
     gains = [flight.signals.telemetry.parameters["ATC_RAT_RLL_P"] for flight in flights]
     assert gains == [0.25, 0.3, 0.197]
+    # The end of the recording is that of the last flight alone.
+    are_ended_by_user = [flight.signals.telemetry.is_ended_on_purpose for flight in flights]
+    assert are_ended_by_user == [False, False, True]
     assert [(flight.first_number, flight.last_number) for flight in flights] == [
         (1, None),
         (2, None),

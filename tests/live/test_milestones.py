@@ -11,6 +11,7 @@ from rich.console import Console
 
 from mavdem.assessment.flight_verdict import FlightVerdict, worst_first
 from mavdem.assessment.judgement import unjudged
+from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.cli.live_status import StatusLines
 from mavdem.dem import Learned
 from mavdem.dem.online.estimate import Estimate
@@ -21,6 +22,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
+from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
@@ -161,6 +163,18 @@ def test_a_flight_whose_end_nobody_saw_has_not_landed():
     milestones.report_end(learning, status, 2.6, None)
     [report] = facts
     assert str(report).startswith("The end of the flight was not received. Mean wind")
+    # Whatever was checked before, nobody calls this flight sound.
+    good = Fact(LogLight.RECORDED_FAST, Level.GOOD)
+    low = Fact(PowerLight.BATTERY_LOW, Level.WATCH, voltage=13.2, cells=4, voltage_limit=13.6)
+    for lights, text in (
+        (dict.fromkeys(VEHICLE_LIGHTS, good), "its last message in the air."),
+        ({Light.POWER: low}, "before that: "),
+    ):
+        after_restart = replace(status, worst_lights=lights, verdicts=milestones.verdicts)
+        judgement = after_restart.session_judgement
+        assert judgement.headline.code is SessionFact.END_NOT_SEEN
+        assert judgement.headline.level is Level.WATCH and text in str(judgement.headline)
+        assert str(judgement.next_step) == judgement.headline.remedy
 
 
 def reported_flights(*parts):
@@ -369,7 +383,8 @@ def test_a_landed_state_that_flaps_fills_no_memory_and_hides_no_crash():
 def test_a_flight_whose_link_was_lost_in_the_air_is_reported_too():
     flight = (0, 1, True, 11.0)
     [lost] = reported_flights(flight, (1, 1, False, None), (1, 2, True, 0.5))
-    assert str(lost).startswith("Flight 1 (0:11 min), its end not received")
+    assert str(lost).startswith("Flight 1 (0:11 min): how the flight ended was not seen: the auto")
+    assert str(lost.figures["reason"].remedy).startswith("Look at the vehicle and its power")
     # After a restart in the air the same flight goes on, until the next take-off.
     goes_on = [flight, (1, 1, False, None), (1, 1, True, None)]
     assert not reported_flights(*goes_on)
