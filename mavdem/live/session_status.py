@@ -587,7 +587,7 @@ class SessionStatus(ImmutableResult):
     @property
     def verdict(self) -> FlightVerdict:
         """The judgement of the latest flight so far as if it were over: without what a pilot must do in flight."""
-        # A vehicle that flies on after a restart in the air still has the verdict by which its flight seemed to be lost.
+        # A vehicle that flies on after a restart in the air still has the verdict by which it seemed to be lost.
         verdicts = () if self.is_flying else self.verdicts
         flight_so_far = replace(self, is_flying=False, is_over=True, verdicts=verdicts)
         return FlightVerdict(
