@@ -83,3 +83,8 @@ def is_calibration_name(name: str) -> bool:
 def name_without_frame(name: str) -> str:
     """Returns the part of a vehicle's name before the frame that :func:`name_with_frame` has added, if any."""
     return name.partition(FRAME_SEPARATOR)[0]
+
+
+def frame_in_name(name: str) -> str:
+    """Returns the frame that :func:`name_with_frame` has added to a vehicle's name, such as "submarine"; or nothing."""
+    return name.partition(FRAME_SEPARATOR)[2]

@@ -9,6 +9,7 @@ from mavdem.facts.motors import LIKELY_PROBABILITY, MotorHealth, MotorsBetween
 from mavdem.facts.urgency import Urgency, urgency_of_headline
 from mavdem.facts.vehicle import (
     autopilot_of_system_id_name,
+    frame_in_name,
     is_calibration_name,
     name_without_frame,
 )
@@ -201,7 +202,7 @@ def vehicle_name_or_type(
         - the name that the owner gave;
         - for a system id, a description such as "unnamed PX4 quadrotor";
         - the name in the logs, unless it is a serial number;
-        - the type of the frame, such as "Quadrotor", or "Vehicle" if it is not known.
+        - the type of the frame, such as "Quadrotor", which the name may have too, or "Vehicle" if it is not known.
     """
     if name in names.vehicles:
         return names.vehicle(name)
@@ -211,7 +212,8 @@ def vehicle_name_or_type(
         return unnamed_vehicle(autopilot_of_system_id_name(name), frame)
     if not is_serial(name):
         return name
-    return frame.replace("_", " ").capitalize() or "Vehicle"
+    frame_name = frame or frame_in_name(name)
+    return frame_name.replace("_", " ").capitalize() or "Vehicle"
 
 
 def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:

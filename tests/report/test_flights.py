@@ -23,7 +23,7 @@ from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import reviewed_difference
-from mavdem.report.fleet import badge, vehicle_health, vehicle_texts
+from mavdem.report.fleet import badge, vehicle_health, vehicle_label, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
 from mavdem.report.pages.fleet_page import _named_cells
 from mavdem.report.vehicle_summary import vehicle_summaries
@@ -490,6 +490,8 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     line = flight_line([submarine])
     assert line.finding == "Submarine: lights alone, no model and no motors. It was in a failsafe."
     assert line.urgency is Urgency.UNKNOWN and has_page([submarine])
+    board = "3063313364663764343766363439613462_submarine"
+    assert vehicle_label(board, "", NO_NAMES) == "Submarine 3063…613462"
     # Of more vehicles the worst have a line.
     more = [replace(rows[1], vehicle=f"quad {number}", file=f"{number}.bin") for number in (4, 5)]
     _, *lines = fleet_blocks([*rows, *more], lists_follow=True)
