@@ -9,6 +9,7 @@ from mavdem.assessment.repeated_reports import REPEAT_SECONDS
 from mavdem.facts import Fact
 from mavdem.facts.session import DelayedWork, SessionFact
 from mavdem.live import clock
+from mavdem.live.alarm_delay import AlarmDelay
 from mavdem.live.history import MAX_ROWS
 from mavdem.live.intake import FrameBatch
 from mavdem.live.link import SILENCE_SECONDS
@@ -48,6 +49,7 @@ class Backlog:
     Attributes:
         postponed_tasks: the tasks that are put off now.
         longest_delay: the longest time that frames have waited, s.
+        alarm_delay: by how much alarms come late, held for some seconds.
         suspends_learning: whether the process that learns is to be paused, so that the analysis has its time.
     """
 
@@ -59,6 +61,7 @@ class Backlog:
         """
         self.postponed_tasks = set[DelayedWork]()
         self.longest_delay = 0.0
+        self.alarm_delay = AlarmDelay()
         self.suspends_learning = False
         self._batches: deque[FrameBatch] = deque()
         # Whether nothing waits in the link to be added.
@@ -160,6 +163,7 @@ class Backlog:
         # ``self.analysed_until`` is the time of arrival up to which all frames are analysed.
         delay = now - self.analysed_until
         self.longest_delay = max(self.longest_delay, delay)
+        self.alarm_delay.update(delay, now)
         self.postponed_tasks = _tasks_to_postpone(delay, self.postponed_tasks)
         # Between both limits nothing changes, so that learning is not paused and resumed all the time.
         if delay >= SUSPENSION_DELAY:

@@ -49,6 +49,7 @@ from mavdem.facts.session import (
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.immutable import ImmutableResult
+from mavdem.live.alarm_delay import MAX_ALARM_DELAY
 from mavdem.live.global_position import GlobalPosition
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.link import SILENCE_SECONDS
@@ -86,9 +87,6 @@ NOT_RECEIVED_CODES = (
 
 SILENT_LINK = (LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED)
 """Reasons for learning no model with which the followed vehicle sends nothing."""
-
-MAX_ALARM_DELAY = 3.0
-"""Delay of the alarms from which on a pilot must not rely on them, s: a choice; a vehicle may fall within it."""
 
 EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
 """Lights of the power that advise a landing in flight, even if they are to be watched only."""
@@ -251,6 +249,9 @@ class SessionStatus(ImmutableResult):
 
     analysis_delay: float = 0.0
     """Seconds that the oldest unanalysed packet has waited; 0 while this computer keeps up."""
+
+    held_alarm_delay: float = 0.0
+    """Longest of these delays in the last seconds, s; 0 if none was so long that alarms are called late."""
 
     prediction_band: PredictionBand = PredictionBand()
     """How well the angle is predicted at the reported horizon."""
@@ -1131,7 +1132,8 @@ class SessionStatus(ImmutableResult):
 
         1. No messages come, so that nothing below is known to be true any more (:meth:`_judgement_of_silent_vehicle`).
         2. A fault for which the pilot should land now. It counts even if this computer notices it late.
-        3. This computer analyses messages so late that the absence of an alarm means nothing.
+        3. This computer analyses messages, or did so some seconds ago, so late that the absence of an alarm means
+           nothing.
         4. The headline so far, with what is not known of the flight.
 
         Without messages or with late ones it is not known how the vehicle flies now. So none of the lights (judgements
@@ -1143,13 +1145,13 @@ class SessionStatus(ImmutableResult):
         if self.no_model_reason is not None and not self._is_vehicle_received:
             return self._judgement_of_silent_vehicle(judgement, self.no_model_reason)
         lights = judgement.lights
-        if self.is_late:
-            lights = lights_during_silence(lights, self.analysis_delay, MissingMessages.MESSAGES)
+        if self.are_alarms_late:
+            lights = lights_during_silence(lights, self.alarm_delay, MissingMessages.MESSAGES)
         headline = self._alarm_or_headline(judgement.headline)
         if self._is_urgent(headline):
             next_step = Fact(NextStep.LAND_NOW, reason=headline, is_landing=self._is_landing)
             return replace(judgement, headline=headline, next_step=next_step, lights=lights)
-        if self.is_late:
+        if self.are_alarms_late:
             headline = self._warning_of_delay
         else:
             headline = self._headline_with_unknowns(headline, lights)
@@ -1382,7 +1384,7 @@ class SessionStatus(ImmutableResult):
         The first of these conditions that applies decides:
 
         1. The battery is getting empty: to land soon.
-        2. Alarms come later than ``MAX_ALARM_DELAY``: to watch the vehicle itself.
+        2. Alarms come late: to watch the vehicle itself.
         3. The headline warns: to follow its advice after the landing, and until then :meth:`_step_until_landing`.
         4. Nothing warns: :meth:`_step_without_warning`.
 
@@ -1392,8 +1394,8 @@ class SessionStatus(ImmutableResult):
         is_battery_emptying = judgement.lights[Light.POWER].code in EMPTYING_BATTERY
         if is_battery_emptying:
             return Fact(NextStep.LAND_SOON)
-        if self.is_late:
-            return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
+        if self.are_alarms_late:
+            return Fact(NextStep.FLY_BY_SIGHT, delay=self.alarm_delay)
         headline = judgement.headline
         if headline.is_watch_or_bad:
             advice_after_landing = choose_next_step(headline, judgement.lights)
@@ -1408,10 +1410,11 @@ class SessionStatus(ImmutableResult):
 
         1. The vehicle lands by itself: to let it land.
         2. Whether it oscillates, or a motor loses thrust, is not watched yet: to hover until then.
-        3. A model was judged, or there is none for a reason without a remedy: to fly on, if the pilot can do without
-           what is not measured.
-        4. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
-        5. Otherwise: what has to happen before a model can be learned.
+        3. Nothing measures some of what is watched: to fly on only if the pilot can do without it. This comes before
+           what a model needs, and stays while the model is learned.
+        4. A model was judged, or there is none for a reason without a remedy: to fly on.
+        5. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
+        6. Otherwise: what has to happen before a model can be learned.
 
         Args:
             step_to_model: what has to happen before a model can be learned.
@@ -1421,10 +1424,12 @@ class SessionStatus(ImmutableResult):
         if self.should_hover_first:
             return Fact(NextStep.HOVER_FIRST, reason=None, awaits_motors=self.lacks_motor_reference)
         reason = self._reason_without_model
-        if self.model_judgement is not None or not reason.remedy:
-            return Fact(NextStep.FLY_ON, reason=None, unmeasured=self._unmeasured_quantities)
-        if reason.code in TOO_FEW_MESSAGES:
-            return Fact(NextStep.FLY_ON, reason=step_to_model)
+        needs_nothing = self.model_judgement is not None or not reason.remedy
+        has_too_few_messages = not needs_nothing and reason.code in TOO_FEW_MESSAGES
+        step_on_ground = step_to_model if has_too_few_messages else None
+        unmeasured = self._unmeasured_quantities
+        if unmeasured or needs_nothing or has_too_few_messages:
+            return Fact(NextStep.FLY_ON, reason=step_on_ground, unmeasured=unmeasured)
         return step_to_model
 
     def _step_until_landing(self, warning: Fact) -> NextStep:
@@ -1488,9 +1493,9 @@ class SessionStatus(ImmutableResult):
     @property
     def _warning_of_delay(self) -> Fact:
         """The fact by how many seconds this computer analyses messages late; bad from ``LONG_LOSS_SECONDS`` on."""
-        is_very_late = self.analysis_delay >= LONG_LOSS_SECONDS
+        is_very_late = self.alarm_delay >= LONG_LOSS_SECONDS
         level = Level.BAD if is_very_late else Level.WATCH
-        return Fact(SessionFact.ESTIMATES_LATE, level, delay=self.analysis_delay)
+        return Fact(SessionFact.ESTIMATES_LATE, level, delay=self.alarm_delay)
 
     @property
     def _watch_states(self) -> dict[str, Fact]:
@@ -1632,10 +1637,23 @@ class SessionStatus(ImmutableResult):
         return self.analysis_delay >= MAX_ALARM_DELAY
 
     @property
+    def are_alarms_late(self) -> bool:
+        """Whether a pilot must not rely on the alarms: they come late now, or came late in the last seconds.
+
+        So the advice does not change each time that the analysis catches up for a moment.
+        """
+        return self.is_late or (self.held_alarm_delay > 0.0 and not self.is_over)
+
+    @property
+    def alarm_delay(self) -> float:
+        """By how much alarms come late, s: the present delay of the analysis or, if longer, the one that is held."""
+        return max(self.analysis_delay, self.held_alarm_delay)
+
+    @property
     def present_wind(self) -> WindEstimate | None:
         """The wind now, m/s; None on the ground, in a silence, if this computer is late, and after the session."""
-        is_received = self._is_vehicle_received and not self.is_silent and not self.is_late
-        is_known = self.is_in_flight and is_received
+        is_received = self._is_vehicle_received and not self.is_silent
+        is_known = self.is_in_flight and is_received and not self.are_alarms_late
         return self.wind if is_known else None
 
     @property
@@ -1650,10 +1668,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def delay_fact(self) -> Fact | None:
-        """By how much rows and alarms come late; None below ``MAX_ALARM_DELAY``, where a pilot may rely on them."""
-        if not self.is_late:
+        """By how much rows and alarms come late; None while a pilot may rely on them."""
+        if not self.are_alarms_late:
             return None
-        return Fact(SessionFact.ESTIMATES_LATE, delay=self.analysis_delay)
+        return Fact(SessionFact.ESTIMATES_LATE, delay=self.alarm_delay)
 
     def with_predictions(self, estimate: Estimate) -> SessionStatus:
         """Returns a copy of the status with ``prediction_band`` and ``useful_horizon`` filled in.

@@ -87,6 +87,7 @@ class StatusReport:
             motion_age=self.silence.motion_age(self.intake.read_until),
             last_reception=self._reception_time(message_age),
             analysis_delay=analysis_delay,
+            held_alarm_delay=self.backlog.alarm_delay.seconds,
             is_recorded=self.intake.recording is not None,
             absent_messages=self.rates.absent_messages,
             link_outage=self.silence.outage,

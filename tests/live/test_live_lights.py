@@ -32,7 +32,7 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.global_position import GlobalPosition
 from mavdem.live.recent_messages import RecentMessages
-from mavdem.live.session_status import SessionStatus
+from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.silence import SilenceMonitor
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.tracking_watch import TrackingWatch
@@ -49,7 +49,7 @@ from mavdem.report.live import (
     statement_of_headline,
     vehicle_text,
 )
-from mavdem.report.templates import headline
+from mavdem.report.templates import headline, render_section
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
 SLOW = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow_streams(RATES, "roll"))
@@ -219,7 +219,7 @@ def test_a_hover_comes_before_movements_of_the_sticks(slow):
 def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
     learning = replace(slow, no_model_reason=None, analysis_delay=15.2)
     assert learning.overall_judgement.next_step.sentence.startswith(
-        "Watch the vehicle itself: alarms come 15 s late."
+        "Watch the vehicle itself: alarms come up to 15 s late."
     )
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
     watched = replace(learning, worst_lights={Light.MOTORS: weak})
@@ -232,11 +232,15 @@ def test_alarms_that_come_late_are_the_headline_and_leave_no_light_good(slow):
     battery = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
     late = replace(slow, no_model_reason=None, analysis_delay=4.0, worst_lights=battery)
     judgement = late.overall_judgement
-    assert str(judgement.headline).startswith("This computer is 4.0 s behind the vehicle: ")
+    assert str(judgement.headline).startswith("This computer is up to 4.0 s behind the vehicle: ")
     assert judgement.headline.level is Level.WATCH
     assert not any(light.is_good for light in judgement.lights.values())
     assert replace(late, analysis_delay=31.0).overall_judgement.headline.is_bad
     assert replace(late, analysis_delay=1.2).overall_judgement.lights[Light.POWER].is_good
+    # Just after the analysis has caught up, the judgement is still the same, unless the session is over.
+    caught_up = replace(late, analysis_delay=0.0, held_alarm_delay=4.0)
+    assert caught_up.overall_judgement == judgement
+    assert replace(caught_up, is_over=True).delay_fact is None
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     alarmed = replace(late, active_alarms=(weak,), worst_lights={Light.MOTORS: weak})
     assert alarmed.overall_judgement.headline == weak
@@ -564,6 +568,16 @@ def test_what_shows_a_fault_stands_below_its_short_headline():
     )
     empty = Fact(PowerLight.CHARGE_LOW, Level.BAD, share=0.0, share_limit=0.07, batteries=(other,))
     assert headline_reason(Judgement(empty, empty, {})) == []
+
+
+def test_the_last_line_has_the_present_delay_and_none_of_earlier_estimates(slow):
+    keeps_up = replace(slow, latency=Latency(median=0.1, p99=4.06, longest=5.5))
+    late = replace(keeps_up, analysis_delay=1.1)
+    lines = [
+        render_section("live_status", status=status, time=0.0)[0].text
+        for status in (keeps_up, late)
+    ]
+    assert "late" not in lines[0] and lines[1].endswith(" Hz; 1.1 s late.")
 
 
 def test_nobody_is_told_in_flight_to_start_mavdem_with_another_option(slow):
@@ -896,6 +910,12 @@ def test_the_next_step_names_what_nothing_measures(slow):
         reason = Fact(SessionFact.NOT_SETTLED)
         status = replace(slow, no_model_reason=reason, watch_facts=watch_facts)
         assert str(status.overall_judgement.next_step) == step
+        if "only if" in step:
+            # It stays while a model is learned, and comes before what that needs.
+            learning = replace(status, no_model_reason=None)
+            assert str(learning.overall_judgement.next_step) == step
+            too_slow = str(replace(status, no_model_reason=SLOW).overall_judgement.next_step)
+            assert too_slow.startswith(f"{step} After landing: ")
 
 
 def test_a_light_whose_reason_has_no_short_form_has_its_first_clause(slow):
