@@ -1200,7 +1200,8 @@ class SessionStatus(ImmutableResult):
             return self._judgement_before_recording(judgement, verdict)
         lights = self._lights_with_recording(judgement.lights)
         verdict = _verdict_by_shown_lights(verdict, lights)
-        next_step = self._step_after_recording(verdict)
+        verdict = verdict_after_requests(verdict, self.absent_messages)
+        next_step = Fact(NextStep.DO_AS_ADVISED, reason=verdict)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
     def _judgement_before_recording(self, judgement: Judgement, not_judged: Fact) -> Judgement:
@@ -1226,24 +1227,6 @@ class SessionStatus(ImmutableResult):
             headline = not_judged.replace(found.level, so_far=found)
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=not_judged)
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)
-
-    def _step_after_recording(self, verdict: Fact) -> Fact:
-        """Returns the next step after a flight, which is the advice of its judged recording.
-
-        A recording does not show which messages were requested. If it advises to request one that was requested in this
-        session and did not come, such as VIBRATION, the next step is to keep the log.
-
-        Args:
-            verdict: what the recording of the flight shows, or that it is not judged yet.
-        """
-        for code, message in REQUESTED_MESSAGES.items():
-            if message not in self.absent_messages:
-                continue
-            # The library stores sentences, and no codes: advice to request this message is recognised by its text.
-            advice_to_request = Fact(code, recorder="", asked=False, axis="").remedy
-            if verdict.remedy == advice_to_request:
-                return Fact(NextStep.KEEP_LOG)
-        return Fact(NextStep.DO_AS_ADVISED, reason=verdict)
 
     def _lights_with_recording(self, lights: NamedFacts) -> NamedFacts:
         """Replaces the lights of a flight that is over by those of its recording, once that is judged as a log is.
@@ -1770,6 +1753,27 @@ def headline_with_outage(headline: Fact, outage: float) -> Fact:
         lost_link = Fact(LinkFact.WAS_LOST_IN_FLIGHT, duration=outage)
         return headline.replace(next_step=lost_link.remedy)
     return headline
+
+
+def verdict_after_requests(recording_verdict: Fact, absent_messages: frozenset[str]) -> Fact:
+    """Replaces the advice of a recording's verdict to request a message that was requested and did not come.
+
+    A recording does not show which messages were requested. The advice becomes that of the light of a session: to look
+    into the autopilot's own log.
+
+    Args:
+        recording_verdict: what the recording of a flight shows; its figure ``next_step`` is the advice.
+        absent_messages: names of the messages that were requested in vain, such as "VIBRATION".
+
+    Returns:
+        The verdict with the other advice; unchanged if it advises something else.
+    """
+    for code, message in REQUESTED_MESSAGES.items():
+        # The library stores sentences, and no codes: advice to request this message is recognised by its text.
+        not_received = Fact(code, recorder="", asked=False, axis="")
+        if message in absent_messages and recording_verdict.remedy == not_received.remedy:
+            return recording_verdict.replace(next_step=not_received.replace(is_asked=True).remedy)
+    return recording_verdict
 
 
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:

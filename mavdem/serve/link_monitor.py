@@ -29,7 +29,11 @@ from mavdem.live.link import Link, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
-from mavdem.live.session_status import SessionStatus, headline_with_outage
+from mavdem.live.session_status import (
+    SessionStatus,
+    headline_with_outage,
+    verdict_after_requests,
+)
 from mavdem.live.vehicle_selection import Component
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import live_title, vehicle_text
@@ -703,7 +707,7 @@ class LinkMonitor:
         if verdict == flight.verdict:
             return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
-            reported_verdict = _verdict_with_outage(verdict, flight.session)
+            reported_verdict = _verdict_after_session(verdict, flight.session)
             self._report_event(Event(nan, reported_verdict, reception=clock.unix_time()))
         judged_flight = flight._replace(verdict=verdict)
         if flight.session is not None:
@@ -1437,15 +1441,20 @@ def _finished_page(
     )
 
 
-def _verdict_with_outage(verdict: Fact, session: LiveSession | None) -> Fact:
-    """Returns the verdict on a recording, with an outage of the link in flight, which the recording need not show.
+def _verdict_after_session(verdict: Fact, session: LiveSession | None) -> Fact:
+    """Returns the verdict on a recording, with what its session knows beyond it: an outage, and vain requests.
 
     Args:
         verdict: what the recording of the flight shows.
         session: the session that received the flight; None if it is not known any more.
     """
-    outage = None if session is None else session.status.link_outage
-    return verdict if outage is None else headline_with_outage(verdict, outage)
+    if session is None:
+        return verdict
+    status = session.status
+    verdict = verdict_after_requests(verdict, status.absent_messages)
+    if status.link_outage is None:
+        return verdict
+    return headline_with_outage(verdict, status.link_outage)
 
 
 def _final_status(session: LiveSession) -> SessionStatus:
