@@ -57,8 +57,9 @@ class Milestones:
         self._mean_wind: WindEstimate | None = None
         # Whether the vehicle flew at the latest update.
         self._was_flying = False
-        # Number of the latest flight whose verdict was reported when it ended, since it was lost; None for none.
-        self._reported_loss: int | None = None
+        # Number of the latest flight whose verdict was reported before the next flight: at the end of a lost flight, or
+        # when the recording was judged. None for none.
+        self._reported_verdict: int | None = None
         # When the flight ended that is not reported yet, s of the boot clock; None without one.
         self._landing_to_report: float | None = None
         # How many rows had been learned from at the last report of a flight.
@@ -124,7 +125,7 @@ class Milestones:
         self._report_parameters(learning)
         self._note_landing(status, now)
         self._report_landing(learning, status)
-        self._report_end_of_lost_flight(status)
+        self._report_verdict(status)
 
     def _report_parameters(self, learning: FlightLearning) -> None:
         """Reports the physical parameters once in each flight, as soon as they are identifiable.
@@ -157,20 +158,23 @@ class Milestones:
         self._report_flight(learning, status, landing_time, _latest_physical(learning))
         self._landing_to_report = None
 
-    def _report_end_of_lost_flight(self, status: SessionStatus) -> None:
-        """Reports the verdict on a flight that was lost, once: when its motors are disarmed, or its messages end.
+    def _report_verdict(self, status: SessionStatus) -> None:
+        """Reports the verdict on a flight as soon as it is final, once: otherwise it would come with the next take-off.
 
-        Otherwise the last that a pilot reads of a crash is the alarm, and the verdict comes with the next take-off.
+        It is final when the recording of the flight is judged. That on a lost flight is reported when its motors are
+        disarmed or its messages end, since otherwise the alarm is the last that a pilot reads of a crash.
 
         Args:
             status: status of the session.
         """
         verdict = self._latest_verdict
-        has_ended = not status.is_flying or status.is_silent
-        if status.loss is None or verdict is None or not has_ended:
+        if verdict is None or verdict.number == self._reported_verdict:
             return
-        if verdict.number != self._reported_loss:
-            self._reported_loss = verdict.number
+        has_ended = not status.is_flying or status.is_silent
+        is_lost = status.loss is not None and has_ended
+        is_judged = status.is_recording_judged and not status.is_flying
+        if is_lost or is_judged:
+            self._reported_verdict = verdict.number
             self._log(verdict.fact_in_next_flight)
 
     def _note_restart(self, boot: int) -> None:
@@ -216,10 +220,10 @@ class Milestones:
         session, when the verdicts on all flights are reported, only this report states the verdict on the old one.
 
         Args:
-            verdict: how the flight before the one that begins is judged. That of a lost flight was reported already.
+            verdict: how the flight before the one that begins is judged, which may have been reported already.
         """
         self._keep_verdict(verdict)
-        if verdict.number != self._reported_loss:
+        if verdict.number != self._reported_verdict:
             self._log(verdict.fact_in_next_flight)
         self._forget_milestones()
 

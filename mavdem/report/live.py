@@ -518,7 +518,7 @@ def closing_lines(status: SessionStatus) -> list[str]:
     After one flight they are the headline and the next step. After several, they are the verdict on each flight (its
     headline), the worst first, with its next step: so a fault of the first flight is not forgotten because the last one
     was sound. An earlier flight without a fault has no next step, since what was to be done then is out of date. If the
-    session ended in flight after a flight with a fault, the landing comes before all that.
+    session ended in flight, the landing comes before all that.
 
     Args:
         status: state of the session at its end.
@@ -532,10 +532,14 @@ def closing_lines(status: SessionStatus) -> list[str]:
     must_not_fly = verdicts[0].judgement.headline.forbids_flight
     lines = []
     judgement = status.session_judgement
-    is_landing_stated = judgement.headline.code is SessionFact.ENDED_IN_FLIGHT
+    is_landing_stated = judgement.next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT)
     if is_landing_stated:
         # The landing comes first. What was wrong before, and its repair, follow with the verdicts.
-        lines.append(judgement.headline.replace(cause=None).sentence)
+        ended_in_flight = judgement.headline
+        if ended_in_flight.code is not SessionFact.ENDED_IN_FLIGHT:
+            delay = status.analysis_delay if status.is_late else None
+            ended_in_flight = Fact(SessionFact.ENDED_IN_FLIGHT, Level.WATCH, delay=delay)
+        lines.append(ended_in_flight.replace(cause=None).sentence)
         lines.append(f"{NEXT_STEP_LEAD}{judgement.next_step.replace(reason=None).sentence}")
     for verdict in verdicts:
         lines.append(verdict.fact.sentence)

@@ -33,6 +33,7 @@ from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import MAX_VERDICTS, Milestones
 from mavdem.live.rows import AlignedRow, RowFormat
 from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.live.unseen_end import judgement_with_unseen_end
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.plant.parameters import Physical
 from mavdem.report.live import (
@@ -220,13 +221,21 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
     assert next_step == f"Next: {lost.verdict.judgement.next_step}"
     # The landing, which is the next step of the second flight, is said once; and no vehicle is flown that must not fly.
     assert second_line.startswith("Flight 2 (0:22 min): ")
+    # So it does where the end of the first flight was not seen, which is no bad fault.
+    unseen = judgement_with_unseen_end(sound.verdict.judgement)
+    verdicts = (FlightVerdict(1, unseen, 39.0, is_lost_in_air=True), *milestones.verdicts[1:])
+    _, landing, first_line, next_step, *_ = closing_lines(replace(end, verdicts=verdicts))
+    assert landing == "Next: Land by sight."
+    assert first_line.startswith("Flight 1 (0:39 min): how the flight ended was not seen")
+    assert next_step.startswith("Next: Look at the vehicle and its power")
 
 
-def test_the_verdict_on_a_lost_flight_comes_at_its_end_and_not_again_at_the_next_take_off():
-    """The vehicle is disarmed after the crash; or its messages end."""
+def test_the_verdict_on_a_flight_comes_at_its_end_and_not_again_at_the_next_take_off():
+    """The vehicle is disarmed after a crash, or its messages end; or the recording of the flight is judged."""
     loss = Fact(Ending.CONTROL_LOST, time=22.1, height=None, cause=None, word=None)
     lost = SessionStatus(is_flying=True, flight_number=1, loss=loss, message_age=0.1)
-    for end in (replace(lost, is_flying=False), replace(lost, message_age=4.0)):
+    judged = SessionStatus(flight_number=1, is_recording_judged=True)
+    for end in (replace(lost, is_flying=False), replace(lost, message_age=4.0), judged):
         log = Mock()
         milestones = Milestones("roll", log)
         next_flight = SessionStatus(is_flying=True, flight_number=2, message_age=0.1)
