@@ -569,6 +569,9 @@ class Group(NamedTuple):
     is_flat: bool = False
     """Whether charts over time are as low as those of a single column, although there are several columns."""
 
+    columns_in_row: int | None = None
+    """Columns side by side where there is room; None for all of them."""
+
     has_common_x: bool = False
     """Whether all charts of a column have one horizontal axis, which is drawn below the lowest chart alone."""
 

@@ -71,12 +71,17 @@ SCALED_BY_ALL = (HEIGHT, BATTERY_VOLTAGE)
 MIN_WIDER_SCALE = 1.25
 """Scale of take-off and landing, in that of the flight between them, from which a chart leaves it out: a choice."""
 
+BOOT_NUMBER = "Number of the boot"
+BOOT_CLOCK = "Time since boot (s)"
+"""Titles of what is known of the start of a flight alone: the boot, and the time on its clock. They are not drawn."""
+
 PERCENT = 100.0
 
 FlightSeries = Mapping[str, Array]
 """What is drawn of one flight: for some of the titles a (2, N) array of recorded times in the air, s, and values.
 
-They begin at take-off or, of a log that begins in the air, with its first sample."""
+They begin at take-off or, of a log that begins in the air, with its first sample. ``BOOT_NUMBER`` and ``BOOT_CLOCK``
+have that sample alone, and are missing where an earlier version stored the flight."""
 
 
 class FlightInterval(NamedTuple):
@@ -126,13 +131,17 @@ def flight_series(signals: Signals) -> FlightSeries:
         Roll, pitch and how far each is from its setpoint, °; their rates, °/s; height, m; mean output of all motors,
         and the output of each motor averaged over time, % of the range; voltage of the first battery, V; and
         vibration of each IMU along its worst axis, m/s². Each is an array (2, N) of times in the air, s, and
-        values. Empty if the vehicle never flew.
+        values. At the start of the flight also the number of its boot and the time on the boot clock, s. Empty if the
+        vehicle never flew.
     """
     flight = longest_flight(signals)
     if flight is None:
         return {}
     take_off, landing = flight.interval
-    series_in_flight = {}
+    series_in_flight = {
+        BOOT_NUMBER: np.array([[0.0], [flight.boot]]),
+        BOOT_CLOCK: np.array([[0.0], [take_off]]),
+    }
     recorded_series = _recorded_series(signals) | _setpoint_errors(signals, flight.boot)
     for title, series in recorded_series.items():
         is_of_boot = series.boot == flight.boot
@@ -146,6 +155,32 @@ def flight_series(signals: Signals) -> FlightSeries:
             samples = _block_means(samples)
         series_in_flight[title] = samples
     return series_in_flight
+
+
+def start_on_boot_clock(series: FlightSeries) -> float | None:
+    """Returns when a flight began, s on the boot clock; None where an earlier version stored it without that."""
+    if BOOT_CLOCK not in series:
+        return None
+    return float(series[BOOT_CLOCK][1, 0])
+
+
+def time_in_flight(series: FlightSeries, boot_time: float, boot: int) -> float | None:
+    """Converts a time on the boot clock to the time axis of the charts, which begins at take-off.
+
+    Args:
+        series: time series of the flight.
+        boot_time: the time, s on the boot clock.
+        boot: number of the boot.
+
+    Returns:
+        The time in the air, s; None if it is not in this flight, or if its start on the boot clock is not known.
+    """
+    start = start_on_boot_clock(series)
+    if start is None or series[BOOT_NUMBER][1, 0] != boot:
+        return None
+    time = boot_time - start
+    end_time = max(times[-1] for times, _ in series.values())
+    return time if 0.0 <= time <= end_time else None
 
 
 def _block_means(samples: Array) -> Array:

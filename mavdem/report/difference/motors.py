@@ -197,7 +197,7 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
         A list with the table; empty if neither flight has a warning about a single motor, since the changes alone are
         shown elsewhere.
     """
-    warnings_by_side = {side: _motor_warnings(reviews.get(side, {})) for side in STATE_NAMES}
+    warnings_by_side = {side: motor_warnings(reviews.get(side, {})) for side in STATE_NAMES}
     if not any(warnings_by_side.values()):
         return []
     columns = _changes_by_motor(difference)
@@ -263,7 +263,7 @@ def _titles_of_motor_table(columns: Iterable[str], difference: VehicleDifference
     return titles
 
 
-def _motor_warnings(review: Review) -> dict[int, JsonValues]:
+def motor_warnings(review: Review) -> dict[int, JsonValues]:
     """Returns the worst warning of a log's review about each motor, for a table that compares the motors of two logs.
 
     Warnings are the status light of the motors and the events of the flight. Of equally bad ones the light is taken, or
@@ -294,7 +294,7 @@ def _motor_cell(review: Review, warning: JsonValues | None) -> str:
 
     Args:
         review: review document of the log; empty for a fleet.
-        warning: the worst warning about the motor (:func:`_motor_warnings`); None without one.
+        warning: the worst warning about the motor (:func:`motor_warnings`); None without one.
 
     Returns:
         The text, with the level of the warning for its colour. Without a warning it says so, or that the motors were

@@ -1,5 +1,6 @@
 """The HTML page that compares two flights: what differs, then responses, margins, spectra, motors and wind of both."""
 
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import product
 from math import sqrt
@@ -27,14 +28,17 @@ from mavdem.report.charts.change_plan import (
     drawn_changes,
     is_uncertain_sign_of_weak_motor,
 )
-from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
+from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark, step_chart
 from mavdem.report.charts.comparison_charts import (
+    MAX_MOTORS,
     MEAN_MOTOR_OUTPUT,
     MEAN_SECONDS,
     MOTOR_OUTPUTS,
     VIBRATIONS,
     FlightSeries,
     flight_series_charts,
+    start_on_boot_clock,
+    time_in_flight,
 )
 from mavdem.report.charts.flight_charts import MIN_DENSITY
 from mavdem.report.difference.changes import (
@@ -62,7 +66,7 @@ from mavdem.report.difference.lights import (
     lights_of_side,
     vibrations_of_same_imu,
 )
-from mavdem.report.difference.motors import motor_table
+from mavdem.report.difference.motors import motor_table, motor_warnings
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_count_sentences
@@ -130,6 +134,12 @@ LEVEL_COLOURS = {
 }
 """Colour of the dot of a single flight, by the level of its motors."""
 
+WARNING_COLOURS = {Level.BAD: BAD, Level.WATCH: LIMITED}
+"""Colour of the line at a warning about a motor, by its level, the worse first."""
+
+MARK_ROOM = 0.15
+"""Room for the names of marks above the lines, in the range of the vertical axis: a choice, the height of a name."""
+
 FLIGHT_DOTS_WIDTH = 0.4
 """Room of the dots of single flights beside each other, in distances of two columns: a choice."""
 
@@ -138,12 +148,6 @@ FLIGHT_DOTS_OFFSET = 0.05
 
 MAX_FLIGHT_DOTS = 40
 """Flights of a side up to which each has a dot of its own: more would hide each other."""
-
-MOTORS_CAPTION = f"""\
-Means over {MEAN_SECONDS:g} s, all on one scale. The charts begin at take-off, or \
-where the log begins if the vehicle is in the air then; times in tables and sentences are since the autopilot's boot. \
-Take-off and landing may leave a plot, which has the scale of the flight between them."""
-"""What stands below the charts of the motors' outputs."""
 
 CHARTS_IN_ROW = 2
 """Charts over time side by side: four motors fill two rows, and roll stands beside pitch."""
@@ -284,7 +288,7 @@ def _chapters(
     # Each side is only called "A" or "B". Names of files and dates stand at the top, and would fill each legend.
     legend = {side: side for side in SIDE_COLOURS}
     series_charts = list(_series_charts(flights, legend))
-    motor_chapter = _motor_chapter(reviewed, legend, series_charts)
+    motor_chapter = _motor_chapter(reviewed, legend, flights, series_charts)
     # The chapter of the motors has a table if a flight has a warning of a single motor.
     has_motor_warning = bool(motor_chapter.blocks)
     is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
@@ -366,20 +370,28 @@ def _does_flight_differ(reviewed: ReviewedDifference) -> bool:
 
 
 def _motor_chapter(
-    reviewed: ReviewedDifference, legend: Mapping[str, str], series_charts: Sequence[Chart]
+    reviewed: ReviewedDifference,
+    legend: Mapping[str, str],
+    flights: tuple[FlightSeries | None, FlightSeries | None],
+    series_charts: Sequence[Chart],
 ) -> Chapter:
     """Returns the chapter on the motors: their outputs and trims in both flights, and what each flight warns of.
 
     Args:
         reviewed: comparison of both flights.
         legend: name of each side in legends.
-        series_charts: charts of the time series of both flights.
+        flights: time series of flight A and of flight B; None where they were not stored with the flight.
+        series_charts: charts of these.
     """
+    flights_by_side = {}
+    for side, series in zip(SIDE_COLOURS, flights, strict=True):
+        if series is not None:
+            flights_by_side[side] = series
     trims_caption = TRIMS_CAPTION
     if _has_trim_columns(reviewed.difference):
         trims_caption += FLIGHT_DOTS_CAPTION
     groups = [
-        *_motor_groups(series_charts),
+        *_motor_groups(reviewed, flights_by_side, series_charts),
         *_chart_group(_trim_chart(legend, reviewed.difference, reviewed.reviews), trims_caption),
     ]
     return Chapter("Motors", motor_table(reviewed.reviews, reviewed.difference), groups)
@@ -640,14 +652,95 @@ def _overview_titles(series_charts: Sequence[Chart]) -> list[str]:
     return [max(largest_vibrations, key=largest_vibrations.__getitem__), MEAN_MOTOR_OUTPUT]
 
 
-def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:
-    """Returns the charts of the outputs of the motors in both flights, in rows.
+def _motor_groups(
+    reviewed: ReviewedDifference,
+    flights_by_side: Mapping[str, FlightSeries],
+    series_charts: Sequence[Chart],
+) -> list[Group]:
+    """Returns the charts of the outputs of the motors in both flights, with a line where a motor began to warn.
 
     Args:
-        series_charts: charts of the time series of both flights.
+        reviewed: comparison of both flights, with their reviews.
+        flights_by_side: time series of the flights, by side, "A" and "B".
+        series_charts: charts of these.
+
+    Returns:
+        A group in rows of ``CHARTS_IN_ROW``, of which a phone opens the motor of the worst warning alone; empty without
+        such charts.
     """
-    charts = [chart for chart in series_charts if chart.title in MOTOR_OUTPUTS]
-    return _paired_groups(charts, MOTORS_CAPTION)
+    marks_by_title = _marks_by_motor_chart(reviewed, flights_by_side)
+    charts = []
+    for chart in series_charts:
+        if chart.title in MOTOR_OUTPUTS:
+            chart = chart._replace(marks=tuple(marks_by_title.get(chart.title, ())))
+            charts.append(_with_room_above(chart) if marks_by_title else chart)
+    if not charts:
+        return []
+    group = Group.side_by_side(charts, _motors_caption(flights_by_side))._replace(
+        is_flat=True, columns_in_row=CHARTS_IN_ROW
+    )
+    warned_titles = [title for title in marks_by_title if marks_by_title[title]]
+    if warned_titles:
+        group = group.folded_by_title()._replace(first=warned_titles[0])
+    return [group]
+
+
+def _with_room_above(chart: Chart) -> Chart:
+    """Returns a chart with ``MARK_ROOM`` above its lines, for the names of marks."""
+    if chart.y.limits is None:
+        return chart
+    low, high = chart.y.limits
+    if low is None or high is None:
+        return chart
+    limits = (low, high + MARK_ROOM * (high - low))
+    return chart._replace(y=chart.y._replace(limits=limits))
+
+
+def _marks_by_motor_chart(
+    reviewed: ReviewedDifference, flights_by_side: Mapping[str, FlightSeries]
+) -> dict[str, list[Mark]]:
+    """Returns lines at the times of the worst warning about each motor, by the title of the motor's chart.
+
+    Args:
+        reviewed: comparison of both flights, with their reviews, whose times are on the boot clock.
+        flights_by_side: time series of the flights, whose times are in the air.
+
+    Returns:
+        Lines with the side and the time on the boot clock, which sentences and tables state. First come motors with a
+        bad level. Warnings without a time in the flight have no line.
+    """
+    marks_by_title = defaultdict[str, list[Mark]](list)
+    for level, colour in WARNING_COLOURS.items():
+        for side, series in flights_by_side.items():
+            for motor, warning in motor_warnings(reviewed.reviews.get(side, {})).items():
+                if warning["level"] != level or warning.get("time") is None or motor > MAX_MOTORS:
+                    continue
+                boot_time = warning["time"]
+                time = time_in_flight(series, boot_time, value_at(warning, "figures.boot") or 0)
+                if time is not None:
+                    mark = Mark(time, f"{side}: {boot_time:.0f} s since boot", colour)
+                    marks_by_title[MOTOR_OUTPUTS[motor - 1]].append(mark)
+    return marks_by_title
+
+
+def _motors_caption(flights_by_side: Mapping[str, FlightSeries]) -> str:
+    """Returns what stands below the charts of the motors' outputs, with when they begin on the boot clocks if known.
+
+    Args:
+        flights_by_side: time series of the flights, by side, "A" and "B".
+    """
+    starts = []
+    for side, series in flights_by_side.items():
+        start = start_on_boot_clock(series)
+        if start is not None:
+            starts.append(f"{start:.0f} s in {side}")
+    starts_text = f" ({' and '.join(starts)})" if starts else ""
+    return (
+        f"Means over {MEAN_SECONDS:g} s, all on one scale. Times in tables and sentences are since the autopilot's "
+        f"boot; the charts begin at take-off{starts_text}, or where the log begins if the vehicle is in the air "
+        "then. A dashed line marks a warning about the motor. Take-off and landing may leave a plot, which has the "
+        "scale of the flight between them."
+    )
 
 
 def _paired_groups(charts: Sequence[Chart], caption: str = "") -> list[Group]:

@@ -20,6 +20,8 @@ from mavdem.report.charts.comparison_charts import (
     VIBRATIONS,
     flight_series,
     flight_series_charts,
+    start_on_boot_clock,
+    time_in_flight,
 )
 from mavdem.report.pages.page import Chapter, render_document
 from mavdem.serve.stored_files import SERIES_FILE
@@ -31,6 +33,11 @@ FLOWN = Hover(sway=0.2).telemetry(20.0, 20.0)
 def test_a_flight_that_began_before_the_record_is_drawn_from_its_beginning_on():
     begun = only(FLOWN, lambda time: time > 20.0)
     series = flight_series(Signals(begun))
+    # The record begins about 20 s after boot, which is where the charts begin.
+    assert start_on_boot_clock(series) == approx(20.0, abs=0.5)
+    assert time_in_flight(series, 25.0, boot=0) == approx(5.0, abs=0.5)
+    assert time_in_flight(series, 25.0, boot=1) is None
+    assert time_in_flight(series, 19.0, boot=0) is None
     for times, values in series.values():
         assert np.isfinite(values).all()
         assert 0.0 <= times[0] < 1.0

@@ -17,8 +17,15 @@ from mavdem.fleet.quantities import SHARE, Quantity
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
-from mavdem.report.charts.chart import Axis, Chart, Line
-from mavdem.report.charts.comparison_charts import MEAN_MOTOR_OUTPUT, VIBRATIONS
+from mavdem.report.charts.chart import Axis, Chart, Line, Mark
+from mavdem.report.charts.comparison_charts import (
+    BOOT_CLOCK,
+    BOOT_NUMBER,
+    MEAN_MOTOR_OUTPUT,
+    MOTOR_OUTPUTS,
+    VIBRATIONS,
+    flight_series_charts,
+)
 from mavdem.report.difference.changes import (
     change_sentences,
     difference_blocks,
@@ -49,12 +56,15 @@ from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.fleet import motor_next_step
 from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
+    SIDE_COLOURS,
+    _motor_groups,
     _overview_titles,
     _parameter_chapters,
     _trim_chart,
     _with_single_side,
     comparison_page,
 )
+from mavdem.report.palette import BAD
 
 SHARES = {"A": (1.0, 1.0, 1.0, 1.0), "B": (0.9756, 1.0732, 0.9756, 0.9756)}
 """Motor 2 changes by 10 % beside motors of which none moves: beside their mean it would be 7.3 %."""
@@ -105,6 +115,23 @@ def test_whiskers_of_trims_make_the_interval_of_the_change(difference):
     stated = [100 * one.half_width for one in difference.changes if one.quantity.kind == "share"]
     assert len(stated) == 4
     assert_allclose(np.hypot(before.upper_edge - before.y, after.upper_edge - after.y), stated)
+
+
+def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_chart(difference):
+    """B took off 4 s after boot and lost motor 3 at 47 s; in A, whose start is not known, nothing is marked."""
+    times = np.arange(0.0, 60.0)
+    outputs = {title: np.array([times, 50.0 + np.sin(times)]) for title in MOTOR_OUTPUTS[:4]}
+    start = {BOOT_NUMBER: np.array([[0.0], [0.0]]), BOOT_CLOCK: np.array([[0.0], [4.0]])}
+    lost = motor_review("motor 3")
+    lost["lights"]["motors"]["time"] = 47.0
+    reviewed = reviewed_difference(difference, {"A": lost, "B": lost})
+    flights = {"A": outputs, "B": outputs | start}
+    charts = flight_series_charts(flights, LEGEND, SIDE_COLOURS)
+    (group,) = _motor_groups(reviewed, flights, [*charts])
+    marks = {chart.title: chart.marks for (chart,) in group.columns}
+    assert marks.pop(MOTOR_OUTPUTS[2]) == (Mark(43.0, "B: 47 s since boot", BAD),)
+    assert not any(marks.values())
+    assert group.first_name == MOTOR_OUTPUTS[2] and "take-off (4 s in B)" in group.caption
 
 
 def test_a_line_of_one_side_alone_is_named_by_the_title():
