@@ -262,12 +262,31 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
     """
     sides_by_sentence = dict[str, list[str]]()
     for side, light in lights_in_heading(lights_by_side).items():
-        sides_by_sentence.setdefault(light["sentence"], []).append(side)
+        flight = _flight_in_heading(side, light)
+        sides_by_sentence.setdefault(light["sentence"], []).append(flight)
     headings = list[Sentence]()
     for sentence, sides in sides_by_sentence.items():
         clause = _heading_clause(sentence)
         headings += render_section("difference_answer", sides=sides, clause=clause)
     return " ".join(heading.text for heading in headings)
+
+
+def _flight_in_heading(side: str, light: JsonValues) -> str:
+    """Returns which flight a heading is about: that of a log, as its side, or the last one of a fleet.
+
+    Args:
+        side: "A" or "B".
+        light: the light; that of a fleet has the levels of its flights in order of date as ``levels``.
+
+    Returns:
+        A text such as "A", "1 of 3 flights of A" where no other flight has that level, or "the last of 3 flights of A".
+    """
+    levels = levels_in_flights(light)
+    if len(levels) == 1:
+        return side
+    if levels.count(light["level"]) == 1:
+        return f"1 of {len(levels)} flights of {side}"
+    return f"the last of {len(levels)} flights of {side}"
 
 
 def lights_in_heading(lights_by_side: Mapping[str, JsonValues]) -> dict[str, JsonValues]:

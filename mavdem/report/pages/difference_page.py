@@ -676,13 +676,26 @@ def _motor_groups(
             charts.append(_with_room_above(chart) if marks_by_title else chart)
     if not charts:
         return []
-    group = Group.side_by_side(charts, _motors_caption(flights_by_side))._replace(
-        is_flat=True, columns_in_row=CHARTS_IN_ROW
-    )
-    warned_titles = [title for title in marks_by_title if marks_by_title[title]]
-    if warned_titles:
-        group = group.folded_by_title()._replace(first=warned_titles[0])
+    caption = _motors_caption(flights_by_side, has_marks=bool(marks_by_title))
+    group = Group.side_by_side(charts, caption)._replace(is_flat=True, columns_in_row=CHARTS_IN_ROW)
+    title_of_worst_motor = _title_of_worst_motor(reviewed)
+    if title_of_worst_motor:
+        group = group.folded_by_title()._replace(first=title_of_worst_motor)
     return [group]
+
+
+def _title_of_worst_motor(reviewed: ReviewedDifference) -> str:
+    """Returns the title of the chart of the motor that has the worst warning in both flights; empty without any.
+
+    Args:
+        reviewed: comparison of both flights, with their reviews.
+    """
+    for level in WARNING_COLOURS:
+        for side in SIDE_COLOURS:
+            for motor, warning in motor_warnings(reviewed.reviews.get(side, {})).items():
+                if warning["level"] == level and motor <= MAX_MOTORS:
+                    return MOTOR_OUTPUTS[motor - 1]
+    return ""
 
 
 def _with_room_above(chart: Chart) -> Chart:
@@ -723,11 +736,12 @@ def _marks_by_motor_chart(
     return marks_by_title
 
 
-def _motors_caption(flights_by_side: Mapping[str, FlightSeries]) -> str:
+def _motors_caption(flights_by_side: Mapping[str, FlightSeries], *, has_marks: bool) -> str:
     """Returns what stands below the charts of the motors' outputs, with when they begin on the boot clocks if known.
 
     Args:
         flights_by_side: time series of the flights, by side, "A" and "B".
+        has_marks: whether a warning about a motor is marked.
     """
     starts = []
     for side, series in flights_by_side.items():
@@ -738,8 +752,8 @@ def _motors_caption(flights_by_side: Mapping[str, FlightSeries]) -> str:
     return (
         f"Means over {MEAN_SECONDS:g} s, all on one scale. Times in tables and sentences are since the autopilot's "
         f"boot; the charts begin at take-off{starts_text}, or where the log begins if the vehicle is in the air "
-        "then. A dashed line marks a warning about the motor. Take-off and landing may leave a plot, which has the "
-        "scale of the flight between them."
+        f"then.{' A dashed line marks a warning about the motor.' if has_marks else ''} Take-off and landing may leave "
+        "a plot, which has the scale of the flight between them."
     )
 
 

@@ -22,7 +22,7 @@ from mavdem.report.difference.changes import (
 )
 from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import headline_of_comparison
-from mavdem.report.difference.lights import light_blocks
+from mavdem.report.difference.lights import light_blocks, light_heading
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.reviewed import (
@@ -286,6 +286,18 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     # Means over good flights and others agree with neither.
     mixed = {"motors": reviews["A"]["lights"]["motors"] | {"levels": ["watch", "good"]}}
     reviews["A"] = {**reviews["A"], "lights": mixed}
+    # The heading says how many flights it is about.
+    light = {
+        "level": "bad",
+        "sentence": "Motor 1 is weak.",
+        "levels": ["unknown", "unknown", "bad"],
+    }
+    lights = {"A": light, "B": {"level": "bad", "sentence": "Motor 2 is weak."}}
+    assert (
+        light_heading(lights) == "In 1 of 3 flights of A: motor 1 is weak. In B: motor 2 is weak."
+    )
+    light["levels"] = ["bad", "unknown", "bad"]
+    assert light_heading({"A": light}) == "In the last of 3 flights of A: motor 1 is weak."
     assert "agrees" not in " ".join(
         texts(headline_of_comparison(reviewed_difference(difference, reviews)))
     )
