@@ -33,7 +33,8 @@ def health_figures(row: FlightRow) -> HealthFigures:
         - ``signatures``: how the balance changes if one motor loses thrust, by the geometry of the motors;
         - ``voltage``: mean of the battery's voltage, V, where it was measured: the constant of an autopilot without a
           sensor says nothing of how empty the battery was;
-        - ``sound``: whether the flight may be a healthy one to compare with (:func:`_is_sound`).
+        - ``sound``: whether the flight may be a healthy one to compare with (:func:`_is_sound`);
+        - ``suspected_motor``, ``was_lost``: what its own log says of damage.
     """
     motors = row.motors or ()
     balance = None
@@ -63,6 +64,8 @@ def health_figures(row: FlightRow) -> HealthFigures:
         collective=row.collective,
         voltage=measured_voltage(row),
         sound=_is_sound(row),
+        suspected_motor=row.failed_motor or row.watched_motor,
+        was_lost=_was_lost(row),
     )
 
 
@@ -75,12 +78,20 @@ def _is_sound(row: FlightRow) -> bool:
     Args:
         row: any row of the flight.
     """
-    is_lost = urgency_of_headline(row.headline_level, row.headline_rank) is Urgency.LOST
     has_bad_motors = row.light_motors == Level.BAD
     # Fractions of the time that each motor spends at its upper limit: the largest counts.
     saturated_share = max(row.saturated or (0.0,))
     is_at_limit = saturated_share >= MAX_SATURATED_SHARE
-    return not (is_lost or has_bad_motors or is_at_limit or row.oscillation is not None)
+    return not (_was_lost(row) or has_bad_motors or is_at_limit or row.oscillation is not None)
+
+
+def _was_lost(row: FlightRow) -> bool:
+    """Returns whether the headline of a flight's own log is that the vehicle was lost.
+
+    Args:
+        row: any row of the flight.
+    """
+    return urgency_of_headline(row.headline_level, row.headline_rank) is Urgency.LOST
 
 
 def measured_voltage(row: FlightRow) -> float | None:

@@ -27,7 +27,8 @@ from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import is_fleet, read_rows
 from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
-from mavdem.motors.health import HealthAssessment, assess_motor_health, sound_healthy_flights
+from mavdem.motors.health import HealthAssessment, assess_motor_health
+from mavdem.motors.healthy_flight_choice import first_healthy_flights
 from mavdem.motors.healthy_flights import HealthFigures
 
 ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")
@@ -147,7 +148,7 @@ def healthy_figures_by_log(rows: FlightRows, baseline_rows: FlightRows) -> dict[
         return {log: figures for log, figures in figures_by_log.items() if not figures.missing}
     if not rows_of_flights or not rows_of_flights[0].has_own_name:
         return {}
-    healthy = sound_healthy_flights(list(figures_by_log.values()))
+    healthy = first_healthy_flights(list(figures_by_log.values()))
     return {log: figures for log, figures in figures_by_log.items() if figures in healthy}
 
 

@@ -7,32 +7,27 @@ The method: docs/motors.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
-from mavdem.motors.change_hypotheses import (
-    DETECTABLE_RISE,
-    ChangeHypotheses,
-    ChangeProbabilities,
+from mavdem.motors.change_hypotheses import DETECTABLE_RISE, ChangeProbabilities
+from mavdem.motors.flight_evidence import (
+    MIN_REPORTED_PROBABILITY,
+    FlightEvidence,
+    flight_evidence,
 )
-from mavdem.motors.deviation import Deviation, deviation
-from mavdem.motors.effort import EffortChange, effort_change
+from mavdem.motors.healthy_flight_choice import first_healthy_flights, named_healthy_flights
 from mavdem.motors.healthy_flights import (
     MIN_BASELINE_FLIGHTS,
     MIN_HEALTHY_FLIGHTS,
     HealthFigures,
     HealthFlights,
-    healthy_flights,
     is_comparable,
     is_same_flight,
 )
 from mavdem.motors.thrust_loss import lost_thrust
-
-MIN_REPORTED_PROBABILITY = 0.5
-"""Probability of a weak motor, or of any change, from which a flight is said to have one."""
 
 MIN_FAULT_PROBABILITY = 0.8
 """Probability of a weak motor from which that is a fault, which is bad: a choice. A less probable one is a drift, which
@@ -74,17 +69,17 @@ def assess_motor_health(
 
     Args:
         flights: Flights of one vehicle.
-        baseline: Its healthy flights, from ``flights`` or others. By default its first three sound flights by date, of
-            which none is a fault compared with the others. A flight that was logged twice counts once. Where there is
-            but one such flight besides, the later of the two is compared with it.
+        baseline: Its healthy flights, from ``flights`` or others. By default they are its first sound flights
+            (:func:`first_healthy_flights`). A flight that was logged twice counts once. Where there is but one such
+            flight besides, the later of the two is compared with it.
 
     Returns:
         An assessment for each flight, in their order.
     """
     if baseline is None:
-        healthy = sound_healthy_flights(flights)
+        healthy = first_healthy_flights(flights)
     else:
-        healthy = healthy_flights(flights, baseline)
+        healthy = named_healthy_flights(baseline)
     assessor = _FlightAssessor(healthy, flights, baseline)
     # Each assessment with the number of its flight, in the order of the dates.
     assessments: dict[int, HealthAssessment] = {}
@@ -94,50 +89,6 @@ def assess_motor_health(
         assessments[number]._replace(is_healthy=flight in healthy)
         for number, flight in enumerate(flights)
     )
-
-
-def sound_healthy_flights(flights: HealthFlights) -> HealthFlights:
-    """Returns the flights with which others of their vehicle are compared where the user has named none as healthy.
-
-    These are the first sound flights by date (:func:`healthy_flights`), of which none is a fault compared with the
-    others. If some are, the one that is most probably faulty is left out, and others are chosen, until none is.
-
-    Args:
-        flights: Flights of one vehicle.
-
-    Returns:
-        Some of these flights, the same objects.
-    """
-    while True:
-        healthy = healthy_flights(flights)
-        faulty_flight = _most_probably_faulty(healthy, flights)
-        if faulty_flight is None:
-            return healthy
-        flights = [
-            replace(flight, sound=False) if flight is faulty_flight else flight
-            for flight in flights
-        ]
-
-
-def _most_probably_faulty(healthy: HealthFlights, flights: HealthFlights) -> HealthFigures | None:
-    """Returns the one of the healthy flights that most probably has a weak motor, compared with the others.
-
-    Args:
-        healthy: Healthy flights of the vehicle.
-        flights: All flights of the vehicle.
-
-    Returns:
-        The flight; None if a weak motor is less probable than ``MIN_REPORTED_PROBABILITY`` in each.
-    """
-    assessor = _FlightAssessor(healthy, flights, baseline=None)
-    faulty_flight = None
-    largest_probability = MIN_REPORTED_PROBABILITY
-    for flight in healthy:
-        fault_probability = assessor.assess(flight).fault_probability
-        if fault_probability is not None and fault_probability >= largest_probability:
-            faulty_flight = flight
-            largest_probability = fault_probability
-    return faulty_flight
 
 
 class _FlightAssessor:
@@ -163,7 +114,7 @@ class _FlightAssessor:
         self._is_baseline_chosen = baseline is not None
         self._candidate_flights = flights if baseline is None else baseline
         # Evidence of the latest flight, by the geometry of its motors.
-        self._latest_evidence: dict[object, _FlightEvidence] = {}
+        self._latest_evidence: dict[object, FlightEvidence] = {}
 
     def assess(self, flight: HealthFigures) -> HealthAssessment:
         """Assesses the next flight by comparison with the healthy ones.
@@ -198,9 +149,7 @@ class _FlightAssessor:
             return assessment._replace(health=MotorHealth.UNKNOWN, fact=reason)
         return assessment
 
-    def _evidence(
-        self, flight: HealthFigures, comparable_flights: HealthFlights
-    ) -> _FlightEvidence:
+    def _evidence(self, flight: HealthFigures, comparable_flights: HealthFlights) -> FlightEvidence:
         """Compares a flight with healthy flights, with the evidence of the flight before it as prior.
 
         A healthy flight, or another log of one, is no part of this sequence, and neither is a flight without a date,
@@ -212,9 +161,9 @@ class _FlightAssessor:
         """
         is_healthy = any(is_same_flight(flight, other) for other in self._healthy)
         if is_healthy or flight.date is None:
-            return _flight_evidence(flight, comparable_flights, previous=None)
+            return flight_evidence(flight, comparable_flights, previous=None)
         previous = self._latest_evidence.get(flight.geometry_key)
-        evidence = _flight_evidence(flight, comparable_flights, previous)
+        evidence = flight_evidence(flight, comparable_flights, previous)
         self._latest_evidence[flight.geometry_key] = evidence
         return evidence
 
@@ -277,70 +226,8 @@ def _too_few_healthy_flights(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _FlightEvidence:
-    """What the comparison of one flight with healthy flights shows."""
-
-    deviation: Deviation
-    """Deviation of its balance."""
-    hypotheses: ChangeHypotheses
-    """Hypotheses on the cause."""
-    change: ChangeProbabilities
-    """How probable each cause is."""
-    effort: EffortChange | None
-    """Change of the effort; None where it is not known."""
-
-    @property
-    def change_probability(self) -> float:
-        """Probability that the balance or the effort changed, 0 to 1.
-
-        Both are taken as independent: the effort does not depend on which motor changed, and a weak motor changes the
-        mean output only a little.
-        """
-        same_effort_probability = 1.0 if self.effort is None else 1 - self.effort.probability
-        return 1 - self.change.unchanged_probability * same_effort_probability
-
-    @property
-    def would_show_weak_motor(self) -> bool:
-        """Whether the balance is so precise that a weak motor would have been found."""
-        detection_probability = self.hypotheses.detection_probability(self.deviation)
-        return detection_probability >= MIN_REPORTED_PROBABILITY
-
-
-def _flight_evidence(
-    flight: HealthFigures, healthy: HealthFlights, previous: _FlightEvidence | None
-) -> _FlightEvidence:
-    """Compares a flight with healthy flights, by the balance of its motors and by their effort.
-
-    The balance is the torque that the motors make in roll, pitch and yaw, relative to their thrust: one weak motor
-    shifts it in its own direction. The effort is their mean output times the voltage. The deviation of the balance is
-    computed first, then the probability of each cause of the deviation. A change that was found in the vehicle's
-    previous flight probably persists, so the probabilities after that flight are the prior of this one.
-
-    Args:
-        flight: A flight whose needed figures are all known (``HealthFigures.missing`` is None).
-        healthy: Healthy flights with the same motor geometry, without that flight.
-        previous: Evidence of the vehicle's flight before this one; None for the first one.
-
-    Returns:
-        The deviation, and the probabilities of its causes.
-    """
-    assert flight.signatures is not None
-    balance_prior = None if previous is None else previous.change.posterior
-    effort_prior = None if previous is None else previous.effort
-    # A signature is how the motors' commands change if one of the motors is weak.
-    hypotheses = ChangeHypotheses(flight.signatures)
-    flight_deviation = deviation(flight, healthy)
-    return _FlightEvidence(
-        deviation=flight_deviation,
-        hypotheses=hypotheses,
-        change=hypotheses.cause_probabilities(flight_deviation, previous=balance_prior),
-        effort=effort_change(flight, healthy, previous=effort_prior),
-    )
-
-
 def _assessment_of_evidence(
-    flight: HealthFigures, evidence: _FlightEvidence, comparison: JsonValues
+    flight: HealthFigures, evidence: FlightEvidence, comparison: JsonValues
 ) -> HealthAssessment:
     """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, tested in this order.
 
@@ -362,10 +249,8 @@ def _assessment_of_evidence(
     change_probability = evidence.change_probability
     if change.fault_probability >= MIN_REPORTED_PROBABILITY:
         return _weak_motor(flight, change, change_probability, comparison)
-    is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     suspect_motor = None
-    # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
-    if is_changed or evidence.deviation.is_unusual:
+    if evidence.is_changed:
         health = MotorHealth.DRIFT
         fact = _drift_fact(flight, evidence, change_probability, comparison)
         # A drift that a motor most likely explains names this motor as its subject.
@@ -386,7 +271,7 @@ def _assessment_of_evidence(
     )
 
 
-def _imprecise_balance(evidence: _FlightEvidence, comparison: JsonValues) -> Fact:
+def _imprecise_balance(evidence: FlightEvidence, comparison: JsonValues) -> Fact:
     """Returns the fact that the measured balance of a flight's motors is too imprecise to show a weak motor.
 
     A motor that lost thrust is commanded more. Only a rise of its command by ``DETECTABLE_RISE`` would have shown.
@@ -465,7 +350,7 @@ def _weak_motor(
 
 def _drift_fact(
     flight: HealthFigures,
-    evidence: _FlightEvidence,
+    evidence: FlightEvidence,
     change_probability: float,
     comparison: JsonValues,
 ) -> Fact:
@@ -515,8 +400,8 @@ def _balance_change(
 ) -> Fact:
     """Returns the fact about a changed balance, with its likeliest cause.
 
-    The cause is a weak motor, a shifted load, or another one. Of the motors only the likeliest one competes with the
-    other causes, not the sum of all.
+    The cause is a weak motor, a shifted load, or another one. A cause that is less likely than not is not the cause to
+    name: then the two likeliest are given, as undecided.
 
     Args:
         flight: Measured motor balance of the flight, and the names of its motors.
@@ -525,32 +410,62 @@ def _balance_change(
         further_values: Further values of the fact: the change, the usual deviations, and the healthy flights.
 
     Returns:
-        The fact, with the likeliest cause as ``explanation``, the probability that any motor is the cause, and the mean
-        and the ends of the 90 % interval of the rise of the likeliest motor's command, and of its loss of thrust. The
-        motor is its subject if that is probable enough.
+        The fact, with the likeliest cause as ``explanation``, if it is undecided the second one as
+        ``other_explanation``, the probability that any motor is the cause, and the mean and the ends of the 90 %
+        interval of the rise of the likeliest motor's command, and of its loss of thrust. The motor is its subject if
+        that is probable enough, or if the flight's own log suspects it.
     """
     motor = int(change.motor_probabilities.argmax())
-    cause_probabilities = {
-        **change.group_probabilities,
-        Explanation.MOTOR: float(change.motor_probabilities[motor]),
-    }
-    likeliest = max(Explanation, key=lambda cause: cause_probabilities[cause])
+    motor_probability = float(change.motor_probabilities[motor])
+    any_motor_probability = change.group_probabilities[Explanation.MOTOR]
+    # Motors are numbered from 1.
+    is_suspected_by_log = flight.suspected_motor == motor + 1
+    causes = _likeliest_causes(change, prefers_motor=is_suspected_by_log)
+    explanation, *other_explanations = causes
     # A motor is named if it is probably this one, given that the cause is some motor.
-    any_motor_probability = change.motor_probabilities.sum()
-    is_this_motor = (
-        change.motor_probabilities[motor] >= MIN_NAMED_PROBABILITY * any_motor_probability
-    )
-    is_named = likeliest is Explanation.MOTOR and is_this_motor
+    is_this_motor = motor_probability >= MIN_NAMED_PROBABILITY * any_motor_probability
+    is_named = explanation is Explanation.MOTOR and (is_this_motor or is_suspected_by_log)
+    if is_named:
+        causes[Explanation.MOTOR] = motor_probability
+    other_values: JsonValues = {}
+    for other_explanation in other_explanations:
+        other_values["other_explanation"] = other_explanation
+        other_values["other_explanation_probability"] = causes[other_explanation]
     assert flight.signatures is not None
     rise = change.rises[:, motor]
     return Fact(
         MotorsBetween.BALANCE_CHANGED,
         subject=flight.motors[motor] if is_named else "",
         probability=change_probability,
-        explanation=likeliest,
-        explanation_probability=cause_probabilities[likeliest],
-        any_motor_probability=float(any_motor_probability),
+        explanation=explanation,
+        explanation_probability=causes[explanation],
+        any_motor_probability=any_motor_probability,
         rise=rise,
         loss=lost_thrust(rise, flight.signatures.own_rise_ratios[motor]),
+        **other_values,
         **further_values,
     )
+
+
+def _likeliest_causes(
+    change: ChangeProbabilities, *, prefers_motor: bool
+) -> dict[Explanation, float]:
+    """Returns the likeliest cause of a changed balance or, if it is less likely than not, the two likeliest ones.
+
+    Args:
+        change: Posterior probability of each cause.
+        prefers_motor: Whether a weak motor is the first of two causes even if it is the less likely one.
+
+    Returns:
+        The probabilities of the causes, the likeliest first.
+    """
+    probabilities = {cause: float(change.group_probabilities[cause]) for cause in Explanation}
+    ranked_causes = sorted(Explanation, key=lambda cause: probabilities[cause], reverse=True)
+    if probabilities[ranked_causes[0]] >= MIN_REPORTED_PROBABILITY:
+        causes = ranked_causes[:1]
+    else:
+        causes = ranked_causes[:2]
+    if prefers_motor:
+        # The sort is stable: all other causes keep their order.
+        causes.sort(key=lambda cause: cause is not Explanation.MOTOR)
+    return {cause: probabilities[cause] for cause in causes}

@@ -1,4 +1,4 @@
-"""Flights of one vehicle for judging its motors, and the choice of the healthy ones with which others are compared."""
+"""Flights of one vehicle with the figures by which its motors are judged, and which of them can be compared."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from mavdem.containers import Names, group_by
+from mavdem.containers import Names
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
 from mavdem.motors.motor_balance import MotorBalance
@@ -24,9 +24,6 @@ MIN_BASELINE_FLIGHTS = 1
 
 How much flights differ is then the prior alone, if need be, which does not show that nothing changed.
 """
-
-DEFAULT_HEALTHY_FLIGHTS = 3
-"""Number of first flights that are taken for healthy ones where none are named; a choice."""
 
 GEOMETRY_DECIMALS = 6
 """Decimals to which the mixers of two flights must agree."""
@@ -52,6 +49,10 @@ class HealthFigures:
     """Mean voltage of the battery, V."""
     sound: bool = True
     """Whether it may be taken for healthy: no motor at its limit, no oscillation, no fault."""
+    suspected_motor: int | None = None
+    """Number of the motor that its own log blames or warns of, from 1; None without one."""
+    was_lost: bool = False
+    """Whether the vehicle was lost in this flight, as in a crash."""
 
     @property
     def missing(self) -> Fact | None:
@@ -123,36 +124,6 @@ class HealthFigures:
 
 HealthFlights = Sequence[HealthFigures]
 """Flights of one vehicle."""
-
-
-def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
-    """Returns the healthy flights of a vehicle, with which its other flights are compared, each of them once.
-
-    The user may name them (``baseline``). Otherwise they are the vehicle's first flights by date, before motors and
-    propellers wore, that are sound: no motor at its limit, no oscillation, no fault. A flight whose motors cannot be
-    judged is left out in either case.
-
-    Args:
-        flights: Measured motor balance and date of each recorded flight of one vehicle.
-        baseline: Its healthy flights, if the user named them. Without it, the first ``DEFAULT_HEALTHY_FLIGHTS`` sound
-            flights of each motor geometry are the healthy ones.
-
-    Returns:
-        The healthy flights, without second records of the same flight.
-    """
-    if baseline is not None:
-        return distinct_flights([flight for flight in baseline if not flight.missing])
-    usable_flights = []
-    for flight in flights:
-        can_motors_be_judged = flight.missing is None
-        if flight.sound and flight.date is not None and can_motors_be_judged:
-            usable_flights.append(flight)
-    flights_by_date = sorted(distinct_flights(usable_flights), key=lambda flight: flight.start_time)
-    flights_by_geometry = group_by(flights_by_date, lambda flight: flight.geometry_key)
-    healthy: list[HealthFigures] = []
-    for flights_of_geometry in flights_by_geometry.values():
-        healthy += flights_of_geometry[:DEFAULT_HEALTHY_FLIGHTS]
-    return tuple(healthy)
 
 
 def is_comparable(flight: HealthFigures, healthy_flight: HealthFigures) -> bool:

@@ -27,7 +27,8 @@ from mavdem.motors.deviation import (
     deviations_of_motors,
     level_balances,
 )
-from mavdem.motors.health import MIN_NAMED_PROBABILITY, MIN_REPORTED_PROBABILITY
+from mavdem.motors.flight_evidence import MIN_REPORTED_PROBABILITY
+from mavdem.motors.health import MIN_NAMED_PROBABILITY
 from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.thrust_loss import lost_thrust

@@ -758,9 +758,9 @@ def _baseline_flights(count: int, are_chosen: bool) -> str:
 
     Args:
         count: number of flights in the baseline.
-        are_chosen: whether a user marked them as healthy. Otherwise they are the first flights of the vehicle in which
-            it did not oscillate and no motor reached its limit. These need not be healthy, so that the text says that
-            they are only taken for it.
+        are_chosen: whether a user marked them as healthy. Otherwise they are the first flights of the vehicle, before
+            its motors changed, in which it did not oscillate and no motor reached its limit. These need not be healthy,
+            so that the text says that they are only taken for it.
     """
     if are_chosen:
         return counted(count, "healthy flight")

@@ -39,7 +39,7 @@ from mavdem.fleet.stored_rows import (
     read_rows,
 )
 from mavdem.fleet.table_files import row_schema, table_path, write_file
-from mavdem.fleet.tracking import assess_rows, residual_mean
+from mavdem.fleet.tracking import assess_rows, logs_taken_for_healthy, residual_mean
 from mavdem.fleet.workers import JobLimits
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text()
@@ -619,5 +619,8 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
         assert code_by_vehicle.health_code == MotorsBetween.MOTORS_UNCHANGED
         assert code_by_vehicle.residual_mean == approx(2)
         assert "against 3 of the vehicle's first flights" in code_by_vehicle.health_reason
+    # They end at a flight whose own log suspects a motor, although nothing differs.
+    suspect_rows = [*rows[:2], replace(rows[2], watched_motor=1), rows[3]]
+    assert logs_taken_for_healthy(suspect_rows) == logs_taken_for_healthy(rows[:2])
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     assert [row.health == "ok" for row in assess_rows(rows, rows[:3])] == [True] * 3 + [False]

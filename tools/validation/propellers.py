@@ -4,7 +4,8 @@
 FOLDER has the logs (.BIN). Those with "good" in their names have whole propellers and are the healthy flights that each
 is compared with; a good one is compared with the others. Each flight is judged alone, and in order of date as `mavdem
 track` does, where what an earlier flight shows is the prior of the next one. A second table compares each flight with
-every earlier good one alone, as `mavdem diff` does of two logs.
+every earlier good one alone, as `mavdem diff` does of two logs. A third one judges vehicles of few flights without a
+baseline: one to three good flights, then two with a propeller cut by 20 or 25 mm.
 
 Usage: tools/validation/propellers.py FOLDER
 """
@@ -12,6 +13,7 @@ Usage: tools/validation/propellers.py FOLDER
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import click
@@ -27,6 +29,9 @@ from mavdem.motors.balance import balance_of_steady_flight
 from mavdem.motors.health import HealthAssessment, assess_motor_health
 from mavdem.motors.healthy_flights import HealthFigures
 from mavdem.motors.signatures import motor_signatures
+
+FOUND_CUTS = ("cut20mm", "cut25mm")
+"""Words in the names of flights whose propeller is cut so far that it should be found."""
 
 
 def health_figures(path: Path) -> HealthFigures:
@@ -118,6 +123,42 @@ def pair_row(flight: HealthFigures, good_flights: Sequence[HealthFigures]) -> Va
     }
 
 
+def row_without_baseline(
+    good_count: int, good_flights: Sequence[HealthFigures], cut_flights: Sequence[HealthFigures]
+) -> Values:
+    """Returns the row of vehicles whose user named no healthy flight: good flights, then two with a cut propeller.
+
+    Args:
+        good_count: number of good flights of each vehicle.
+        good_flights: flights with sound motors.
+        cut_flights: flights with a propeller that is cut so far that it should be found.
+
+    Returns:
+        Texts by column: the number of vehicles, how many of all their cut flights are a fault, a drift, ok, and taken
+        for healthy, and how many of all their good flights are a fault or a drift.
+    """
+    vehicles = []
+    for good in combinations(good_flights, good_count):
+        for cut in combinations(cut_flights, 2):
+            vehicles.append(assess_motor_health([*good, *cut]))
+    judged_cut = [assessment for vehicle in vehicles for assessment in vehicle[good_count:]]
+    judged_good = [assessment for vehicle in vehicles for assessment in vehicle[:good_count]]
+    cut_by_health = Counter(assessment.health for assessment in judged_cut)
+    good_by_health = Counter(assessment.health for assessment in judged_good)
+    return {
+        "good flights": str(good_count),
+        "vehicles": str(len(vehicles)),
+        "cut: fault": str(cut_by_health[MotorHealth.FAULT]),
+        "drift": str(cut_by_health[MotorHealth.DRIFT]),
+        "ok": str(cut_by_health[MotorHealth.OK]),
+        "motor 1 named": str(sum(assessment.suspect_motor == 1 for assessment in judged_cut)),
+        "taken for healthy": str(sum(assessment.is_healthy for assessment in judged_cut)),
+        "good: fault or drift": str(
+            good_by_health[MotorHealth.FAULT] + good_by_health[MotorHealth.DRIFT]
+        ),
+    }
+
+
 @click.command(help=__doc__)
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 def main(folder: Path) -> None:
@@ -152,6 +193,12 @@ def main(folder: Path) -> None:
         pair_row(flight, healthy_flights) for flight in flights if flight is not first_flight
     ]
     print_table("Each flight beside one earlier good flight", pair_rows)
+    cut_flights = [flight for flight in other_flights if flight.name.split("_")[1] in FOUND_CUTS]
+    rows_without_baseline = [
+        row_without_baseline(good_count, healthy_flights, cut_flights)
+        for good_count in range(1, len(healthy_flights) + 1)
+    ]
+    print_table("Good flights, then two cut ones, without a baseline", rows_without_baseline)
 
 
 if __name__ == "__main__":
