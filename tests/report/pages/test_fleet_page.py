@@ -458,7 +458,8 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     levels_of_motors = [levels.split()[motors_index] for levels in columns_of_rows["lights"]]
     unknown_count = levels_of_motors.count("unknown")
     assert 0 < unknown_count < len(levels_of_motors)
-    assert shown_by_browser["unknownMotors"].startswith(f"{unknown_count} found in ")
+    found = f"{unknown_count} found, {unused_count} of them simulated or not used, in "
+    assert shown_by_browser["unknownMotors"].startswith(found)
     counts = f"{flight_count} flights and {unused_count} logs that were not used"
     assert f"10 found in {counts}" in shown_by_browser["count"]
     # What is not known comes last, also in falling order.
