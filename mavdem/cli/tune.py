@@ -30,6 +30,7 @@ from mavdem.report.gain_changes import GainChanges, gains_in_tables
 from mavdem.report.loops import (
     axes_with_kept_gains,
     field_sentences,
+    goal_reached_sentences,
     goal_sentences,
     measured_margins,
     tune_blocks,
@@ -223,6 +224,9 @@ def _tuning_blocks(
     blocks += tune_overview(tuning, result)
     if changes is not None:
         blocks += changes.blocks
+        if not tuning.has_computed_gains:
+            # The cautions on computed gains stand with the reasons below.
+            blocks += changes.cautions
     gains = gains_of_tuning(tuning, evidence, changes)
     if gains is not None:
         for axis in axes_with_kept_gains(tuning):
@@ -230,6 +234,7 @@ def _tuning_blocks(
     blocks += tune_blocks(tuning, is_full=verbose, headline_above=str(result))
     blocks += measured_margins(tuning, assessment.margins)
     blocks += goal_sentences(tuning)
+    blocks += goal_reached_sentences(tuning)
     blocks += field_sentences(tuning)
     if tuning.notch:
         # The parameters of a notch filter that is set stand in the table of gains.

@@ -98,6 +98,7 @@ class NextStep(Code):
     LOAD_GAINS = "load_gains"
     FLY_BEFORE_GAINS = "fly_before_gains"
     FLY_FOR_GAINS = "fly_for_gains"
+    HOVER_TO_TUNE = "hover_to_tune"
     KEEP_OR_CONFIRM_GAINS = "keep_or_confirm_gains"
     TUNE_OTHER_AXES = "tune_other_axes"
     LAND_NOW = "land_now"

@@ -1,7 +1,7 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
 import re
-from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from math import nan
 from operator import attrgetter
@@ -176,7 +176,8 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
 def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> list[Sentence]:
     """Returns a sentence that advises a flight with doublets, whose log gives gains for more axes.
 
-    It is needed only where the next step does not advise this flight already.
+    A vehicle that oscillates hovers with lower gains first. Otherwise the sentence is needed only where the next step
+    does not advise this flight already.
 
     Args:
         tuning: the advised flight (``Tuning.flight_for_gains``, a coded finding), and the judgement with the next step.
@@ -186,6 +187,8 @@ def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> lis
         A list with the sentence. It says only what to log if the next step is a flight with doublets. It is empty if
         nothing is left to say, or if no such flight is needed.
     """
+    if tuning.hover_to_tune is not None:
+        return [Sentence(tuning.hover_to_tune.sentence, "To tune then:")]
     flight = tuning.flight_for_gains
     next_step = tuning.judgement.next_step
     if flight is None or next_step.code is NextStep.FLY_FOR_GAINS:
@@ -446,15 +449,16 @@ def _axes_of_headline(result: Fact) -> Names:
     return tuple(axes)
 
 
-def _margins_table(first_header: str, advice_of_axes: Iterable[Advice]) -> Table:
+def _margins_table(first_header: str, advice_of_axes: Sequence[Advice]) -> Table:
     """Returns a table of the margins of some axes, with a row for each loop, and a narrower one for a phone.
 
     Args:
         first_header: header of the first column, such as "now → new".
-        advice_of_axes: advice on each axis, with its identified loops.
+        advice_of_axes: advice on each axis, with its identified loops; all have the same goal.
     """
     rows = []
     rows_on_phone = []
+    goal = _goal_row(advice_of_axes[0].target)
     for advice in advice_of_axes:
         rows_with_intervals = _overview_rows(advice, names_axis=True)
         values = _overview_rows(advice, has_intervals=False, names_axis=True)
@@ -462,7 +466,17 @@ def _margins_table(first_header: str, advice_of_axes: Iterable[Advice]) -> Table
         for row, row_of_values in zip(rows_with_intervals, values, strict=True):
             rows_on_phone.append(_cells_on_phone(row, row_of_values))
     headers = [first_header, *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
-    return Table(headers, rows, phone_tables=[Table(headers, rows_on_phone)])
+    return Table(headers, [goal, *rows], phone_tables=[Table(headers, [goal, *rows_on_phone])])
+
+
+def _goal_row(target: MarginTarget) -> list[str]:
+    """Returns the first row of a table of margins: the goal of each of ``TUNED_FIGURES``; the crossover has none."""
+    goals = {
+        "phase_margin": f"≥ {target.phase_margin:g}",
+        "gain_margin": f"≥ {target.gain_margin:g}",
+        "ms": f"≤ {target.ms:g}",
+    }
+    return ["goal", *[goals.get(figure_name, "") for figure_name in TUNED_FIGURES]]
 
 
 def _cells_on_phone(row: Iterable[str], row_of_values: Iterable[str]) -> list[str]:
@@ -519,8 +533,8 @@ def level_of_summary(tuning: Tuning, result: Fact) -> Level:
 def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
     """Returns what becomes of each axis at a glance: in a sentence, and in a table of margins now and with new gains.
 
-    Each loop has a row. Loops with doubtful margins, and those with gains that another flight is to confirm, have
-    tables of their own.
+    Each loop has a row below the goal. Loops with doubtful margins, and those with gains that another flight is to
+    confirm, have tables of their own.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
@@ -533,7 +547,9 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
     rows_by_header = dict[str, list[list[str]]]()
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
-            rows = rows_by_header.setdefault(_overview_header(tuning, axis), [])
+            # All axes have the same goal, which each table begins with.
+            goal = _goal_row(advice.target)
+            rows = rows_by_header.setdefault(_overview_header(tuning, axis), [goal])
             rows += _overview_rows(advice)
     blocks = Blocks()
     if rows_by_header and is_headline_of_tuning(tuning, result):
@@ -661,7 +677,7 @@ def tune_blocks(
         shown_remedies.update(remedies_above)
     axes_in_shared_sentences: list[str] = []
     for axes in _axes_with_same_conclusion(tuning):
-        blocks += _sentences_on_gains(tuning, axes, shown_remedies)
+        blocks += _sentences_on_gains(tuning, axes, shown_remedies, headline_above)
         axes_in_shared_sentences += axes
     cautions = _shared_cautions(tuning.axes)
     for axes in _axes_reported_together(tuning):
@@ -690,7 +706,9 @@ def tune_blocks(
 
 
 def _without_reason_above(fact: Fact, headline_above: str) -> Fact:
-    """Marks the fact that no gains are advised if its only reason is the headline, which its sentence then leaves out.
+    """Marks the fact that no gains are advised if the reason it states is the headline, which its sentence then omits.
+
+    Its sentence states the first and the last of its reasons.
 
     Args:
         fact: any fact (a coded finding) on an axis; others are returned unchanged.
@@ -698,7 +716,8 @@ def _without_reason_above(fact: Fact, headline_above: str) -> Fact:
     """
     if fact.code is not GainFact.NO_GAINS_ADVISED:
         return fact
-    is_above = all(str(reason) == headline_above for reason in fact.figures["reasons"])
+    reasons = fact.figures["reasons"]
+    is_above = all(str(reason) == headline_above for reason in (reasons[0], reasons[-1]))
     return fact.replace(is_reason_above=is_above)
 
 
@@ -715,7 +734,7 @@ def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
 
 
 def _sentences_on_gains(
-    tuning: Tuning, axes: list[str], shown_remedies: set[str]
+    tuning: Tuning, axes: list[str], shown_remedies: set[str], headline_above: str
 ) -> list[Sentence]:
     """Returns the sentence on what to do with the gains of several axes, of which the same is to be said, and why.
 
@@ -724,6 +743,7 @@ def _sentences_on_gains(
         axes: the axes.
         shown_remedies: remedies that the report shows in other places, which is not repeated; that of these sentences
             is added to it.
+        headline_above: headline that stands above the report, which is not repeated as the reason for no gains.
     """
     # The facts are the same for all axes.
     facts = _facts_on_new_gains(tuning, axes[0])
@@ -732,7 +752,7 @@ def _sentences_on_gains(
     if conclusion.remedy not in shown_remedies:
         remedies.append(conclusion.remedy)
         shown_remedies.add(conclusion.remedy)
-    report = " ".join(str(fact) for fact in facts)
+    report = " ".join(str(_without_reason_above(fact, headline_above)) for fact in facts)
     return _sentences_on_axes(axes, report, remedies)
 
 
@@ -957,13 +977,25 @@ def _states_cause(decision: LoopDecision, fact: Fact) -> bool:
 
 
 def goal_sentences(tuning: Tuning) -> list[Sentence]:
-    """Returns the goal of the margins, and how many models of the vehicle reach it with the gains to set or to keep.
+    """Returns the goal of the margins, and at which thrust it is to hold; empty if no gains are advised or kept."""
+    if tuning.refusal is not None:
+        return []
+    return goal_of_margins(tuning.advice[0].target)
+
+
+def goal_of_margins(target: MarginTarget) -> list[Sentence]:
+    """Returns a goal of the margins, and at which thrust it is to hold."""
+    return render_section("tune_goal", target=target, deviation=_largest_checked_thrust_change())
+
+
+def goal_reached_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns how many models of the vehicle reach the goal of the margins with the gains to set or to keep.
 
     Args:
         tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
-        The sentences; empty if no gains are advised or kept.
+        The sentence; empty if no gains are advised or kept.
     """
     if tuning.refusal is not None:
         return []
@@ -971,23 +1003,22 @@ def goal_sentences(tuning: Tuning) -> list[Sentence]:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and not _has_doubtful_margins(tuning, axis):
             advice_by_axis[axis] = advice
-    return sentences_on_goal(advice_by_axis, tuning.advice[0].target)
+    return shares_with_goal(advice_by_axis)
 
 
-def sentences_on_goal(advice_by_axis: Mapping[str, Advice], target: MarginTarget) -> list[Sentence]:
-    """Returns the goal of the margins, and how many models of the vehicle reach it with the gains to set or to keep.
+def shares_with_goal(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
+    """Returns how many models of the vehicle reach the goal of the margins with the gains to set or to keep.
 
     Args:
         advice_by_axis: advice on the gains of each axis whose margins are known.
-        target: the goal.
     """
     shares_of_axes = {axis: _shares_with_goal(advice) for axis, advice in advice_by_axis.items()}
     axes_by_shares = group_by(shares_of_axes, shares_of_axes.__getitem__)
     return render_section(
-        "tune_goal",
-        target=target,
+        "tune_goal_reached",
         deviation=_largest_checked_thrust_change(),
         axes_by_shares=axes_by_shares,
+        has_new_gains=any(advice.parameters for advice in advice_by_axis.values()),
     )
 
 

@@ -49,8 +49,8 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_the_page_alone(
     page = (out / "tune.html").read_text()
     assert page.count('<figure class="chart"') == 16 and 'class="headline"' in page
     assert "Stage 1, rate P, I and D" in page and roll["stage"] == 1
-    # The files stand directly below the gains, before how to fly with them.
-    assert page.index('download="') < page.index("Next:")
+    # What to do stands first, then the gains with their files, then what they lead to.
+    assert page.index("Next:") < page.index('download="') < page.index("Goal reached")
     monkeypatch.setattr("mavdem.cli.tune.tune_page", Mock(return_value=""))
     assert run(*arguments) == 0
     # No gains of the run before remain.

@@ -467,20 +467,21 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert caution.text == fast.sentence_and_remedy
     outcome, overview = tune_overview(tuning, tuning_result(tuning))
     assert outcome.lead == "Roll: new gains." and overview.header[0] == "now → new"
-    assert [row[0] for row in overview.rows] == ["roll rate", "  attitude"]
-    phase_margin = overview.rows[0][1]
+    assert [row[0] for row in overview.rows] == ["goal", "roll rate", "  attitude"]
+    assert overview.rows[0] == ["goal", "≥ 45", "≥ 6", "≤ 2", ""]
+    phase_margin = overview.rows[1][1]
     assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
     # A page has the same of gains to load or to keep, a phone with the intervals below, and without spaces.
     result = tuning_result(tuning)
     # So has the axis of the headline, whose gains another flight is to confirm.
     kept, tried = margins_at_a_glance(tunings["sound"], tuning_result(tunings["sound"]))
-    assert tried.header[0] == "now → tried" and tried.rows[0][0] == "pitch rate"
-    assert kept.header[0] == "now" and kept.rows[1][0] == "roll attitude"
+    assert tried.header[0] == "now → tried" and tried.rows[1][0] == "pitch rate"
+    assert kept.header[0] == "now" and kept.rows[2][0] == "roll attitude"
     [expected] = margins_at_a_glance(tuning, result)
     assert [row[1:] for row in expected.rows] == [row[1:] for row in overview.rows]
     [on_phone] = expected.phone_tables
-    assert re.fullmatch(r"\d+→\d+", on_phone.rows[0][1])
-    interval = on_phone.rows[0][1].detail
+    assert re.fullmatch(r"\d+→\d+", on_phone.rows[1][1])
+    interval = on_phone.rows[1][1].detail
     assert re.fullmatch(r"\(.+ to .+\)", interval) and interval in phase_margin
     assert not margins_at_a_glance(tuning._replace(axes={"roll": NOT_STEERED}), result)
     # Doubtful margins are shown only of the axis that the headline names.
@@ -509,9 +510,9 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     opened = [title for is_open, title in chapters if is_open]
     assert opened[:2] == ["Step response", "Margins"] and "Open loops" not in opened
     assert chapters[0][1] == "Step response"
-    # The files of the gains stand directly below them, before how to fly with them.
+    # What to do stands above the gains, and the files of the gains directly below them.
     first_file = page.index(" download=")
-    assert page.index("rate P</th>") < first_file < page.index("<strong>Next:</strong>")
+    assert page.index("<strong>Next:</strong>") < page.index("rate P</th>") < first_file
     assert first_file < page.index("Step response</h2>") and page.count("To go back") == 1
     # Present and advised margins stand beside each other, with the steps that are predicted of both.
     assert page.index("roll, advised</th>") < page.index("rate: phase margin")

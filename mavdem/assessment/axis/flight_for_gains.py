@@ -12,6 +12,7 @@ from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision
 from mavdem.assessment.axis.lowered_gains import LOWERING, fact_and_contained_facts
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.rate_advice import names_setting, rate_advice
+from mavdem.dataset.signals import rate_between_outages
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.learnability import NotLearnableReason, Remedy
@@ -106,6 +107,27 @@ def flight_for_gains(
         rates=() if slowest is None else slowest.figures["rates"],
         least_rate=_least_log_rate(all_reasons),
     )
+
+
+def hover_with_lowered_gains(evidence: Evidence) -> Fact:
+    """Returns the advice on the first flight with gains that were lowered because the vehicle oscillated.
+
+    Nothing shows beforehand whether they are low enough. So a short hover comes before the doublets from which gains
+    are computed.
+
+    Args:
+        evidence: the log with its signals, and the autopilot's parameters.
+
+    Returns:
+        The fact ``HOVER_TO_TUNE``, with what to set so that attitude and rate are logged fast enough as ``also``.
+    """
+    attitude = evidence.signals.attitude
+    logging_steps: Facts = ()
+    if attitude is None or rate_between_outages(attitude.rate_series) < ADVISED_STREAM_RATE:
+        advice = rate_advice(evidence.signals.telemetry, components=evidence.log.components)
+        if names_setting(advice):
+            logging_steps = (_with_flight_stated(advice),)
+    return Fact(NextStep.HOVER_TO_TUNE, also=logging_steps)
 
 
 def is_removed_by_flight(reason: Fact) -> bool:

@@ -13,7 +13,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.assessment.axis.flight_for_gains import flight_for_gains
+from mavdem.assessment.axis.flight_for_gains import flight_for_gains, hover_with_lowered_gains
 from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.loops import controller_fault
@@ -83,6 +83,9 @@ class Tuning(NamedTuple):
     """Axes that were not requested, but whose gains the flight advises to lower, too."""
     flight_for_gains: Fact | None = None
     """The flight from which gains of more axes could be computed (:func:`flight_for_gains`); None if none is needed."""
+
+    hover_to_tune: Fact | None = None
+    """The first flight with gains that are lowered because the vehicle oscillates; None if it may fly as it is."""
 
     @property
     def has_computed_gains(self) -> bool:
@@ -247,6 +250,9 @@ def tune_loops(
         is_written=is_written,
         must_be_repaired=bool(reasons_of_vehicle),
     )
+    hover_to_tune = None
+    if gains_to_lower and judgement.headline.forbids_flight:
+        hover_to_tune = hover_with_lowered_gains(evidence)
     tuning = Tuning(
         axes=advice_by_axis,
         advice=advice_on_loops,
@@ -261,6 +267,7 @@ def tune_loops(
         gyro_cutoff=gyro_cutoff,
         axes_also_to_lower=also_to_lower,
         flight_for_gains=flight,
+        hover_to_tune=hover_to_tune,
     )
     return freeze(tuning)
 

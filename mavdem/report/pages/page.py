@@ -362,6 +362,9 @@ class Head(NamedTuple):
     """All gains with their present and new values, right below the headline, in the place of the table of ``changes``;
     None without."""
 
+    blocks_beside_gains: Sequence[Block] = ()
+    """Sentences and tables below the table of ``gains`` or, if none of them is to be loaded now, above it."""
+
     has_log: bool = True
     """Whether the page is of a log, any field of which can be plotted where the log is; not of a live session."""
 

@@ -28,6 +28,7 @@ from mavdem.report.loops import (
     compared_loops,
     field_sentences,
     forbids_flight,
+    goal_reached_sentences,
     goal_sentences,
     is_headline_of_tuning,
     level_of_summary,
@@ -134,16 +135,23 @@ def _render_tune_page(
     ]
     # A chapter that only points to the headline says nothing.
     chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
-    summary: Blocks = [*tune_summary(tuning, result), *margins_at_a_glance(tuning, result)]
-    summary += field_sentences(tuning)
-    summary += flight_sentences(assessment, has_headline_above=False)
+    summary: Blocks = [*tune_summary(tuning, result)]
+    blocks_beside_gains: Blocks = [*margins_at_a_glance(tuning, result)]
+    blocks_beside_gains += goal_reached_sentences(tuning)
+    blocks_beside_gains += field_sentences(tuning)
+    blocks_beside_gains += flight_sentences(assessment, has_headline_above=False)
     gains = gains_of_tuning(tuning, evidence, changes)
-    if gains is None and is_headline_of_tuning(tuning, result):
-        # Without the gains of the log, no table says what becomes of the gains of each axis.
-        summary += [Sentence(sentence.lead, "By axis:") for sentence in outcome_sentences(tuning)]
+    if gains is None:
+        summary += blocks_beside_gains
+        if is_headline_of_tuning(tuning, result):
+            # Without the gains of the log, no table says what becomes of the gains of each axis.
+            for sentence in outcome_sentences(tuning):
+                summary.append(Sentence(sentence.lead, "By axis:"))
     # The row of status lights (judgements of motors, power and others) is left out: this page is about the loops only.
     level = level_of_summary(tuning, result)
-    head = Head(level, lights={}, changes=changes, gains=gains)
+    head = Head(
+        level, lights={}, changes=changes, gains=gains, blocks_beside_gains=blocks_beside_gains
+    )
     return render_document(name, SUBTITLE, summary, chapters, head=head)
 
 
