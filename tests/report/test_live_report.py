@@ -297,7 +297,7 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
     landed = SessionStatus("1:1", flight_number=1, is_over=True, motor_alarms_of_flight=(loss,))
     account = dict.fromkeys(TimeUse, 0.0)
 
-    def page_with_verdict(text, levels=NOT_JUDGED_LEVELS):
+    def page_with_verdict(text, levels=NOT_JUDGED_LEVELS, outage=None):
         verdict = Fact(
             SessionFact.RECORDING_JUDGED,
             Level.BAD,
@@ -306,7 +306,7 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
             levels=levels,
             light_sentences={},
         )
-        status = replace(landed, recording_verdict=verdict)
+        status = replace(landed, recording_verdict=verdict, link_outage=outage)
         return live_page("udp", "roll", LiveHistory(), status, account, None)
 
     page = page_with_verdict(headline(loss.fact))
@@ -318,7 +318,11 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
     # Lights that change after the landing say why.
     basis = "These are of the whole recording."
     assert basis not in page
-    assert basis in page_with_verdict("Another fault.", dict.fromkeys(Light, "good"))
+    page = page_with_verdict("Another fault.", dict.fromkeys(Light, "good"))
+    assert basis in page and "is of the live session" not in page
+    # The page of the recording calls its log good.
+    page = page_with_verdict("Another fault.", dict.fromkeys(Light, "good"), outage=17.0)
+    assert "The lost link is of the live session, not of the recording." in page
 
 
 @mark.slow
