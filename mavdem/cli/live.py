@@ -453,7 +453,13 @@ def _follow_vehicle(
             model=paths.model if code == EXIT_DONE else None,
         )
         # The page is the last one of the server, which ends before the files are complete.
-        file_lines = written_file_lines(expected_paths, frame_count, is_for_browser=True)
+        is_flight_forbidden = _is_flight_forbidden(status)
+        file_lines = written_file_lines(
+            expected_paths,
+            frame_count,
+            is_for_browser=True,
+            is_flight_forbidden=is_flight_forbidden,
+        )
         dashboard.report(session, status, file_lines)
         resources.close()
         rrd_path, record_path = _written_recordings(paths, dashboard, recording)
@@ -472,7 +478,9 @@ def _follow_vehicle(
                 status,
                 seconds_by_use,
                 judged_model,
-                files=written_file_lines(written_paths, frame_count),
+                files=written_file_lines(
+                    written_paths, frame_count, is_flight_forbidden=is_flight_forbidden
+                ),
             )
             is_page_written = write_text(paths.page, page, "page")
         written_paths = replace(written_paths, page=paths.page if is_page_written else None)
@@ -834,6 +842,15 @@ def _report_results(
     return status
 
 
+def _is_flight_forbidden(status: SessionStatus) -> bool:
+    """Returns whether the verdict on some flight of a session forbids to fly before a repair.
+
+    Args:
+        status: The status of the session at its end.
+    """
+    return any(verdict.judgement.headline.forbids_flight for verdict in status.verdicts)
+
+
 def _print_conclusions(
     session: LiveSession,
     status: SessionStatus,
@@ -853,12 +870,12 @@ def _print_conclusions(
         status_lines: Prints the lines.
     """
     frame_count = 0 if recording is None else recording.frame_count
-    for line in written_file_lines(written_paths, frame_count):
+    is_flight_forbidden = _is_flight_forbidden(status)
+    for line in written_file_lines(
+        written_paths, frame_count, is_flight_forbidden=is_flight_forbidden
+    ):
         status_lines.print_conclusion(escape_unprintable(line), FILE_MARKER)
     advice = None if session.gain_adviser is None else session.gain_adviser.facts
-    is_flight_forbidden = any(
-        verdict.judgement.headline.forbids_flight for verdict in status.verdicts
-    )
     file_line = gain_file_line(advice or (), is_flight_forbidden=is_flight_forbidden)
     if file_line:
         status_lines.print_conclusion(escape_unprintable(file_line), FILE_MARKER)

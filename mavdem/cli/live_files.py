@@ -125,7 +125,11 @@ def _with_number(paths: Sequence[Path | None], number: int) -> list[Path | None]
 
 
 def written_file_lines(
-    paths: OutputPaths, frame_count: int, *, is_for_browser: bool = False
+    paths: OutputPaths,
+    frame_count: int,
+    *,
+    is_for_browser: bool = False,
+    is_flight_forbidden: bool = False,
 ) -> list[str]:
     """Returns a line for each file that a session has written, such as "Dashboard: a.rrd. Open it: `rerun a.rrd`".
 
@@ -134,6 +138,8 @@ def written_file_lines(
         frame_count: Messages in the recording of the raw stream.
         is_for_browser: Whether the lines are for the session's page in a browser. Terminals make a link of the URI of
             a file; browsers open no file from a page of a server, which may be on another computer.
+        is_flight_forbidden: whether the verdict on some flight of the session forbids to fly before a repair. The model
+            of a faulty vehicle is then not offered for the next flight.
     """
     lines = []
     if paths.record is not None:
@@ -147,7 +153,9 @@ def written_file_lines(
         lines.append(f"Page: {paths.page}. It has what this page shows, and the model.")
     elif paths.page is not None:
         lines.append(f"Page: {paths.page}. Open it: {paths.page.absolute().as_uri()}")
-    if paths.model is not None:
+    if paths.model is not None and is_flight_forbidden:
+        lines.append(f"Model: {paths.model}")
+    elif paths.model is not None:
         lines.append(
             f"Model: {paths.model}. For the next flight: `--prior {_shell_word(paths.model)}`"
         )

@@ -29,6 +29,9 @@ def test_each_written_file_has_a_line_with_what_opens_it():
         f"Page: f.html. Open it: {Path('f.html').absolute().as_uri()}",
         "Model: f.model.json. For the next flight: `--prior f.model.json`",
     ]
+    # The model of a vehicle that must not fly before a repair is no prior of its next flight.
+    *_, model_line = written_file_lines(paths, frame_count=12_345, is_flight_forbidden=True)
+    assert model_line == "Model: f.model.json"
     page_alone = OutputPaths(None, None, None, page=Path("f.html"))
     [line_of_page] = written_file_lines(page_alone, frame_count=0, is_for_browser=True)
     assert line_of_page == "Page: f.html. It has what this page shows, and the model."

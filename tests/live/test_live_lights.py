@@ -930,6 +930,15 @@ def test_a_light_whose_reason_has_no_short_form_has_its_first_clause(slow):
     assert figures["estimator"] == "nothing measures it"
 
 
+def test_the_error_of_a_good_tracking_is_shown_with_the_delay_that_it_leaves_out(slow):
+    """The terminal has 21 characters for it."""
+    figures = {"axis": "roll", "angle_error": np.radians(0.46), "rate_error": None}
+    for delay, figure in ((0.12, "0.46°, 0.12 s late"), (None, "roll to 0.46° (RMS)")):
+        follows = Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, delay=delay, **figures)
+        status = replace(slow, worst_lights={Light.TRACKING: follows})
+        assert brief_light_figures(status)[Light.TRACKING] == figure
+
+
 def test_the_lights_of_a_judged_recording_take_the_place_of_those_in_flight():
     unknown = Fact(Unjudged.NOT_JUDGED, reason=Fact(SessionFact.NOT_SETTLED))
     judged = unjudged(unknown)

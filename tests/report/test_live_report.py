@@ -205,7 +205,7 @@ def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_
     )
     history = LiveHistory()
     written = Fact(GainFact.GAINS_WRITTEN, path="f.gains.params", reason=reason)
-    for fact in (gains, written):
+    for fact in (Fact(GainFact.ADVICE_WAITS), gains, written):
         history.add_event(Event(9.0, fact, reception=0.0))
     over = SessionStatus("1:1", is_over=True, flight_number=3)
     account = dict.fromkeys(TimeUse, 0.0)
@@ -213,6 +213,8 @@ def test_gains_are_a_table_and_the_page_of_an_ended_session_names_its_files_and_
     page = live_page("udp", "roll", history, over, account, None, files=files)
     assert page.count("ATC_RAT_RLL_P") == 1 and "<td>0.722</td>" in page
     assert "ATC_RAT_RLL_I" not in page, "a gain that stays is not in the table"
+    chapter_on_gains = page.split('id="gains"')[1].split("<section")[0]
+    assert "0.722" in chapter_on_gains and "keeps up with the link" not in chapter_on_gains
     assert "plots of flight 3" in page
     assert "This session is over." in page and "<code>mavdem f.tlog</code>" in page
     # What to do and the lights come first.

@@ -1794,13 +1794,17 @@ def _events_on_gains(history: LiveHistory) -> list[Event]:
     Args:
         history: the events of the whole session, and the latest flight; the times of both are on one clock.
     """
-    events = []
+    events: list[Event] = []
     for event in history.events:
         is_about_gains = isinstance(event.fact.code, GainFact | LoopAction)
         # Such an event says only that gains are being computed, which is over when the page is written.
         says_that_gains_are_computed = event.fact.code is GainFact.ADVICE_AWAITED
         is_of_latest_flight = event.seconds >= history.flight.start
         if is_about_gains and is_of_latest_flight and not says_that_gains_are_computed:
+            # What comes later ends a postponement, which would contradict it.
+            events = [
+                earlier for earlier in events if earlier.fact.code is not GainFact.ADVICE_WAITS
+            ]
             events.append(event)
     return events
 
