@@ -21,6 +21,7 @@ from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
 from mavdem.experiments.useful_horizons import (
     MAX_USEFUL_RATIO,
     MAX_WORSE_SHARE,
+    HorizonUse,
     horizon_uses,
 )
 from mavdem.experiments.window import Window, disjoint_windows
@@ -58,14 +59,27 @@ class _TestedMethod(NamedTuple):
     """p-value of the paired test with its sign, such as "= 0.04"."""
 
 
+class _UselessHorizon(NamedTuple):
+    """The first horizon at which forecasts are not useful, and what tells why."""
+
+    seconds: str
+    """The horizon, with its unit."""
+
+    error_ratio: str
+    """Median error ratio there, as in the table."""
+
+    use: HorizonUse
+    """How the forecasts compare with the trivial ones there."""
+
+
 class _LongestUsefulHorizon(NamedTuple):
     """How far ahead forecasts are useful, and their root mean squared errors (RMSE) there."""
 
     seconds: str
     """The longest horizon, of those that were tried, up to which they are useful, with its unit."""
 
-    useless_seconds: str
-    """The next horizon that was tried, at which they are not useful; empty if they are useful at all."""
+    first_useless: "_UselessHorizon | None"
+    """The next horizon that was tried, at which they are not useful; None if they are useful at all."""
 
     output: str
     """Name of the first output, which the errors are of."""
@@ -310,7 +324,9 @@ def _longest_useful_horizon(
     first_useless = None
     for use in horizon_uses(comparison, reference, kind):
         if not use.is_useful:
-            first_useless = use
+            first_useless = _UselessHorizon(
+                _seconds_text(use.seconds), _short_number(use.error_ratio), use
+            )
             break
         longest_useful = use
     if longest_useful is None:
@@ -328,7 +344,7 @@ def _longest_useful_horizon(
         errors = [min(errors, key=float), max(errors, key=float)]
     return _LongestUsefulHorizon(
         seconds=_seconds_text(longest_useful.seconds),
-        useless_seconds="" if first_useless is None else _seconds_text(first_useless.seconds),
+        first_useless=first_useless,
         output=train.output_names[0],
         errors=errors,
         unit=number_with_unit("", unit.name),

@@ -261,8 +261,8 @@ def test_the_headline_names_the_default_and_by_how_much_it_is_better_or_first_wo
     """The report marks mavdem's default, and begins with how far ahead it is useful, and what it loses to."""
     text = plain_text(comparison_report(predicted))
     expected = (
-        "Forecasts by joint VAR (Bayesian), mavdem's default, are useful to at least 1.5 s "
-        "(RMSE of output 1 0.11 and 0.064) with inputs known"
+        "With inputs known, forecasts by joint VAR (Bayesian), mavdem's default, are useful to at "
+        "least 1.5 s (RMSE of output 1 0.11 and 0.064). With inputs unknown, they are useful "
     )
     assert " ".join(text.split()).startswith(expected) and "\njoint VAR (Bayesian) *" in text
     assert_headline_repeats_the_table(predicted)

@@ -260,13 +260,12 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
         A sentence such as "In B: motor 1 lost about 25 % of its thrust with probability 0.87."; two if both logs have
         the same level for different reasons.
     """
-    sides_by_sentence = dict[str, list[str]]()
+    sides_by_clause = dict[str, list[str]]()
     for side, light in lights_in_heading(lights_by_side).items():
         flight = _flight_in_heading(side, light)
-        sides_by_sentence.setdefault(light["sentence"], []).append(flight)
+        sides_by_clause.setdefault(_heading_clause(light["sentence"]), []).append(flight)
     headings = list[Sentence]()
-    for sentence, sides in sides_by_sentence.items():
-        clause = _heading_clause(sentence)
+    for clause, sides in sides_by_clause.items():
         headings += render_section("difference_answer", sides=sides, clause=clause)
     return " ".join(heading.text for heading in headings)
 

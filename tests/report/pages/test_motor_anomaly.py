@@ -296,6 +296,10 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     assert (
         light_heading(lights) == "In 1 of 3 flights of A: motor 1 is weak. In B: motor 2 is weak."
     )
+    # Flights with the same clause share it, though the figures after it differ.
+    lights["B"]["sentence"] = "Motor 1 is weak: 12 %."
+    (clause_of_both,) = light_heading(lights).split(". ")
+    assert clause_of_both == "In 1 of 3 flights of A and B: motor 1 is weak."
     light["levels"] = ["bad", "unknown", "bad"]
     assert light_heading({"A": light}) == "In the last of 3 flights of A: motor 1 is weak."
     assert "agrees" not in " ".join(
