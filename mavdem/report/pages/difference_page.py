@@ -310,7 +310,7 @@ def _chapters(
     if not is_motor_first:
         later_chapters.append(motor_chapter._replace(folded=True))
     margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
-    later_chapters.append(margins._replace(folded=not do_loops_differ))
+    later_chapters.append(margins._replace(folded=not _has_changed_loop(reviewed.difference)))
     later_chapters += parameter_chapters
     return [
         *first_chapters,
@@ -353,9 +353,15 @@ def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
     Args:
         reviewed: comparison of both flights, which knows the axes with other gains.
     """
-    changes = reviewed.difference.changes_with(QuantityOutcome.CHANGED)
-    has_changed_loop = any(change.quantity.kind in LOOP_KINDS for change in changes)
-    return has_changed_loop or bool(reviewed.difference.axes_with_changed_loops)
+    return _has_changed_loop(reviewed.difference) or bool(
+        reviewed.difference.axes_with_changed_loops
+    )
+
+
+def _has_changed_loop(difference: VehicleDifference) -> bool:
+    """Returns whether a compared figure of a loop, such as a margin, changed."""
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    return any(change.quantity.kind in LOOP_KINDS for change in changes)
 
 
 def _does_flight_differ(reviewed: ReviewedDifference) -> bool:
@@ -565,7 +571,10 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
         if change not in changes_in_drawing and not reviewed.motors.covers(change):
             other_changes.append(change)
     blocks += unchanged_quantity_sentences(other_changes)
-    return Chapter("What changed", blocks, groups)
+    title = "What changed"
+    if not difference.changes_with(QuantityOutcome.CHANGED):
+        title = "Compared figures: no certain difference"
+    return Chapter(title, blocks, groups)
 
 
 def _caption_of_changes(

@@ -57,6 +57,7 @@ from mavdem.report.fleet import motor_next_step
 from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
     SIDE_COLOURS,
+    _change_chapter,
     _motor_groups,
     _overview_titles,
     _parameter_chapters,
@@ -374,7 +375,9 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     states = [
         [flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1)
     ]
-    (table,) = undetected_change_table(reviewed_difference(vehicle_difference(*states)))
+    reviewed = reviewed_difference(vehicle_difference(*states))
+    assert _change_chapter(reviewed).title == "Compared figures: no certain difference"
+    (table,) = undetected_change_table(reviewed)
     trims, *_ = table.rows
     assert trims[0] == "relative trim of motors 1, 2, 3 and 4"
     # The quantities may be uncertain: they are not called alike.
