@@ -347,8 +347,10 @@ class StatusLines:
             return
         # Whether a vehicle on the ground may take off depends on its earlier flights, which the next step considers.
         has_remedy = fact.code is not SessionFact.NOT_FLYING
-        # The next step is not printed again where the event has just advised the same.
-        self._advised_text = fact.remedy if has_remedy else ""
+        # The next step is not printed again where the event has just advised the same. After an alarm it is, so that
+        # whoever reads these lines alone never has an older step as the latest one.
+        states_step = has_remedy and not event.is_alarm
+        self._advised_text = fact.remedy if states_step else ""
         if fact.code not in UNPRINTED_STATES:
             line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
             self._print(line, style_of_facts(fact))

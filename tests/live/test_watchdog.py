@@ -1300,6 +1300,11 @@ def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys)
     assert printed.count("s  WARNING Link lost 5 s ago, in flight") == 2
     lines.show_status(silent)
     assert "NEXT" not in capsys.readouterr().out, "the warning has said it"
+    # After an alarm it is printed all the same: it is the latest step of who reads these lines alone.
+    lines.print_event(Event(4.0, Fact(SessionFact.ALARM, reason=alarm), reception=0.0))
+    assert "ALARM" in capsys.readouterr().out
+    lines.show_status(alarmed)
+    assert "NEXT Land now." in capsys.readouterr().out
 
 
 def test_a_status_below_earlier_lines_keeps_all_lights_and_has_the_next_step_below(
