@@ -18,7 +18,12 @@ from mavdem.assessment.axis.margins import (
     stability_margins_by_axis,
 )
 from mavdem.assessment.axis.overrides import flight_overrides
-from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
+from mavdem.assessment.axis.tracking import (
+    MODES_WITHOUT_ANGLE_SETPOINT,
+    AttitudeGain,
+    attitude_gain,
+    tracking_of_axes,
+)
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.time_history import TimeHistory, time_history
@@ -38,6 +43,7 @@ from mavdem.facts import Code, Fact, Facts, NamedFacts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
+from mavdem.facts.margins import TrackingLight
 from mavdem.facts.sources import Repair
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -144,8 +150,34 @@ class Evidence:
     @cached_property
     def tracking(self) -> NamedFacts:
         """How roll, pitch and yaw follow their setpoints, by axis, in modes that have setpoints of the angles."""
-        excluded_modes = EXCITATION_MODES | MODES_WITHOUT_ANGLE_SETPOINT
-        return tracking_of_axes(self.signals, self.settled_segments(excluded_modes))
+        return tracking_of_axes(self.signals, self._segments_with_angle_setpoint)
+
+    @cached_property
+    def _segments_with_angle_setpoint(self) -> Segments:
+        """Settled flight in modes that have setpoints of the angles, and in which the autopilot excites nothing."""
+        return self.settled_segments(EXCITATION_MODES | MODES_WITHOUT_ANGLE_SETPOINT)
+
+    def amplifying_attitude_gain(self, axis: str) -> AttitudeGain | None:
+        """Returns the measured gain |T| of an attitude that moves further than its setpoint, as its tracking says.
+
+        Args:
+            axis: "roll" or "pitch".
+
+        Returns:
+            The gain; None for an axis that does not amplify its setpoint.
+        """
+        tracking = self.tracking.get(axis)
+        if tracking is None or tracking.code is not TrackingLight.AMPLIFIES_SETPOINT:
+            return None
+        signals = self.signals.for_axis(axis)
+        # Only angles with a setpoint are compared with it.
+        assert signals.angle_setpoint is not None
+        assert signals.attitude is not None
+        return attitude_gain(
+            signals.angle_setpoint,
+            signals.attitude.angle_series,
+            self._segments_with_angle_setpoint,
+        )
 
     @cached_property
     def identified_loops(self) -> LoopsByAxis:

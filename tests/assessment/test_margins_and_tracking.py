@@ -45,6 +45,7 @@ from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.loops.resonance import Resonance
+from mavdem.report.charts.flight_charts import attitude_gain_chart
 from mavdem.wind_velocity.from_log import WindEvidence
 
 HOVER = Hover(hovering=40.0)
@@ -360,10 +361,18 @@ def test_overshoot_is_that_of_the_measured_step_response():
 
 @mark.slow
 def test_a_resonance_without_a_step_response_is_not_called_overshoot():
-    light = tracking_light(evidence_of_steps(HOVER, 0.2))
+    tracking = evidence_of_steps(HOVER, 0.2)
+    light = tracking_light(tracking)
     assert (light.code, light.level) == (TrackingLight.AMPLIFIES_SETPOINT, "watch")
     assert light.figures["overshoot"] is None
     assert light.sentence.startswith("Roll moves 2 times as far as its setpoint at 1.2 Hz; without")
+    # The chart of that gain shows this peak. An axis that follows has none.
+    gain = tracking.amplifying_attitude_gain("roll")
+    [measured] = attitude_gain_chart("roll", gain, None).lines
+    assert measured.y.max() == light.figures["ratio"]
+    assert measured.x[measured.y.argmax()] == light.figures["frequency"]
+    assert (measured.lower_edge < measured.y).all() and (measured.lower_edge > 0).all()
+    assert tracking.amplifying_attitude_gain("pitch") is None
 
 
 @mark.slow

@@ -123,6 +123,25 @@ class _ErrorsAtBestDelay(NamedTuple):
     """The delay, s; None if the smallest error is at an end of the ``DELAYS``, so that it is not measured."""
 
 
+class AttitudeGain(NamedTuple):
+    """Gain |T| from the setpoint of an angle to the angle, at the U frequencies at which the flight shows it."""
+
+    frequency: Array
+    """Frequencies (U,), Hz, ascending."""
+    gain: Array
+    """Amplitude of the angle over the amplitude of the setpoint (U,)."""
+    coherence: Array
+    """Coherence of angle and setpoint (U,), from ``MIN_COMPARED_COHERENCE`` to 1."""
+    windows: int
+    """Number of windows from which the spectra were averaged."""
+
+    @property
+    def half_width(self) -> Array:
+        """Half width (U,) of the gain's 90 % interval (:attr:`ResponsePeak.lowest_ratio` has the formula)."""
+        variance = (1 - self.coherence) / (2 * self.windows * self.coherence)
+        return np.asarray(self.gain * coverage_factor() * np.sqrt(variance))
+
+
 class ResponsePeak(NamedTuple):
     """The largest response of an angle to its setpoint, over all frequencies at which the two are coherent."""
 
@@ -607,7 +626,32 @@ def _errors_in_segment(setpoint: TimeSeries, response: TimeSeries, delays: Array
 def _response_peak(
     setpoint: TimeSeries, angle: TimeSeries, segments: Segments
 ) -> ResponsePeak | None:
-    """Returns the largest response of the angle to its setpoint by frequency, from Welch spectra.
+    """Returns the largest response of the angle to its setpoint by frequency (:func:`attitude_gain`).
+
+    Args:
+        setpoint: setpoint of the angle, rad.
+        angle: the response, rad.
+        segments: segments of the flight that are judged.
+
+    Returns:
+        The peak; None if the setpoint moves at no frequency at which the angle is coherent with it.
+    """
+    response = attitude_gain(setpoint, angle, segments)
+    if response is None:
+        return None
+    peak_index = np.argmax(response.gain)
+    return ResponsePeak(
+        ratio=response.gain[peak_index],
+        frequency=response.frequency[peak_index],
+        coherence=response.coherence[peak_index],
+        windows=response.windows,
+    )
+
+
+def attitude_gain(
+    setpoint: TimeSeries, angle: TimeSeries, segments: Segments
+) -> AttitudeGain | None:
+    """Returns the gain |T| from the setpoint of an angle to the angle, from Welch spectra.
 
     Only frequencies are used at which the setpoint has at least ``MIN_PEAK_DRIVER_FRACTION`` of its largest power, and
     the angle is coherent with it (``MIN_COMPARED_COHERENCE``). At others the ratio is determined by wind and noise.
@@ -618,7 +662,7 @@ def _response_peak(
         segments: segments of the flight that are judged.
 
     Returns:
-        The peak; None if the setpoint moves at no frequency at which the angle is coherent with it.
+        The gain; None if the setpoint moves at no frequency at which the angle is coherent with it.
     """
     estimate = welch_spectra((setpoint, angle), segments, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
     if estimate is None:
@@ -630,11 +674,9 @@ def _response_peak(
     is_usable = is_above_zero & is_excited & is_coherent
     if not is_usable.any():
         return None
-    gains = np.where(is_usable, abs(estimate.response), 0.0)
-    peak_index = np.argmax(gains)
-    return ResponsePeak(
-        ratio=gains[peak_index],
-        frequency=estimate.frequency[peak_index],
-        coherence=estimate.coherence[peak_index],
+    return AttitudeGain(
+        frequency=estimate.frequency[is_usable],
+        gain=abs(estimate.response[is_usable]),
+        coherence=estimate.coherence[is_usable],
         windows=estimate.windows,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.axis.responses import NO_STEPS, LoopResponse, Responses, StepsByLoop
+from mavdem.assessment.axis.tracking import AttitudeGain
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget
 from mavdem.loops.filters import gyro_response
@@ -155,6 +156,36 @@ def _gain_chart(title: str, response: LoopResponse, measured_response: StepRespo
     title_of_gain = f"{title}: |T|"
     return Chart(
         title_of_gain, FREQUENCY, CLOSED_LOOP_GAIN, lines, levels=(1.0,), group=title_of_gain
+    )
+
+
+def attitude_gain_chart(axis: str, measured: AttitudeGain, identified: Loop | None) -> Chart:
+    """Returns the chart of the gain |T| from the setpoint of an angle to the angle, measured and identified.
+
+    Args:
+        axis: "roll" or "pitch".
+        measured: the gain where the flight shows it.
+        identified: the identified loops of the axis, without feed-forward; None if they are not known.
+    """
+    # The axis is logarithmic, so that the lower end of the band must stay above zero.
+    low = np.maximum(measured.gain - measured.half_width, measured.gain / MIN_GAIN_RATIO)
+    high = measured.gain + measured.half_width
+    lines = [Line("measured", MEASURED, measured.frequency, measured.gain, low, high)]
+    if identified is not None:
+        loop = identified.attitude
+        gain = np.interp(measured.frequency, loop.frequency, abs(loop.closed_loop_of_estimate))
+        lines.append(
+            Line("identified", PREDICTED, measured.frequency, gain, style=LineStyle.DASHES)
+        )
+    title = f"{axis.capitalize()} attitude: |T|"
+    return Chart(
+        title,
+        FREQUENCY,
+        CLOSED_LOOP_GAIN,
+        tuple(lines),
+        levels=(1.0,),
+        group=title,
+        caption="Measured where angle and setpoint are coherent; identified without feed-forward.",
     )
 
 

@@ -20,7 +20,7 @@ from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Chart, Group, Note, Panel
-from mavdem.report.charts.flight_charts import loop_charts, step_charts
+from mavdem.report.charts.flight_charts import attitude_gain_chart, loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
 from mavdem.report.gain_changes import GainChanges, gain_changes, gains_in_tables
 from mavdem.report.gain_overview import GainOverview, gain_overview
@@ -73,11 +73,14 @@ COLOUR_MEANINGS = {
 NAMES_OF_NEW_GAINS = ("new", "new gains")
 """Names of the lines of new gains in charts."""
 
-GAIN_MEANING = "|T| is the gain of the closed rate loop over frequency."
-"""What the caption adds if the gain of a rate loop is drawn, too."""
+GAIN_MEANING = "|T| is the gain of the closed loop over frequency."
+"""What the caption adds if the gain of a loop is drawn, too."""
 
 GAIN_PANEL = "gain"
 """Name of the chart of that gain among those of the loops, which have the names of these."""
+
+ATTITUDE_GAIN_PANEL = "attitude gain"
+"""Name of the chart of an attitude's gain over frequency, for an axis that moves further than its setpoint."""
 
 
 def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
@@ -263,7 +266,8 @@ def _caption_of_step_chapter(
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
     """
     caption = _step_caption(panels) + feedforward_remark(responses)
-    if any(GAIN_PANEL in panels_by_name for panels_by_name in panels.values()):
+    drawn_names = {name for panels_by_name in panels.values() for name in panels_by_name}
+    if not drawn_names.isdisjoint({GAIN_PANEL, ATTITUDE_GAIN_PANEL}):
         caption = f"{caption} {GAIN_MEANING}"
     if any(has_fit(response) for loops in responses.values() for response in loops.values()):
         caption = f"{caption} {FIT_MEANING}"
@@ -312,7 +316,8 @@ def _step_panels(
     Below each step a line says whether it was measured, and whether model and flight agree.
 
     A loop without a measured response and without an identified model has no chart. A measured rate loop also has the
-    chart of its gain, measured and predicted. It comes last, so that the charts of several axes are aligned.
+    chart of its gain, measured and predicted. So has an attitude that moves further than its setpoint. Gains come last,
+    so that the charts of several axes are aligned.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -343,6 +348,10 @@ def _step_panels(
         _, gain_chart = step_charts({axis: {"rate": rate_response}})[axis]
         caption = gain_caption(rate_response.compared)
         panels[GAIN_PANEL] = [gain_chart._replace(caption=caption)]
+    measured_gain = assessment.evidence.amplifying_attitude_gain(axis)
+    if measured_gain is not None:
+        identified = advice.before if isinstance(advice, Advice) else None
+        panels[ATTITUDE_GAIN_PANEL] = [attitude_gain_chart(axis, measured_gain, identified)]
     if isinstance(advice, Advice) and not advice.is_sound:
         return {name: _with_tried_gains(charts) for name, charts in panels.items()}
     return panels
@@ -384,7 +393,7 @@ def _with_notes(
     panels: dict[str, dict[str, Sequence[Panel]]] = {}
     for axis, charts_of_axis in charts.items():
         panels[axis] = {}
-        for name in (*LOOP_NAMES, GAIN_PANEL):
+        for name in (*LOOP_NAMES, GAIN_PANEL, ATTITUDE_GAIN_PANEL):
             response = responses[axis].get(name)
             if name in charts_of_axis:
                 panels[axis][name] = charts_of_axis[name]
