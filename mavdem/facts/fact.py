@@ -165,7 +165,7 @@ class Fact:
 
     @property
     def advises_only_flight(self) -> bool:
-        """Whether another flight is all that it advises to do, such as one with doublets."""
+        """Whether the remedy of the fact is another flight, such as one with doublets, and nothing else."""
         return bool(self.remedy) and not self.without_flight_advice.remedy
 
     @property

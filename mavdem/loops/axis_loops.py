@@ -52,8 +52,8 @@ class MarginTarget(NamedTuple):
     """Largest maximum sensitivity."""
 
     @property
-    def largest_gain(self) -> float:
-        """Largest gain |L| of a loop with this gain margin where its phase is −180°."""
+    def largest_gain_at_crossover(self) -> float:
+        """Largest gain |L| at a phase of −180° that leaves the gain margin, such as 0.5 for a margin of 6 dB."""
         return float(10 ** (-self.gain_margin / DECIBELS_PER_DECADE))
 
 
@@ -128,9 +128,9 @@ class Loop(Margins):
         return max(rates, default=None)
 
     def is_logged_too_slowly(self, target: MarginTarget) -> bool:
-        """Returns whether the log is too slow to say surely that the margins are reached, whatever their intervals are.
+        """Returns whether the log is too slow to be sure that the loops have their margins.
 
-        There are two cases:
+        There are two cases, in which even narrow intervals of the margins do not help:
 
         - The rate loop crosses over so near to the rate of the log that few samples show the phase there.
         - Its phase reaches −180° beyond the Nyquist frequency, and the gain there may exceed what the gain margin
@@ -144,12 +144,13 @@ class Loop(Margins):
         if LoopFact.CROSSOVER_FAST in codes:
             return True
         return (
-            LoopFact.GAIN_MARGIN_EXTRAPOLATED in codes and self._unseen_gain > target.largest_gain
+            LoopFact.GAIN_MARGIN_EXTRAPOLATED in codes
+            and self._largest_gain_beyond_nyquist > target.largest_gain_at_crossover
         )
 
     @property
-    def _unseen_gain(self) -> float:
-        """Largest gain |L| of the rate loop beyond the Nyquist frequency of the record: its 95 % quantile."""
+    def _largest_gain_beyond_nyquist(self) -> float:
+        """Largest gain |L| of the rate loop above the Nyquist frequency of the record (95 % quantile of its draws)."""
         is_unseen = self.rate.frequency >= 0.5 / self.record.dt
         largest_gains = np.abs(self.rate.response[:, is_unseen]).max(axis=1, initial=0.0)
         return float(np.quantile(largest_gains, INTERVAL_QUANTILES[1]))
@@ -396,12 +397,15 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         ms=weaker_loop.ms,
         ms_interval=weaker_loop.ms_interval,
         is_log_slow=is_log_slow,
-        unseen_from=_nyquist_frequency_if_exceeded(loop) if weaker_name == "rate" else None,
+        unseen_from=_nyquist_frequency_below_gain_margin(loop) if weaker_name == "rate" else None,
     )
 
 
-def _nyquist_frequency_if_exceeded(loop: Loop) -> float | None:
-    """Returns the Nyquist frequency of the record, Hz, if the gain margin of the rate loop is beyond it; else None."""
+def _nyquist_frequency_below_gain_margin(loop: Loop) -> float | None:
+    """Returns the Nyquist frequency of the record, Hz, if the rate loop reaches −180° only above it; otherwise None.
+
+    The gain margin is read at −180°, so that it is then extrapolated by the model of the loop.
+    """
     for caution in loop.cautions:
         if caution.code is LoopFact.GAIN_MARGIN_EXTRAPOLATED:
             return float(caution.figures["rate"])

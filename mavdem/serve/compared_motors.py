@@ -139,10 +139,10 @@ def level_compared_with_fleet_sql(column: str) -> str:
     )
 
 
-def motors_level_sql() -> str:
-    """Returns the SQL expression of the level of the motors that is shown.
+def shown_motors_level_sql() -> str:
+    """Returns the SQL expression for the level of a flight's motors that is shown, such as "good" or "unknown".
 
-    It is the SQL of :func:`entry_awaiting_comparison` and of :func:`entry_compared_with_fleet`.
+    It does in SQL the same as :func:`entry_awaiting_comparison` and of :func:`entry_compared_with_fleet`.
     """
     compared_level = level_compared_with_fleet_sql("motors")
     is_preliminary = f"motors = '{Level.GOOD}' and {AWAITS_COMPARISON_SQL}"

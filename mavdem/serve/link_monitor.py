@@ -703,7 +703,7 @@ class LinkMonitor:
         except Refusal:
             # Somebody has deleted the recording; the page stays as it is.
             return flight
-        (verdict,) = self._present_verdicts([entry])
+        (verdict,) = self._verdicts_on_recordings([entry])
         if verdict == flight.verdict:
             return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
@@ -720,7 +720,7 @@ class LinkMonitor:
             )
         return judged_flight
 
-    def _present_verdicts(self, entries: Sequence[LibraryEntry]) -> list[Fact]:
+    def _verdicts_on_recordings(self, entries: Sequence[LibraryEntry]) -> list[Fact]:
         """Returns the verdicts on recordings by their logs and by comparison with the vehicle's other flights.
 
         The comparison may show a loss of thrust that the log alone does not show. It is made a moment after the log was
@@ -1068,7 +1068,7 @@ class LinkMonitor:
             name_in_logs: name by which logs of this vehicle are recognised; empty if another one may have flown them.
         """
         flights = []
-        for entry, verdict in zip(entries, self._present_verdicts(entries), strict=True):
+        for entry, verdict in zip(entries, self._verdicts_on_recordings(entries), strict=True):
             flight = _StoredFlight.of_entry(entry, vehicle)
             flights.append(flight._replace(verdict=verdict, name_in_logs=name_in_logs))
         return flights

@@ -333,7 +333,7 @@ class Pages:
                 is_compared=is_compared,
                 has_baseline=entry.vehicle in self._library.baseline_vehicles(),
                 follows_verdict=not vehicle,
-                first_vehicle=self._first_vehicle(entry, html, vehicle),
+                first_vehicle=self._vehicle_on_first_page(entry, html, vehicle),
                 files=entry.file_names if is_stored else [],
                 missing=RecordingRequests(self._library).missing_names(entry),
                 can_open=self._has_viewer and has_recording and values["may_read"],
@@ -341,7 +341,7 @@ class Pages:
             )
         )
 
-    def _first_vehicle(self, entry: LibraryEntry, page: str, vehicle: str) -> str:
+    def _vehicle_on_first_page(self, entry: LibraryEntry, page: str, vehicle: str) -> str:
         """Returns the ids of system and component, such as "2:1", of the vehicle on the first page of a log.
 
         Args:

@@ -105,7 +105,7 @@ def flight_for_gains(
         also=logging_steps,
         names=() if slowest is None else slowest.figures["names"],
         rates=() if slowest is None else slowest.figures["rates"],
-        least_rate=_least_log_rate(all_reasons),
+        least_rate=_log_rate_for_all_loops(all_reasons),
     )
 
 
@@ -163,7 +163,8 @@ def _facts_and_contained_facts(groups: Iterable[Facts]) -> list[Fact]:
 def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) -> Facts:
     """Returns why this log gives no gains for an axis, or only doubtful ones, as facts (coded findings).
 
-    Doubtful are gains that stay although their margins are not sure, by an estimate that wind biases or a slow log.
+    Gains are doubtful if they stay although their margins are uncertain, because wind biases the estimate or the log is
+    slow.
 
     Args:
         evidence: the identified loops, or why they are not known.
@@ -177,7 +178,7 @@ def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) 
     if isinstance(advice, Advice):
         if advice.refusals or advice.parameters:
             return advice.refusals
-        return () if advice.rating.is_good else _limits_of_margins(advice)
+        return () if advice.rating.is_good else _causes_of_uncertain_margins(advice)
     loop_or_reason = evidence.loops[axis]
     if isinstance(loop_or_reason, Fact):
         return (advice, loop_or_reason)
@@ -185,18 +186,22 @@ def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) 
     return (advice,)
 
 
-def _limits_of_margins(advice: Advice) -> Facts:
-    """Returns what makes the margins of kept gains unsure, such as a slow log, as the cautions of their loop.
+def _causes_of_uncertain_margins(advice: Advice) -> Facts:
+    """Returns why the margins of an axis are uncertain: wind biases the identified loop, or the log is too slow for it.
 
     Args:
-        advice: the advice on an axis, whose margins are not surely good.
+        advice: the advice on the axis, to keep its gains although its margins are not surely good.
+
+    Returns:
+        The cautions of the loop that say so, as facts (coded findings); empty if there is no such cause.
     """
-    limits = []
+    causes = []
     for caution in advice.before.cautions:
-        is_slow_log = caution.code in SLOW_LOG and advice.rating.figures["is_log_slow"]
-        if caution.code is LoopFact.EFFECT_BIASED or is_slow_log:
-            limits.append(caution)
-    return tuple(limits)
+        # A log may be slow and still show whether this axis has its margins.
+        is_log_too_slow = caution.code in SLOW_LOG and advice.rating.figures["is_log_slow"]
+        if caution.code is LoopFact.EFFECT_BIASED or is_log_too_slow:
+            causes.append(caution)
+    return tuple(causes)
 
 
 def _lowers_gains(decision: LoopDecision | None) -> bool:
@@ -286,11 +291,12 @@ def _slowest_messages(reasons: Iterable[Fact]) -> Fact | None:
     return min(slow_facts, key=lambda fact: min(fact.figures["rates"]), default=None)
 
 
-def _least_log_rate(reasons: Iterable[Fact]) -> float | None:
-    """Returns the rate of the log, Hz, that the margins of all loops need; None if it was fast enough for each.
+def _log_rate_for_all_loops(reasons: Iterable[Fact]) -> float | None:
+    """Returns how fast the next log must be to show the margins of all loops, Hz; None if this log is fast enough.
 
     Args:
-        reasons: why axes get no gains, as facts (coded findings). Those of ``SLOW_LOG`` state the rate for one loop.
+        reasons: why axes get no gains, as facts (coded findings). If the log was too slow for a loop, one of them has
+            the rate that this loop needs as its figure ``least_rate``, Hz.
     """
     rates = [fact.figures["least_rate"] for fact in reasons if fact.code in SLOW_LOG]
     return max(rates, default=None)

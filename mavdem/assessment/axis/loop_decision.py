@@ -575,8 +575,8 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
-    if not good_facts and margins.unsure_margins is not None:
-        return _decision_on_slow_log(margins, margins.unsure_margins)
+    if not good_facts and margins.margins_by_slow_log is not None:
+        return _decision_on_slow_log(margins, margins.margins_by_slow_log)
     if not good_facts:
         return _decision_without_margins(observations)
     # A fact (a coded finding) on the margins themselves comes before one on the measured response.
@@ -598,7 +598,7 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
 
 
 def _decision_on_slow_log(margins: AxisMargins, loop_fact: Fact) -> LoopDecision:
-    """Returns the decision on an axis whose loop has its margins by the estimate, but by a log that is too slow for it.
+    """Returns the decision on an axis that seems to have its margins, but whose log is too slow to be sure of them.
 
     Args:
         margins: margins of the axis.

@@ -144,18 +144,20 @@ def identified_loop_or_reason(
 
 
 def controller_fault(signals: Signals, loop_or_reason: Loop | Fact) -> Fact | None:
-    """Returns what the logged parameters lack of an axis' controller or mixer, so that no flight leads to its gains.
+    """Returns why the logged parameters do not describe the controller or mixer of an axis, if they do not.
+
+    Without this description no gains can be computed, whatever is flown.
 
     Args:
         signals: logged time series of the vehicle for the axis, with its parameters.
         loop_or_reason: the loop of the axis, or the fact (coded finding) why it is not known.
 
     Returns:
-        The fact, for example that the firmware is too old; None if the parameters describe the controller.
+        The fact, for example that the firmware is too old; None if the parameters describe both.
     """
     if isinstance(loop_or_reason, Fact) and isinstance(loop_or_reason.code, ControllerFact):
         return loop_or_reason
-    # A single weight stands for any mixer.
+    # Only the controller's parameters are checked here, so that any mixer will do: one motor of weight 1.
     any_mixer = (1.0,)
     try:
         controller_from_parameters(signals.telemetry.parameters, signals.axis, any_mixer)

@@ -95,10 +95,10 @@ class AxisMargins:
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
 
     @cached_property
-    def unsure_margins(self) -> Fact | None:
-        """The fact about the margins of the identified loop if its log is too slow to be sure of them; otherwise None.
+    def margins_by_slow_log(self) -> Fact | None:
+        """The fact about margins that the identified loop seems to have, but by a log that is too slow to be sure.
 
-        By the estimate the loop has its margins. The fact is none of :attr:`facts`, since its level is "unknown".
+        None in other cases. Its level is "unknown", so that :attr:`facts` do not include it.
         """
         margin_fact = self._margin_fact()
         if margin_fact is None or margin_fact.code is not MarginsLight.LOOP_MARGINS:

@@ -50,10 +50,11 @@ class LoopResponse(NamedTuple):
 
     @property
     def is_step_doubtful(self) -> bool:
-        """Whether the step of ``measured`` is doubtful; False if there is none.
+        """Whether the step response in ``measured`` is doubtful; False if no step could be measured.
 
-        A measured step is so for itself (``StepResponse.is_doubtful``), that of the identified loop if the measured
-        gain of the loop contradicts it.
+        A measured step may be doubtful by itself (``StepResponse.is_doubtful``). A step that is
+        taken from the identified loop, since the rate is too fast for its messages, is doubtful if the measured gain
+        contradicts that loop.
         """
         if isinstance(self.measured, Fact):
             return False

@@ -260,29 +260,30 @@ def _step_to_keep_or_confirm_gains(
         - ``can_go_on``: whether ``mavdem tune --more`` can compute other gains for all of them;
         - ``least_rate``: rate of messages, Hz, that their loops need, if this log is slower; otherwise None.
     """
-    uncertain_loops = []
-    loops_of_few_models = []
-    needed_rates = []
+    uncertain_axes = []
+    conclusions_on_few_models = []
+    needed_log_rates = []
     for advice in advice_on_loops:
         is_log_slow = advice.rating.figures["is_log_slow"]
-        if advice.sure < SURE_SHARE:
-            loops_of_few_models.append(advice)
-        if advice.sure < SURE_SHARE or is_log_slow:
-            uncertain_loops.append(advice)
+        reaches_goal_in_few_models = advice.sure < SURE_SHARE
+        if reaches_goal_in_few_models:
+            conclusions_on_few_models.append(advice.conclusion)
+        if reaches_goal_in_few_models or is_log_slow:
+            uncertain_axes.append(advice.before.axis)
         if is_log_slow and advice.before.least_log_rate is not None:
-            needed_rates.append(advice.before.least_log_rate)
+            needed_log_rates.append(advice.before.least_log_rate)
     # Other gains reach the goal in more models, but do not make a slow log faster.
-    is_log_slow_alone = bool(uncertain_loops) and not loops_of_few_models
-    conclusions = [advice.conclusion for advice in loops_of_few_models]
-    names = tuple(advice.before.axis for advice in uncertain_loops)
+    is_slow_log_only_cause = bool(uncertain_axes) and not conclusions_on_few_models
+    can_compute_other_gains = all(
+        conclusion.figures["can_go_on"] for conclusion in conclusions_on_few_models
+    )
     return Fact(
         NextStep.KEEP_OR_CONFIRM_GAINS,
         judgement.headline.level,
-        names=names or (judgement.headline.figures["axis"],),
-        can_go_on=not is_log_slow_alone
-        and all(conclusion.figures["can_go_on"] for conclusion in conclusions),
+        names=tuple(uncertain_axes) or (judgement.headline.figures["axis"],),
+        can_go_on=can_compute_other_gains and not is_slow_log_only_cause,
         needed=SURE_SHARE,
-        least_rate=max(needed_rates, default=None),
+        least_rate=max(needed_log_rates, default=None),
         arguments=tuple(arguments),
     )
 

@@ -53,7 +53,7 @@ def margins_light(evidence: Evidence) -> Fact:
     if smallest_good_margin is not None and is_tilt_good:
         # One sentence states the smallest margin, and names all axes with good ones.
         return smallest_good_margin.replace(names=tuple(axes_with_good_margins))
-    return _unsure_margins(evidence) or _unknown_margins(evidence)
+    return _smallest_margins_by_slow_log(evidence) or _unknown_margins(evidence)
 
 
 def _facts_by_margin(evidence: Evidence) -> list[Fact]:
@@ -75,20 +75,20 @@ def _facts_by_margin(evidence: Evidence) -> list[Fact]:
     return facts
 
 
-def _unsure_margins(evidence: Evidence) -> Fact | None:
-    """Returns the fact about margins that an identified loop has by the estimate, but by a log that is too slow for it.
+def _smallest_margins_by_slow_log(evidence: Evidence) -> Fact | None:
+    """Returns the fact about the smallest margins that the vehicle seems to have, if its log is too slow to be sure.
 
     Args:
-        evidence: signals, events and measurements of the vehicle.
+        evidence: signals, events and measurements of the vehicle, with the margins of each axis.
 
     Returns:
-        The fact on the smallest of these margins, with all such axes as the figure ``names``. None if there are none of
-        roll or pitch.
+        The fact (a coded finding); its figure ``names`` has all axes whose log is too slow. None if neither roll nor
+        pitch is among them: yaw alone does not decide the light of the margins.
     """
     facts_by_axis = {}
     for axis_margins in evidence.margins:
-        if axis_margins.unsure_margins is not None:
-            facts_by_axis[axis_margins.axis] = axis_margins.unsure_margins
+        if axis_margins.margins_by_slow_log is not None:
+            facts_by_axis[axis_margins.axis] = axis_margins.margins_by_slow_log
     if not any(axis in facts_by_axis for axis in TILT_AXES):
         return None
     smallest_margin = min(facts_by_axis.values(), key=lambda fact: fact.figures["share"])

@@ -81,7 +81,7 @@ class ClockReadings(NamedTuple):
         return ClockReadings(self.positions[rows], self.time[rows], self.boot[rows])
 
     def followed_by(self, later: "ClockReadings") -> "ClockReadings":
-        """Returns these messages and others that come after them in the stream."""
+        """Returns these messages with later ones of the stream appended."""
         return ClockReadings(
             np.concatenate([self.positions, later.positions]),
             np.concatenate([self.time, later.time]),

@@ -71,30 +71,21 @@ def boot_clock(
         reception. If an outlier was ignored, the message has the time of the last one of its type. Without any stamp
         all times are NaN.
     """
-    boot_times = {}
-    for message_type in message_types:
-        count = len(message_type.positions)
-        # The number of the only boot takes no memory: a broadcast array, which cannot be written to.
-        boot_times[message_type.message] = BootTimes(
-            np.full(count, np.nan), np.broadcast_to(np.int64(0), count)
-        )
     reference_type = reference_type_of(message_types)
     if reference_type is None:
-        return BootClock(boot_times)
+        return BootClock(_unassigned_times(message_types, has_restarts=False))
     reference, repairs = reference_readings(reference_type)
     # HEARTBEATs of boots in which the reference type was not sent: they define the clock there.
-    late_heartbeats = reference.select(slice(0, 0))
+    late_heartbeats: ClockReadings | None = None
     delays: RestartDelays = {}
     if receive_times is not None and len(reference.positions):
         if heartbeats is not None:
             late_heartbeats = heartbeats_after_restarts(reference, heartbeats, receive_times)
-        if len(late_heartbeats.positions):
-            repairs += _restarts_after(reference, late_heartbeats)
-            reference = reference.followed_by(late_heartbeats)
+            if len(late_heartbeats.positions):
+                repairs += _restarts_after(reference, late_heartbeats)
+                reference = reference.followed_by(late_heartbeats)
         delays = restart_delays(reference, receive_times)
-    if reference.boot.any():
-        for name, times in boot_times.items():
-            boot_times[name] = times._replace(boot=np.zeros(len(times.time), dtype=np.int64))
+    boot_times = _unassigned_times(message_types, has_restarts=bool(reference.boot.any()))
     for message_type in message_types:
         positions, stamps = stamped_messages(message_type)
         readings = reference
@@ -112,12 +103,31 @@ def boot_clock(
             times.time[rows] = readings.time[readings_before]
             if times.boot.flags.writeable:
                 times.boot[rows] = readings.boot[readings_before]
-    if heartbeats is not None and len(late_heartbeats.positions):
+    if heartbeats is not None and late_heartbeats is not None and len(late_heartbeats.positions):
         rows = np.searchsorted(heartbeats.positions, late_heartbeats.positions)
         boot_times["HEARTBEAT"].time[rows] = late_heartbeats.time
         boot_times["HEARTBEAT"].boot[rows] = late_heartbeats.boot
     assign_times_to_unstamped_messages(message_types, boot_times, reference, receive_times)
     return BootClock(boot_times, repairs, delays)
+
+
+def _unassigned_times(
+    message_types: Sequence[MessageStamps], *, has_restarts: bool
+) -> dict[str, BootTimes]:
+    """Returns arrays for the times of all messages by the name of their type: NaN, and boot 0.
+
+    Args:
+        message_types: The messages of a component, by type.
+        has_restarts: Whether there are several boots. If not, the numbers of the boot are a broadcast array, which
+            takes no memory and cannot be written to.
+    """
+    boot_times = {}
+    for message_type in message_types:
+        count = len(message_type.positions)
+        only_boot = np.broadcast_to(np.int64(0), count)
+        boots = only_boot.copy() if has_restarts else only_boot
+        boot_times[message_type.message] = BootTimes(np.full(count, np.nan), boots)
+    return boot_times
 
 
 def _restarts_after(reference: ClockReadings, late_heartbeats: ClockReadings) -> Facts:

@@ -33,7 +33,7 @@ class HeartbeatStates(NamedTuple):
 def heartbeats_after_restarts(
     reference: ClockReadings, heartbeats: HeartbeatStates, receive_times: ReceiveTimes
 ) -> ClockReadings:
-    """Returns the HEARTBEATs of boots in which no message of the reference type came.
+    """Puts the HEARTBEATs of the last boots, in which no message of the reference type came, on the boot clock.
 
     Such a boot begins, after the last message of the reference, with the first of successive HEARTBEATs that report
     MAV_STATE_BOOT. Its time counts from this HEARTBEAT: the clock of the autopilot, which nothing states, began shortly
@@ -45,7 +45,7 @@ def heartbeats_after_restarts(
         receive_times: Returns when the messages at some positions were received, s.
 
     Returns:
-        Their positions, times and boots; none if there is no such boot, or if some time of reception is not known.
+        Their positions, times and boots; no row if there is no such boot, or if a time of reception is not known.
     """
     is_booting = heartbeats.system_status == BOOTING
     was_booting = np.concatenate([[False], is_booting[:-1]])
@@ -67,11 +67,15 @@ def heartbeats_after_restarts(
 
 
 def restart_delays(reference: ClockReadings, receive_times: ReceiveTimes) -> RestartDelays:
-    """Returns how long an autopilot was silent before the clock of each boot started.
+    """Returns how long an autopilot was silent at each restart, until its clock started anew.
 
     Args:
         reference: The messages that define the boot clock, in the order of the stream.
         receive_times: Returns when the messages at some positions were received, s.
+
+    Returns:
+        By number of the boot, such as 1 for the first restart, the silence before it, s. Boots without times of
+        reception are left out.
     """
     delays = {}
     for last_row_before in np.flatnonzero(np.diff(reference.boot) > 0).tolist():

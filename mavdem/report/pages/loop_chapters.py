@@ -419,8 +419,8 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
     axes_and_findings = []
     for margins in evidence.margins:
         facts_on_margins = [*margins.facts]
-        if margins.unsure_margins is not None:
-            facts_on_margins.append(margins.unsure_margins)
+        if margins.margins_by_slow_log is not None:
+            facts_on_margins.append(margins.margins_by_slow_log)
         # The figure ``names`` makes the sentence speak of this axis alone.
         findings = [fact.replace(names=(margins.axis,)) for fact in facts_on_margins]
         if not findings and isinstance(margins.loop, Fact):
