@@ -127,7 +127,7 @@ def fleet_blocks(
         *_urgent_vehicle_lines(
             vehicles_of_headline, names, shared_names, lists_follow=lists_follow
         ),
-        *_watched_unnamed_lines(summaries, vehicles_of_headline),
+        *_lines_on_flights_of_unknown_vehicles(summaries, vehicles_of_headline),
     ]
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused_rows)]
@@ -159,7 +159,7 @@ def _urgent_vehicle_lines(
     shown = urgent[: _max_vehicle_lines(len(urgent), lists_follow=lists_follow)]
     lines = []
     for vehicle in shown:
-        text = _finding_and_step(vehicle.flights, has_step=not lists_follow)
+        text = _finding_with_step(vehicle.flights, has_step=not lists_follow)
         lines.append(Sentence(text, lead=f"{vehicle.label}:"))
     further_count = len(urgent) - len(shown)
     return [
@@ -183,8 +183,11 @@ def _max_vehicle_lines(urgent_count: int, *, lists_follow: bool) -> int:
     return urgent_count if urgent_count <= MAX_LINES_BEFORE_LIST else WORST_LINES
 
 
-def _finding_and_step(vehicle: VehicleFlights, *, has_step: bool) -> str:
-    """Returns what is wrong with a vehicle in few words and, with ``has_step``, after a dot what to do next."""
+def _finding_with_step(vehicle: VehicleFlights, *, has_step: bool) -> str:
+    """Returns what is wrong with a vehicle in few words and, with ``has_step``, what to do next.
+
+    An example: "motor 2 lost about 20 % of its thrust · Check motor 2 and its propeller."
+    """
     finding = as_clause(listed_headline(vehicle.texts.finding))
     if not has_step or not vehicle.texts.next_step:
         return f"{finding}."
@@ -192,17 +195,17 @@ def _finding_and_step(vehicle: VehicleFlights, *, has_step: bool) -> str:
     return f"{finding} · {next_step}"
 
 
-def _watched_unnamed_lines(
+def _lines_on_flights_of_unknown_vehicles(
     summaries: Sequence[VehicleSummary], headline_vehicles: Mapping[str, VehicleFlights]
 ) -> list[Sentence]:
-    """Returns a line with file, finding and link for each of a few flights to be watched whose vehicle is not known.
+    """Returns a line with file, finding and link for each flight of an unknown vehicle that is to be watched.
 
     Args:
         summaries: summary of the flights under each name.
         headline_vehicles: summary of each vehicle that the headline counts, by name.
 
     Returns:
-        The lines, in the order of the names; none of more than ``MAX_UNNAMED_LINES`` flights.
+        The lines, in the order of the names; none at all if there are more than ``MAX_UNNAMED_LINES``.
     """
     lines = []
     for summary in summaries:

@@ -73,7 +73,7 @@ class FlightLine(NamedTuple):
 
     @property
     def finding(self) -> str:
-        """The first note in few words."""
+        """What is wrong in the flight, in few words: its first note, such as "motor 2 is weak"."""
         return listed_headline(self.cell("notes").split("\n")[0])
 
     @property

@@ -572,7 +572,7 @@ def _next_step_of_verdict(
         return unrepaired_fault.remedy
     next_step = verdict.judgement.next_step
     if next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
-        return _step_from_landing(
+        return _landing_step(
             next_step, must_not_fly=must_not_fly, is_landing_stated=is_landing_stated
         )
     has_fault = verdict.judgement.headline.is_watch_or_bad
@@ -583,16 +583,16 @@ def _next_step_of_verdict(
     return "" if must_not_fly and advises_flight else next_step.sentence
 
 
-def _step_from_landing(landing: Fact, *, must_not_fly: bool, is_landing_stated: bool) -> str:
-    """Returns the next step of a vehicle in the air without what an earlier line says, or what a fault forbids.
+def _landing_step(landing: Fact, *, must_not_fly: bool, is_landing_stated: bool) -> str:
+    """Returns that a vehicle in the air is to land and what comes after that, as far as it is still to be said.
 
     Args:
-        landing: the next step: to land, and what to do after that, which is its reason.
+        landing: the next step: to land. Its figure ``reason`` is what to do after the landing, if anything.
         must_not_fly: whether a fault of the session forbids to fly, so that what to do after the landing is left out.
         is_landing_stated: whether an earlier line says that the vehicle is to land.
 
     Returns:
-        The sentence; empty if nothing is left to say.
+        The sentence; empty if an earlier line says the first, and the second is unknown or forbidden.
     """
     step_after_landing = landing.figures["reason"]
     if not is_landing_stated:

@@ -81,7 +81,9 @@ def model_screen(learned: Learned) -> Blocks:
 
 
 def next_step_of_learning(assessment: Assessment) -> Sentence:
-    """Returns the next step for a reader who learns a model: the vehicle's or, where that needs nothing, the model's.
+    """Returns the next step for a reader who learns a model of a vehicle.
+
+    It is that of the vehicle, such as a repair. If the vehicle needs nothing, it is how to use or improve the model.
 
     Args:
         assessment: all results on a vehicle of the log, with the analysis of at least one axis.

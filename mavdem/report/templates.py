@@ -727,10 +727,12 @@ def as_clause(text: object) -> str:
 
 
 def _earlier_fault_clause(fault: Fact) -> str:
-    """Returns a fault from before a lost link, or before the end of a session, as a clause of the sentence on that.
+    """Returns an earlier fault as a clause, such as "motor 3 failed" or "the battery was low (over since 84 s)".
+
+    The sentence that a link was lost, or a session ended, contains it.
 
     Args:
-        fault: the fault, or the end of its alarm, of which the clause states the fault and, in brackets, the time.
+        fault: the fault, or the end of its alarm, whose figure ``reason`` is the fault.
     """
     if fault.code is not WatchFact.ALARM_OVER:
         return as_clause(headline(fault))

@@ -273,7 +273,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
 def _vehicle_of_flights(
     name: str, real_flights: Flights, flights: Flights
 ) -> VehicleFlights | None:
-    """Returns what is known of a vehicle from its flights together; None without a flight.
+    """Summarises what all flights of a vehicle show together, such as its health; None without a flight.
 
     Real and simulated flights may share a MAVLink system id. Simulated ones tell nothing of the real vehicle, so that
     they are left out if there is a real one.
@@ -290,7 +290,7 @@ def _vehicle_of_flights(
 
 
 def _counts_simulated_flights(vehicle: VehicleFlights | None, real_flights: Flights) -> bool:
-    """Returns whether simulated flights under a name are included in the numbers of flights on a fleet's page.
+    """Returns whether the numbers of flights on a fleet's page include the simulated flights of a vehicle.
 
     They are if the name identifies a vehicle, which then has a section on the page, and all its flights were simulated.
 

@@ -30,8 +30,8 @@ from mavdem.report.charts.plans import figure_as_svg
 from mavdem.report.difference.quantity_texts import (
     change_text,
     change_without_lean,
-    scale_text,
     shown_difference,
+    tick_label,
 )
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
@@ -122,7 +122,7 @@ class ChangeScale(NamedTuple):
     """Positions of the smallest and the largest change that are called the same, % of the width."""
 
     def position(self, change: float) -> float:
-        """Returns where a change is drawn, % of the width from the left."""
+        """Returns where a change is drawn: 50 (% of the width from the left) for no change, less for a decrease."""
         return CENTER_PERCENT + (CENTER_PERCENT - MARGIN_PERCENT) * change / self.extent
 
 
@@ -228,7 +228,10 @@ def change_plan(
 
 
 def _scale(kind: str, changes: Sequence[QuantityChange]) -> ChangeScale:
-    """Returns the scale of the changes of a kind of quantity, which contains their intervals and the shaded band.
+    """Returns the scale on which the changes of a kind of quantity are drawn.
+
+    It reaches as far as the largest interval of a change, and at least to the ends of the shaded band of differences
+    that are called the same.
 
     Args:
         kind: kind of quantity, such as ``SHARE``.
@@ -262,12 +265,12 @@ def _scale_ticks(kind: str, scale: ChangeScale) -> tuple[ScaleTick, ...]:
         if is_ratio and difference < -PERCENT:
             continue
         position = scale.position(difference / shown.scale)
-        ticks.append(ScaleTick(position, scale_text(difference, shown.unit)))
+        ticks.append(ScaleTick(position, tick_label(difference, shown.unit)))
     return tuple(ticks)
 
 
 def _round_step(smallest_step: float, *, is_angle: bool) -> float:
-    """Returns the smallest round number that is not below a step, such as 20 for 14, or 15 for an angle.
+    """Rounds the spacing of ticks up to a round number, such as 14 to 20, or to 15 if it is an angle.
 
     Args:
         smallest_step: the step, above 0, in the shown unit.

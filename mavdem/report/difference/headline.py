@@ -38,11 +38,11 @@ from mavdem.report.difference.lights import (
     Review,
     bad_lights,
     compared_levels,
+    details_below_heading,
     light_heading,
-    lights_in_heading,
     lights_of_both,
+    lights_of_worst_level,
     remark_on_imus,
-    sentence_after_heading,
     vibration_changes,
     watched_light_heading,
 )
@@ -105,7 +105,7 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     difference = reviewed.difference
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
-    evidence = _evidence_in_sentence_on_motors(reviewed)
+    evidence = _stated_evidence_of_weak_motor(reviewed)
     lights = bad_lights(reviewed.reviews)
     light_sentences = _sentences_on_lights(lights, reviewed, evidence)
     bad_axes = {light.axis for light in lights if light.name == Light.MARGINS}
@@ -134,11 +134,11 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     return [*sentences, *gain_sentences, *watched, *result]
 
 
-def _evidence_in_sentence_on_motors(reviewed: ReviewedDifference) -> tuple[QuantityChange, ...]:
-    """Returns the changes of figures of a weak motor that the sentence on the motors states as its evidence.
+def _stated_evidence_of_weak_motor(reviewed: ReviewedDifference) -> tuple[QuantityChange, ...]:
+    """Returns the changes that the sentence on the motors states as evidence of a weak motor, such as that of its trim.
 
-    Where the trim of another motor changed too, the result compares the trims, and the larger one, mostly that of the
-    weak motor, heads it: sure changes of the weak motor are then left to the result.
+    If the trim of another motor changed too, a later sentence compares the trims, and mostly begins with that of the
+    weak motor. Its sure changes are then left out here, so that they are not stated twice.
 
     Args:
         reviewed: comparison of the two states, with what is known of the motors.
@@ -227,27 +227,27 @@ def headline_in_two_sizes(
                 blocks.append(_heading_of_watched_light(sentence, reviewed))
             blocks.append(sentence)
         elif sentence.lead in headings:
-            blocks += [headline_sentence(heading), _below_heading(sentence, reviewed)]
+            blocks += [headline_sentence(heading), _sentence_below_heading(sentence, reviewed)]
         else:
             blocks += _large_sentence(sentence)
         is_first_difference = False
     return blocks
 
 
-def _below_heading(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
-    """Returns the sentence on a light below its heading, without the clauses that the heading states.
+def _sentence_below_heading(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+    """Shortens the sentence on a light to what its heading, which stands above it, does not say.
 
     Args:
-        sentence: the sentence with the reasons of both sides; its lead names the light, such as "Motors:".
+        sentence: the sentence with the reasons in both logs; its lead names the light, such as "Motors:".
         reviewed: comparison of two states, with the reviews of their logs.
     """
     text = sentence.text
-    name = _light_of_lead(sentence.lead)
+    name = _light_name(sentence.lead)
     lights_by_side = lights_of_both(reviewed.reviews)[name]
-    for side, light in lights_in_heading(lights_by_side).items():
-        details = sentence_after_heading(light["sentence"])
+    for side, light in lights_of_worst_level(lights_by_side).items():
+        details = details_below_heading(light["sentence"])
         reason_of_side = LightReason(side, light["sentence"]).text
-        # The name of a side introduces its reason, so that there must be one.
+        # Without details, "In B:" would introduce nothing: the reason is then kept.
         if details or reason_of_side not in text:
             text = text.replace(light["sentence"], details)
     return sentence._replace(text=text.strip())
@@ -260,7 +260,7 @@ def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) 
         sentence: the sentence, whose lead names the light, such as "Vibration:".
         reviewed: comparison of two states, with the reviews of their logs.
     """
-    name = _light_of_lead(sentence.lead)
+    name = _light_name(sentence.lead)
     return headline_sentence(watched_light_heading(lights_of_both(reviewed.reviews)[name]))
 
 
@@ -321,7 +321,7 @@ def _lead_of_light(name: str) -> str:
     return f"{name.capitalize()}:"
 
 
-def _light_of_lead(lead: str) -> str:
+def _light_name(lead: str) -> str:
     """Returns the name of the light that a sentence with such a lead is about: "motors" for "Motors:"."""
     return lead.removesuffix(":").lower()
 

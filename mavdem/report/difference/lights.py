@@ -261,7 +261,7 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
         the same level for different reasons.
     """
     sides_by_clause = dict[str, list[str]]()
-    for side, light in lights_in_heading(lights_by_side).items():
+    for side, light in lights_of_worst_level(lights_by_side).items():
         flight = _flight_in_heading(side, light)
         sides_by_clause.setdefault(_heading_clause(light["sentence"]), []).append(flight)
     headings = list[Sentence]()
@@ -288,11 +288,15 @@ def _flight_in_heading(side: str, light: JsonValues) -> str:
     return f"the last of {len(levels)} flights of {side}"
 
 
-def lights_in_heading(lights_by_side: Mapping[str, JsonValues]) -> dict[str, JsonValues]:
-    """Returns the lights that a heading states, by side: those with the worst level of both logs.
+def lights_of_worst_level(lights_by_side: Mapping[str, JsonValues]) -> dict[str, JsonValues]:
+    """Returns a status light of the log in which it has the worse level; of both logs if the levels are the same.
 
     Args:
-        lights_by_side: a light in the review document of each log, by side; at least one is bad or to be watched.
+        lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to
+            be watched.
+
+    Returns:
+        The lights by side. They are those that a heading states.
     """
     levels = {light["level"] for light in lights_by_side.values()}
     worst_level = next(level for level in WARNING_LEVELS if level in levels)
@@ -340,16 +344,16 @@ def _heading_clause(sentence: str) -> str:
     Args:
         sentence: sentence of the light, which says what it warns of. Figures in brackets are left out of a long clause.
     """
-    clause = _stated_clause(sentence)
+    clause = _clause_for_heading(sentence)
     if len(clause) > MAX_HEADING_LENGTH:
         clause = FIGURES_IN_BRACKETS.sub("", clause)
     return as_clause(clause)
 
 
-def _stated_clause(sentence: str) -> str:
-    """Returns the beginning of a light's sentence that a heading states, as it stands there.
+def _clause_for_heading(sentence: str) -> str:
+    """Returns the beginning of a light's sentence that its heading is made of.
 
-    It is the first clause or, of a long one, what stands before a semicolon.
+    It is the first clause; if that is too long for a heading, only its part before a semicolon.
 
     Args:
         sentence: sentence of the light.
@@ -360,17 +364,17 @@ def _stated_clause(sentence: str) -> str:
     return clause
 
 
-def sentence_after_heading(sentence: str) -> str:
+def details_below_heading(sentence: str) -> str:
     """Returns what the sentence of a light says beyond the heading above it (:func:`light_heading`).
 
     Args:
         sentence: sentence of the light, which begins with what the heading states.
 
     Returns:
-        The clauses after it, as in "It works 27 % harder."; before them the interval that the heading leaves out for
-        its length. Empty if the heading states all, and the whole sentence if the heading leaves out more.
+        The clauses after it, as in "It works 27 % harder."; before them the interval that a long heading leaves out.
+        Empty if the heading states all, and the whole sentence if the heading leaves out more than one interval.
     """
-    stated_clause = _stated_clause(sentence)
+    stated_clause = _clause_for_heading(sentence)
     further_clauses = capitalize_first(sentence.removeprefix(stated_clause).lstrip(";:. "))
     if len(stated_clause) <= MAX_HEADING_LENGTH:
         return further_clauses

@@ -293,8 +293,8 @@ def shown_difference(kind: str) -> ShownDifference:
     return ShownDifference(shown_form.scale, shown_form.unit)
 
 
-def scale_text(difference: float, unit: str) -> str:
-    """Returns a difference at the scale of a drawing, such as "−12 %", "0" or "+0.5 1/s".
+def tick_label(difference: float, unit: str) -> str:
+    """Returns the label of a tick on a scale of differences, such as "−12 %", "0" or "+0.5 1/s".
 
     Args:
         difference: the difference, in its shown unit; negative for a decrease.

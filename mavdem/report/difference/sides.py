@@ -51,7 +51,7 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
             if date:
                 parts.append(f"{str(date)[:ISO_MINUTE_LENGTH].replace('T', ' ')} UTC")
             if side == STATE_NAMES[-1]:
-                parts.append(time_since_first(reviewed))
+                parts.append(time_from_a_to_b(reviewed))
         settled_seconds = value_at(review, "condition.hover.seconds")
         if settled_seconds:
             parts.append(f"{settled_seconds:.0f} s of settled flight")
@@ -71,14 +71,14 @@ def _days_text(review: Mapping[str, JsonValues]) -> str:
     return first_day if first_day == last_day else f"{first_day} to {last_day}"
 
 
-def time_since_first(reviewed: ReviewedDifference) -> str:
-    """Returns when B was flown in relation to A, such as "12 days after A" or "25 minutes before A".
+def time_from_a_to_b(reviewed: ReviewedDifference) -> str:
+    """Returns how long after or before A flight B began, such as "12 days after A" or "25 minutes before A".
 
     Args:
         reviewed: comparison of the two states, beside the reviews of their logs.
 
     Returns:
-        The text; empty of several flights, of a flight without a date, and of flights within a minute.
+        The text. It is empty if a side has several flights, if a date is not known, or if both are within a minute.
     """
     dates = [value_at(reviewed.reviews.get(side, {}), "identity.date") for side in STATE_NAMES]
     if max(reviewed.difference.flights) > 1 or not all(dates):

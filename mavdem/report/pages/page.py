@@ -549,9 +549,9 @@ class Head(NamedTuple):
 
     @property
     def _report_of_landing(self) -> Sequence[PageEvent]:
-        """The event of a live session that says what the latest flight has shown; a sequence of one, or empty.
+        """The event that was reported at the landing, with what the flight has shown: a sequence of one, or empty.
 
-        It is reported at the landing. In flight there is none, since the reports of landings are of earlier flights.
+        It is empty in flight, since all such events are then of earlier flights.
         """
         if self.is_in_flight:
             return []
