@@ -158,13 +158,13 @@ class Evidence:
         return self.settled_segments(EXCITATION_MODES | MODES_WITHOUT_ANGLE_SETPOINT)
 
     def amplifying_attitude_gain(self, axis: str) -> AttitudeGain | None:
-        """Returns the measured gain |T| of an attitude that moves further than its setpoint, as its tracking says.
+        """Returns the measured gain |T| from setpoint to angle of an axis that moves further than it is commanded.
 
         Args:
             axis: "roll" or "pitch".
 
         Returns:
-            The gain; None for an axis that does not amplify its setpoint.
+            The gain; None if the light on tracking does not say that the axis amplifies its setpoint.
         """
         tracking = self.tracking.get(axis)
         if tracking is None or tracking.code is not TrackingLight.AMPLIFIES_SETPOINT:

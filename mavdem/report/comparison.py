@@ -336,7 +336,7 @@ def _longest_useful_horizon(
     unit = display_unit(train.output_units[0])
     errors = []
     for flight in comparison.flights:
-        squared_error, *_ = _squared_errors_of_flight(
+        squared_error, *_ = _mean_squared_errors(
             comparison, flight, reference, kind, longest_useful.seconds
         )
         errors.append(rounded(unit.scale * sqrt(squared_error)))
@@ -352,10 +352,10 @@ def _longest_useful_horizon(
     )
 
 
-def _squared_errors_of_flight(
+def _mean_squared_errors(
     comparison: Comparison, flight: str, method: str, kind: ForecastKind, seconds: float
 ) -> Sequence[float]:
-    """Returns the mean squared error of a method's forecasts in one flight, of each output.
+    """Returns the mean squared error of a method's forecasts in one flight, one for each output of the model.
 
     Args:
         comparison: errors of all methods.
@@ -578,9 +578,7 @@ def _rmse_rows(
         for seconds in horizons:
             errors = []
             for flight in comparison.flights:
-                squared_errors = _squared_errors_of_flight(
-                    comparison, flight, method, kind, seconds
-                )
+                squared_errors = _mean_squared_errors(comparison, flight, method, kind, seconds)
                 errors.append(unit.scale * sqrt(squared_errors[index]))
             row.append(_range_text(errors))
         rows.append(row)

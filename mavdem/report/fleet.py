@@ -388,7 +388,7 @@ def _finding(flights: Flights, reason: str, latest_flight_text: str) -> str:
         latest_flight_text: the text on the latest flight that was judged, which names the anomaly of the motors too.
 
     Returns:
-        The sentences. With neither of both, the headline of the latest flight if that warns; otherwise an empty text.
+        The sentences. If there is neither, the headline of the latest flight if that warns; otherwise an empty text.
     """
     if reason:
         return f"{bad_headline(flights)} {reason}".strip()

@@ -980,22 +980,22 @@ def goal_sentences(tuning: Tuning) -> list[Sentence]:
     """Returns the goal of the margins, and at which thrust it is to hold; empty if no gains are advised or kept."""
     if tuning.refusal is not None:
         return []
-    return goal_of_margins(tuning.advice[0].target)
+    return sentences_on_goal(tuning.advice[0].target)
 
 
-def goal_of_margins(target: MarginTarget) -> list[Sentence]:
-    """Returns a goal of the margins, and at which thrust it is to hold."""
+def sentences_on_goal(target: MarginTarget) -> list[Sentence]:
+    """Returns the sentence on a goal of the margins, such as 45° of phase margin, and on the thrust it must hold at."""
     return render_section("tune_goal", target=target, deviation=_largest_checked_thrust_change())
 
 
 def goal_reached_sentences(tuning: Tuning) -> list[Sentence]:
-    """Returns how many models of the vehicle reach the goal of the margins with the gains to set or to keep.
+    """Returns the sentence on the goal of the margins for all axes whose margins are known and not doubtful.
 
     Args:
         tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
-        The sentence; empty if no gains are advised or kept.
+        The sentence (:func:`sentences_on_reached_goal`); empty if no gains are advised or kept.
     """
     if tuning.refusal is not None:
         return []
@@ -1003,11 +1003,13 @@ def goal_reached_sentences(tuning: Tuning) -> list[Sentence]:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and not _has_doubtful_margins(tuning, axis):
             advice_by_axis[axis] = advice
-    return shares_with_goal(advice_by_axis)
+    return sentences_on_reached_goal(advice_by_axis)
 
 
-def shares_with_goal(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
+def sentences_on_reached_goal(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
     """Returns how many models of the vehicle reach the goal of the margins with the gains to set or to keep.
+
+    The models are those that agree with the flight. Axes with the same numbers share a clause of the sentence.
 
     Args:
         advice_by_axis: advice on the gains of each axis whose margins are known.

@@ -1442,7 +1442,9 @@ def _finished_page(
 
 
 def _verdict_after_session(verdict: Fact, session: LiveSession | None) -> Fact:
-    """Returns the verdict on a recording, with what its session knows beyond it: an outage, and vain requests.
+    """Returns the verdict on a recording with two things that only its live session knows.
+
+    These are an outage of the link in flight, and messages that were requested and never came.
 
     Args:
         verdict: what the recording of the flight shows.

@@ -158,10 +158,18 @@ def flight_series(signals: Signals) -> FlightSeries:
 
 
 def start_on_boot_clock(series: FlightSeries) -> float | None:
-    """Returns when a flight began, s on the boot clock; None where an earlier version stored it without that."""
+    """Returns when the time axis of a flight's charts begins, mostly at take-off, in s on the boot clock.
+
+    Args:
+        series: time series of the flight; the one titled ``BOOT_CLOCK`` has this time as its only value.
+
+    Returns:
+        The time; None if an earlier version of the program stored the flight without it.
+    """
     if BOOT_CLOCK not in series:
         return None
-    return float(series[BOOT_CLOCK][1, 0])
+    _, boot_times = series[BOOT_CLOCK]
+    return float(boot_times[0])
 
 
 def time_in_flight(series: FlightSeries, boot_time: float, boot: int) -> float | None:
@@ -176,7 +184,10 @@ def time_in_flight(series: FlightSeries, boot_time: float, boot: int) -> float |
         The time in the air, s; None if it is not in this flight, or if its start on the boot clock is not known.
     """
     start = start_on_boot_clock(series)
-    if start is None or series[BOOT_NUMBER][1, 0] != boot:
+    if start is None:
+        return None
+    _, boot_numbers = series[BOOT_NUMBER]
+    if boot_numbers[0] != boot:
         return None
     time = boot_time - start
     end_time = max(times[-1] for times, _ in series.values())

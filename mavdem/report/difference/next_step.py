@@ -59,7 +59,7 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
         return steps
     if reviewed.are_two_vehicles:
         return []
-    motor_steps = _step_of_compared_motors(reviewed) or _step_of_watched_motor(reviewed)
+    motor_steps = _step_of_differing_motors(reviewed) or _step_of_watched_motor(reviewed)
     if motor_steps:
         return motor_steps
     changes = changes_by_relevance(difference, without=reviewed.motors.evidence)
@@ -147,12 +147,15 @@ def _has_other_gains(light: BadLight, difference: VehicleDifference) -> bool:
     return light.name == Light.MARGINS and light.axis in difference.axes_with_changed_loops
 
 
-def _step_of_compared_motors(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the step of the later flight's page if its motors differ from other flights of the vehicle; or none.
+def _step_of_differing_motors(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the next step of the later log if its motors differ from those in other flights of the vehicle.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs. The headline of a review has a code of
             ``MotorsBetween`` where the motors differ, and its next step is then about these.
+
+    Returns:
+        A list with the step, as the page of that flight has it; empty if the motors do not differ.
     """
     review = reviewed.reviews.get(later_side(reviewed.reviews), {})
     next_step = value_at(review, "next_step.sentence")

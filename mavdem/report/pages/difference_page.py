@@ -315,7 +315,9 @@ def _chapters(
     return [
         *first_chapters,
         _overview_chapter(reviewed, legend, series_charts),
-        _series_chapter(flights, series_charts)._replace(folded=not _does_flight_differ(reviewed)),
+        _series_chapter(flights, series_charts)._replace(
+            folded=not _do_lights_over_time_differ(reviewed)
+        ),
         _light_chapter(reviewed, headline),
         *later_chapters,
         _autopilot_parameter_chapter(reviewed),
@@ -364,8 +366,8 @@ def _has_changed_loop(difference: VehicleDifference) -> bool:
     return any(change.quantity.kind in LOOP_KINDS for change in changes)
 
 
-def _does_flight_differ(reviewed: ReviewedDifference) -> bool:
-    """Returns whether a light on what the charts over time show differs: tracking or power.
+def _do_lights_over_time_differ(reviewed: ReviewedDifference) -> bool:
+    """Returns whether both flights differ in a light that charts over time can explain: tracking or power.
 
     Args:
         reviewed: comparison of both flights, with their reviews.

@@ -26,10 +26,10 @@ from mavdem.report.loops import (
     compared_loops,
     decision_sentences,
     gain_table,
-    goal_of_margins,
     loop_cautions,
     margin_tables,
-    shares_with_goal,
+    sentences_on_goal,
+    sentences_on_reached_goal,
 )
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.pages.page import Chapter
@@ -398,8 +398,8 @@ def _sentences_on_advised_gains(advice_by_axis: Mapping[str, Advice]) -> list[Se
     if advice_by_axis:
         # All axes have the same goal.
         first_advice = next(iter(advice_by_axis.values()))
-        sentences += goal_of_margins(first_advice.target)
-        sentences += shares_with_goal(advice_by_axis)
+        sentences += sentences_on_goal(first_advice.target)
+        sentences += sentences_on_reached_goal(advice_by_axis)
     return sentences
 
 

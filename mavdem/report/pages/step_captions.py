@@ -39,19 +39,33 @@ def step_caption(
     if response is None or isinstance(response.measured, Fact):
         return _caption("predicted")
     step = response.measured
-    compared_code = None if response.compared is None else response.compared.code
     if step.is_identified:
         # Only the step of a rate can be that of the identified loop.
         assert rate_and_setpoint is not None
         return _caption(
             "identified",
             step=step,
-            compared_code=compared_code,
+            compared_code=None if response.compared is None else response.compared.code,
             message_rate=_message_rate(rate_and_setpoint),
             least_rise_time=_least_rise_time(rate_and_setpoint),
         )
     if response.is_step_doubtful:
         return _caption("doubtful", step=step)
+    rises_too_fast = rate_and_setpoint is not None and is_too_fast(step, rate_and_setpoint)
+    return _caption_of_measured_step(response, step, end, rises_too_fast=rises_too_fast)
+
+
+def _caption_of_measured_step(
+    response: LoopResponse, step: StepResponse, end: float, *, rises_too_fast: bool
+) -> str:
+    """Returns the line below the chart of a measured step: its overshoot and, if it was predicted, how well that fits.
+
+    Args:
+        response: the response of one loop, with the predicted step if it is known.
+        step: the measured step in it.
+        end: time at which the chart ends, s after the step.
+        rises_too_fast: whether the step rises within fewer messages than it takes to measure it.
+    """
     fit = None
     predicted_overshoot = None
     is_drawn = step.time <= end
@@ -63,16 +77,16 @@ def step_caption(
     return _caption(
         "measured",
         step=step,
-        compared_code=compared_code,
+        compared_code=None if response.compared is None else response.compared.code,
         overshoot=_overshoot(measured_step),
         predicted_overshoot=predicted_overshoot,
         fit=fit,
-        is_too_fast=rate_and_setpoint is not None and is_too_fast(step, rate_and_setpoint),
+        is_too_fast=rises_too_fast,
     )
 
 
 def _overshoot(step: Array) -> float:
-    """Returns by how much a response to a step of 1 exceeds it, (K,); 0 for one that stays below."""
+    """Returns the overshoot of a response (K,) to a step of 1, such as 0.13; 0 if it stays below 1."""
     return max(0.0, float(step.max()) - 1)
 
 
@@ -99,7 +113,10 @@ def _caption(source: str, **values: object) -> str:
 
 
 def has_fit(response: LoopResponse | None) -> bool:
-    """Returns whether the line below the chart of a response has the fit of its predicted step."""
+    """Returns whether the line below the chart of a step says how well the predicted step fits the measured one.
+
+    It does for a step that was measured, is not doubtful, and has a prediction.
+    """
     if response is None or isinstance(response.measured, Fact) or response.is_step_doubtful:
         return False
     return response.predicted_step is not None and not response.measured.is_identified
