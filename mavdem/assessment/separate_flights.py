@@ -15,7 +15,7 @@ from mavdem.assessment.flights import flights_in_boot
 from mavdem.assessment.flown_flights import flights_and_hops, flown_flights, total_time
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.restarts import restarts
-from mavdem.dataset.parameter_history import BootTime, parameter_history
+from mavdem.dataset.parameter_history import BootTime, ParameterHistory, parameter_history
 from mavdem.dataset.segments import Segment, Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import ReportedEvent
@@ -145,8 +145,32 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
         reports = _reports_until(all_reports, spans, end)
         if len(reports["time"]):
             messages["PARAM_VALUE"] = _with_boots_from_zero(reports, first_boot)
-    history = parameter_history(signals)
-    values_at_start = history.at(BootTime(first_boot, -inf))
+    is_last_boot = last_boot == recorded_spans(signals)[-1].boot
+    telemetry = replace(
+        telemetry,
+        messages=messages,
+        is_ended_on_purpose=telemetry.is_ended_on_purpose and is_last_boot,
+        restart_delays={
+            boot - first_boot: delay for boot, delay in telemetry.restart_delays.items()
+        },
+    )
+    return _with_parameters_between(
+        telemetry, parameter_history(signals), BootTime(first_boot, -inf), end
+    )
+
+
+def _with_parameters_between(
+    telemetry: Telemetry, history: ParameterHistory, start: BootTime, end: BootTime
+) -> Telemetry:
+    """Returns messages of a part of a recording with the parameters of this part.
+
+    Args:
+        telemetry: the messages.
+        history: values of all parameters over the whole recording.
+        start: start of the part.
+        end: end of the part, which decides the values of its parameters.
+    """
+    values_at_start = history.at(start)
     values_at_end = history.at(end)
     initial_values = {}
     later_values = {}
@@ -155,17 +179,11 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
             initial_values[name] = values_at_start[name]
         if values_at_end[name] != history.last_values[name]:
             later_values[name] = history.last_values[name]
-    is_last_boot = last_boot == recorded_spans(signals)[-1].boot
     return replace(
         telemetry,
-        messages=messages,
-        is_ended_on_purpose=telemetry.is_ended_on_purpose and is_last_boot,
         parameters=values_at_end,
         initial_parameters=initial_values,
         later_parameters=later_values,
-        restart_delays={
-            boot - first_boot: delay for boot, delay in telemetry.restart_delays.items()
-        },
     )
 
 

@@ -91,8 +91,8 @@ def fleet_blocks(
     vehicles_of_headline = {}
     vehicles_without_name = {}
     for name, vehicle in vehicles_with_section(summaries).items():
-        # A bad flight under a shared name counts as a flight and not as a vehicle. The exception is a name whose
-        # flights the user has declared to be of one vehicle, by comparing the health of their motors.
+        # Under a shared name flights are counted, and not vehicles. The exception is a name whose flights the user has
+        # declared to be of one vehicle, by comparing the health of their motors.
         if name in shared_names and vehicle.health not in ANOMALOUS_HEALTHS:
             vehicles_without_name[name] = vehicle
         else:

@@ -468,7 +468,9 @@ def vehicle_identity(heartbeats: Columns) -> VehicleIdentity:
 def _messages_on_boot_clock(
     stream: FrameStream, frames_of_messages: OffsetsByMessage, *, is_in_order: bool
 ) -> tuple[Tables, BootClock]:
-    """Puts the frames of one component on its boot clock. Of their fields only stamps and states are decoded for this.
+    """Puts the frames (packed messages) of one component on its boot clock, the time since its autopilot started.
+
+    Of their fields only time stamps, and the states in HEARTBEATs, are decoded here.
 
     Args:
         stream: MAVLink frames of the recording, with their receive stamps.

@@ -202,26 +202,22 @@ def change_plan(
     }
     rows = []
     for change in changes:
+        is_sign_of_weak_motor = is_uncertain_sign_of_weak_motor(change, evidence)
+        shape = Shape.DIAMOND if is_sign_of_weak_motor else SHAPES[change.outcome]
         scale = scales[change.quantity.kind]
         low, high = change.interval
-        shape = SHAPES[change.outcome]
-        remark = ""
-        if is_uncertain_sign_of_weak_motor(change, evidence):
-            shape = Shape.DIAMOND
-            remark = EVIDENCE_REMARK
-        rows.append(
-            DrawnChange(
-                capitalize_first(change_text(change, difference)),
-                shape=shape,
-                colour=_colour(change, shape, are_judged=not are_two_vehicles),
-                low=scale.position(low),
-                middle=scale.position(change.difference),
-                high=scale.position(high),
-                scale=scale,
-                remark=remark,
-                without_lean=change_without_lean(change),
-            )
+        row = DrawnChange(
+            capitalize_first(change_text(change, difference)),
+            shape=shape,
+            colour=_colour(change, shape, are_judged=not are_two_vehicles),
+            low=scale.position(low),
+            middle=scale.position(change.difference),
+            high=scale.position(high),
+            scale=scale,
+            remark=EVIDENCE_REMARK if is_sign_of_weak_motor else "",
+            without_lean=change_without_lean(change),
         )
+        rows.append(row)
     svg = figure_as_svg("changes", rows=rows)
     texts = listed(row.text for row in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)

@@ -333,10 +333,7 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
         result: match of ``RESULT_HTML`` in the page, in which an earlier call may have written an anomaly.
         anomaly: the anomaly that the comparison with other flights shows; None without any.
     """
-    # What an earlier call has changed in the result is undone first: how it marked the headline and the next step.
-    content = HEADLINE_ALONE.sub(r'<p class="headline"><strong>\1</strong></p>', result["content"])
-    content = content.replace(NEXT_STEP_ALONE, NEXT_STEP, 1)
-    content = content.replace(NEXT_STEP_REPEATED, NEXT_STEP, 1)
+    content = _without_marks_of_anomaly(result["content"])
     opening = f'<section id="result" class="{result["classes"]}">\n'
     if anomaly is None:
         return f"{opening}{content}</section>\n"
@@ -369,6 +366,17 @@ def _level_of_section(classes: str) -> Level:
         if section_class in classes.split():
             return level
     return Level.UNKNOWN
+
+
+def _without_marks_of_anomaly(content: str) -> str:
+    """Returns the HTML of a log's result as its page was made: headline and next step are not marked beside an anomaly.
+
+    Args:
+        content: HTML of the result, in which an earlier call of :func:`with_motor_anomaly` may have marked them.
+    """
+    content = HEADLINE_ALONE.sub(r'<p class="headline"><strong>\1</strong></p>', content)
+    content = content.replace(NEXT_STEP_ALONE, NEXT_STEP, 1)
+    return content.replace(NEXT_STEP_REPEATED, NEXT_STEP, 1)
 
 
 def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None, *, is_compared: bool) -> str:
