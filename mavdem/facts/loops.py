@@ -31,6 +31,7 @@ class LoopFact(Code):
     MARGIN_UNCERTAIN = "margin_uncertain"
     GAIN_MARGIN_EXTRAPOLATED = "gain_margin_extrapolated"
     CROSSOVER_FAST = "crossover_fast"
+    STEERING_SLOW = "steering_slow"
 
 
 class ControllerFact(Code):

@@ -120,6 +120,11 @@ class Loop(Margins):
         return any(caution.code is LoopFact.EFFECT_BIASED for caution in self.cautions)
 
     @property
+    def is_steered_slowly(self) -> bool:
+        """Whether the setpoints end below the rate loop's crossover. The intervals of the margins allow for that."""
+        return any(caution.code is LoopFact.STEERING_SLOW for caution in self.cautions)
+
+    @property
     def least_log_rate(self) -> float | None:
         """Rate of the log, Hz, from which on it would show all frequencies of the margins; None if it shows them."""
         rates = [

@@ -111,6 +111,7 @@ def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
         filtered=False,
         model=ModelName.CLOSED_LOOP,
         unexplained_output=values.actuation,
+        steered_frequency=fit.steered_frequency,
     )
     return plant._replace(
         wind_share=_wind_share(plant, values, fit.posterior.spectra),

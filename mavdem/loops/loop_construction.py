@@ -171,6 +171,7 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
     - The gain margin is at a frequency above the Nyquist frequency of the record, where the loop is an extrapolation by
       the model.
     - The crossover is near the rate of the record, so that delay and time constant are not known well.
+    - The crossover is above all frequencies that the setpoints steer, where only wind and noise show the loop.
 
     Args:
         loop: rate and attitude loop of the estimated plant and of draws.
@@ -202,6 +203,15 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
                 crossover=rate.crossover,
                 rate=1 / record.dt,
                 least_rate=_advised_log_rate(rate.crossover / MAX_CROSSOVER_FRACTION),
+            )
+        )
+    # The frequency is NaN, and the comparison false, for a plant that was identified without its controller.
+    if plant.steered_frequency < rate.crossover:
+        cautions.append(
+            Fact(
+                LoopFact.STEERING_SLOW,
+                frequency=plant.steered_frequency,
+                crossover=rate.crossover,
             )
         )
     return cautions

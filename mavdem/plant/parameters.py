@@ -106,6 +106,7 @@ class Physical(NamedTuple):
         refusal: why these are not the parameters of the plant in its closed loop, if these were requested.
         unexplained_output: standard deviation of the output that the logged controller does not explain,
             relative to that of the output; NaN if the plant was identified without its controller.
+        steered_frequency: highest frequency at which setpoints cause most of the rate's motion, Hz; NaN likewise.
         model: model that the parameters were estimated with, "gray-box" or "closed loop".
     """
 
@@ -125,6 +126,7 @@ class Physical(NamedTuple):
     filtered: bool = True
     refusal: Fact | None = None
     unexplained_output: float = np.nan
+    steered_frequency: float = np.nan
     model: ModelName = ModelName.GRAY_BOX
 
     def __repr__(self) -> str:

@@ -348,6 +348,13 @@ def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more():
     kept = tuned_by({"roll": loop}, headline=unsure).judgement.next_step
     assert kept.sentence.startswith("Fly on with these gains, or make sure of roll.")
     assert "`mavdem tune flight.tlog --axis all --more`" in kept.sentence
+    assert "more doublets than in this log, and larger ones: that" in kept.sentence
+    gentle = Fact(LoopFact.STEERING_SLOW, frequency=5.2, crossover=11.8)
+    gently_steered = tuned_by({"roll": replace(loop, cautions=(gentle,))}, headline=unsure)
+    next_step = gently_steered.judgement.next_step.sentence
+    assert "more doublets than in this log, and larger and quicker ones: that" in next_step
+    report = " ".join(block.text for block in tune_blocks(gently_steered) if hasattr(block, "text"))
+    assert "Setpoints end at 5 Hz, below the crossover at 12 Hz:" in report
     changed = tuned_by({"roll": loop}, headline=unsure, raises_sound_gains=True)
     assert changed.parameters and changed.judgement.next_step.code is NextStep.LOAD_GAINS
     biased = replace(loop, cautions=(Fact(LoopFact.EFFECT_BIASED, reason=""),))

@@ -112,6 +112,10 @@ def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
         assert LoopFact.GAIN_MARGIN_EXTRAPOLATED in codes
     else:
         assert LoopFact.GAIN_MARGIN_EXTRAPOLATED not in codes
+    assert LoopFact.STEERING_SLOW not in codes
+    plant = loop.plant._replace(steered_frequency=0.9 * loop.crossover)
+    loop_above_setpoints = loop_from_plant(plant, loop.record, loop.controller)
+    assert LoopFact.STEERING_SLOW in [caution.code for caution in loop_above_setpoints.cautions]
 
 
 def test_a_loop_has_nearly_its_true_margins_at_400_hz():

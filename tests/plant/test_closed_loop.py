@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import default_rng
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark, raises
 from scipy.signal import cont2discrete, lfilter
 
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
+from mavdem.plant.closed_loop import likelihood
 from mavdem.plant.closed_loop.identification import (
     IdentifiedAxis,
     _mixture_of_modes,
@@ -175,9 +176,34 @@ def test_the_slopes_are_those_of_the_value(late):
 
 
 @mark.slow
+def test_wind_and_noise_of_another_density_change_the_gradient_as_their_variance_states(
+    monkeypatch,
+):
+    """All of the disturbances are larger by one factor, so that the variance has one direction."""
+    posterior = axis(fly(3), 4)
+    monkeypatch.setattr(likelihood, "DISTURBANCE_OCTAVES", np.inf)
+    density = posterior.densities.density(KNOWN_PLANT)
+    disturbances = posterior.densities.density(KNOWN_PLANT, with_reference=False)
+    gradients = []
+    for estimate in (density, density + likelihood.DISTURBANCE_DEVIATION * disturbances):
+        monkeypatch.setattr(posterior, "_estimate", estimate)
+        gradients.append(posterior.expand(KNOWN_PLANT).gradient)
+    change = gradients[1] - gradients[0]
+    variance = posterior.disturbance_gradient_variance(KNOWN_PLANT)
+    assert_allclose(
+        variance, np.outer(change, change), rtol=1e-6, atol=1e-9 * np.abs(variance).max()
+    )
+
+
+@mark.slow
 def test_nothing_asked_is_nothing_steered():
-    still = axis(fly(4, steered=1e-6), 4)
+    k = len(PARAMETER_NAMES)
+    still, steered = axis(fly(4, steered=1e-6), 4), axis(fly(3), 4)
     assert still.reference_share(KNOWN_PLANT) < 0.05
+    covariance = np.eye(k)
+    assert IdentifiedAxis(still, KNOWN_PLANT, covariance, KNOWN_PLANT).steered_frequency == 0.0
+    # Steps of the setpoint are quick.
+    assert IdentifiedAxis(steered, KNOWN_PLANT, covariance, KNOWN_PLANT).steered_frequency > 4.0
 
 
 @mark.slow
@@ -224,6 +250,9 @@ class PosteriorStandIn:
 
     prior_sd: np.ndarray | None = None
     saturated_share: float = 0.0
+
+    def disturbance_gradient_variance(self, theta):
+        return np.zeros((len(theta), len(theta)))
 
 
 def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
@@ -278,6 +307,9 @@ class PosteriorOfTwoStepTimes:
 
     def value(self, at):
         return self.expand(at).value
+
+    def disturbance_gradient_variance(self, theta):
+        return np.zeros((len(theta), len(theta)))
 
     def expand(self, at):
         precision = PRIOR_SD**-2.0

@@ -71,6 +71,9 @@ HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}
 STRONG_SEED = 10_000
 """What is added to the seeds of a half for its flights with strong doublets and high hover."""
 
+LIMITED_SEED = 20_000
+"""What is added to the seeds of a half for its flights whose setpoints end at a few hertz."""
+
 GAIN_DEVIATIONS = (0.0, 0.1, UNEXPLAINED_GAIN_DEVIATION, 0.4)
 """Values in the place of ``UNEXPLAINED_GAIN_DEVIATION`` with which intervals of the crossover are compared."""
 
@@ -171,7 +174,7 @@ def _scenario_with_default_gains(seed: int, rng: Generator) -> Values:
     Returns:
         Values of the scenario by key, as in its TOML file, for :func:`scenario_from_table`.
     """
-    tables = TABLES["strong"] if seed >= STRONG_SEED else TABLES
+    tables = TABLES | _tables_of_kind(seed)
     autopilot = ("ardupilot", "px4")[seed % 2]
     has_gyro_low_pass = seed % 3 != 0
     # Pairs of successive seeds, one of each autopilot, have the same excitation.
@@ -194,6 +197,15 @@ def _scenario_with_default_gains(seed: int, rng: Generator) -> Values:
     values["sensors"] |= {name: _random_value(name, rng) for name in ("delay", "rate_sd")}
     values["stream"]["rates"] = {"ATTITUDE_TARGET": LOOP_RATE}
     return values
+
+
+def _tables_of_kind(seed: int) -> Values:
+    """Returns the vehicles and the steering that only the flights of one kind are drawn from, by the flight's seed."""
+    if seed >= LIMITED_SEED:
+        return TABLES["limited"]
+    if seed >= STRONG_SEED:
+        return TABLES["strong"]
+    return {}
 
 
 def _random_value(name: str, rng: Generator) -> float:
@@ -757,6 +769,7 @@ CACHE = click.option("--cache", default=CACHE_FOLDER, show_default=True, type=Pa
 @click.option("--rounded", is_flag=True, help="Stamps as MAVLink rounds them.")
 @click.option("--staggered", is_flag=True, help="Streams begin at different cycles.")
 @click.option("--strong", is_flag=True, help="Strong doublets and high hover, both halves.")
+@click.option("--limited", is_flag=True, help="Setpoints that end at 3 to 8 Hz.")
 @HALF
 @CACHE
 def main(
@@ -766,6 +779,7 @@ def main(
     rounded: bool,
     staggered: bool,
     strong: bool,
+    limited: bool,
     flights: int,
     cache: Path,
     jobs: int,
@@ -782,6 +796,7 @@ def main(
         rounded: whether stamps are rounded as in MAVLink messages.
         staggered: whether thinned streams begin at different cycles of the autopilot.
         strong: whether to print intervals of the crossover in flights with strong doublets and high hover instead.
+        limited: whether to evaluate flights whose setpoints end at a few hertz.
         flights: number of simulated flights.
         cache: folder that keeps the simulated flights.
         jobs: number of processes.
@@ -804,7 +819,9 @@ def main(
         is_shown = rows["figure"].isin(SHOWN_FIGURES) | (rows["cause"] != "")
         print_table("Logs", rows[is_shown])
         return
-    _print_errors(evaluate_flights(evaluate, HALVES[half][:flights], jobs))
+    first_seed = LIMITED_SEED if limited else 0
+    seeds = [first_seed + seed for seed in HALVES[half][:flights]]
+    _print_errors(evaluate_flights(evaluate, seeds, jobs))
 
 
 def _print_crossovers(rows: pd.DataFrame) -> None:

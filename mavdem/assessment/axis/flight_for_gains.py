@@ -33,6 +33,7 @@ REMOVED_BY_DOUBLETS = (
     LoopFact.LOOP_TOO_SHORT,
     LoopFact.NO_RATE_SETPOINT,
     LoopFact.NOT_STEERED,
+    LoopFact.STEERING_SLOW,
     ResponseFact.RESPONSE_DISAGREES,
     ResponseFact.RESPONSE_UNEXPLAINED,
     StepResponseFact.PREDICTION_DOUBTED,
@@ -163,8 +164,8 @@ def _facts_and_contained_facts(groups: Iterable[Facts]) -> list[Fact]:
 def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) -> Facts:
     """Returns why this log gives no gains for an axis, or only doubtful ones, as facts (coded findings).
 
-    Gains are doubtful if they stay although their margins are uncertain, because wind biases the estimate or the log is
-    slow.
+    Gains are doubtful if they stay although their margins are uncertain, because wind biases the estimate, the log is
+    slow, or setpoints end below the crossover.
 
     Args:
         evidence: the identified loops, or why they are not known.
@@ -187,7 +188,7 @@ def _reasons_for_no_gains(evidence: Evidence, axis: str, advice: Advice | Fact) 
 
 
 def _causes_of_uncertain_margins(advice: Advice) -> Facts:
-    """Returns why the margins of an axis are uncertain: wind biases the identified loop, or the log is too slow for it.
+    """Returns why the margins of an axis are uncertain: wind that biases the loop, a slow log, or slow setpoints.
 
     Args:
         advice: the advice on the axis, to keep its gains although its margins are not surely good.
@@ -199,7 +200,7 @@ def _causes_of_uncertain_margins(advice: Advice) -> Facts:
     for caution in advice.before.cautions:
         # A log may be slow and still show whether this axis has its margins.
         is_log_too_slow = caution.code in SLOW_LOG and advice.rating.figures["is_log_slow"]
-        if caution.code is LoopFact.EFFECT_BIASED or is_log_too_slow:
+        if caution.code in (LoopFact.EFFECT_BIASED, LoopFact.STEERING_SLOW) or is_log_too_slow:
             causes.append(caution)
     return tuple(causes)
 

@@ -258,9 +258,11 @@ def _step_to_keep_or_confirm_gains(
 
         - ``names``: the axes whose margins are uncertain;
         - ``can_go_on``: whether ``mavdem tune --more`` can compute other gains for all of them;
-        - ``least_rate``: rate of messages, Hz, that their loops need, if this log is slower; otherwise None.
+        - ``least_rate``: rate of messages, Hz, that their loops need, if this log is slower; otherwise None;
+        - ``is_steering_slow``: whether the setpoints of one of them end below its crossover.
     """
     uncertain_axes = []
+    slowly_steered_axes = []
     conclusions_on_few_models = []
     needed_log_rates = []
     for advice in advice_on_loops:
@@ -270,6 +272,8 @@ def _step_to_keep_or_confirm_gains(
             conclusions_on_few_models.append(advice.conclusion)
         if reaches_goal_in_few_models or is_log_slow:
             uncertain_axes.append(advice.before.axis)
+            if advice.before.is_steered_slowly:
+                slowly_steered_axes.append(advice.before.axis)
         if is_log_slow and advice.before.least_log_rate is not None:
             needed_log_rates.append(advice.before.least_log_rate)
     # Other gains reach the goal in more models, but do not make a slow log faster.
@@ -284,6 +288,7 @@ def _step_to_keep_or_confirm_gains(
         can_go_on=can_compute_other_gains and not is_slow_log_only_cause,
         needed=SURE_SHARE,
         least_rate=max(needed_log_rates, default=None),
+        is_steering_slow=bool(slowly_steered_axes),
         arguments=tuple(arguments),
     )
 

@@ -81,6 +81,16 @@ flight to flight is smaller. Chosen on half of the flights of ``tools/validation
 SAME_MODE_NATS = 4.0
 """An ascent ends when it comes to within so many nats of a mode that is already known, by that mode's curvature."""
 
+MIN_STEERED_COHERENCE = 0.6
+"""Least coherence of the rate with the reference at which setpoints identify the loop.
+
+It is the usual limit of frequency responses that are identified in flight (M. B. Tischler and R. K. Remple, Aircraft
+and Rotorcraft System Identification, 2nd ed., sec. 7.5).
+"""
+
+STEERED_BANDS = 5
+"""Number of neighbouring bands of which the median coherence counts, a fifth of their frequency wide: a choice."""
+
 MAX_PARAMETER_STEP = 1.5
 """Largest change of any entry of θ in one step: a choice. It is smaller for entries with a narrower prior."""
 
@@ -151,6 +161,18 @@ class IdentifiedAxis(NamedTuple):
             self.posterior.reference_share(self.theta),
             self.posterior.reference_share(self.main_mode),
         )
+
+    @property
+    def steered_frequency(self) -> float:
+        """Highest frequency at which setpoints cause most of the rate's motion, Hz; 0 if there is none.
+
+        There the coherence of the rate with the reference is at least ``MIN_STEERED_COHERENCE``, in the median of
+        ``STEERED_BANDS`` neighbouring bands, since the coherence of a single one scatters. Above that frequency only
+        wind and noise show the loop.
+        """
+        coherence = self.posterior.reference_coherence(self.main_mode)
+        is_steered = scipy.ndimage.median_filter(coherence, STEERED_BANDS) >= MIN_STEERED_COHERENCE
+        return float(self.posterior.spectra.frequency[is_steered].max(initial=0.0))
 
 
 def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
@@ -279,7 +301,7 @@ def _mixture_of_modes(
     mean = weights @ mode_points
     # The law of total variance adds the mean covariance within the modes and the covariance of their means.
     covariance_within = sum(
-        weight * _sandwich_covariance(posterior, mode.curvature)
+        weight * _sandwich_covariance(posterior, mode)
         for weight, mode in zip(weights, modes, strict=True)
     )
     deviations = mode_points - mean
@@ -288,25 +310,30 @@ def _mixture_of_modes(
     return IdentifiedAxis(posterior, mean, covariance_within + covariance_between, main_mode)
 
 
-def _sandwich_covariance(posterior: AxisPosterior, curvature: Array) -> Array:
-    """Returns the sandwich covariance of θ at a mode, H⁻¹ V H⁻¹.
+def _sandwich_covariance(posterior: AxisPosterior, mode: QuadraticExpansion) -> Array:
+    """Returns the sandwich covariance of θ at a mode, H⁻¹ V H⁻¹ (H. White, Econometrica 50(1), 1982).
 
     H is the curvature, and V the variance of the gradient. If the likelihood were exact, V would be H, and the
-    covariance H⁻¹. But estimates scatter less than the likelihood's information predicts, so that its share of V is
-    multiplied by :data:`LIKELIHOOD_VARIANCE_FACTOR` (H. White, Econometrica 50(1), 1982).
+    covariance H⁻¹. It differs in two ways. Estimates scatter less than the likelihood's information predicts, so that
+    its share of V is multiplied by :data:`LIKELIHOOD_VARIANCE_FACTOR`. And wind and noise have another spectrum than
+    the modelled one, which adds its own variance (:meth:`AxisPosterior.disturbance_gradient_variance`).
 
     Args:
         posterior: log posterior of the loop's parameters, with gradient and Fisher information.
-        curvature: its negative second derivative (k, k): information of the likelihood and precision of the prior.
+        mode: the mode θ (k,), with the negative second derivative of the log posterior there (k, k): information of the
+            likelihood and precision of the prior.
 
     Returns:
         The sandwich covariance (k, k).
     """
-    inverse_curvature = inverse(curvature)
+    inverse_curvature = inverse(mode.curvature)
     prior_precision = np.diag(posterior.prior_sd**-2.0)
-    # V is c (H − P) + P, here sorted by H and P: the factor c multiplies the likelihood's information H − P only.
+    # Without disturbances, V is c (H − P) + P, here sorted by H and P: the factor c multiplies the likelihood's
+    # information H − P only.
     gradient_variance = (
-        LIKELIHOOD_VARIANCE_FACTOR * curvature + (1 - LIKELIHOOD_VARIANCE_FACTOR) * prior_precision
+        LIKELIHOOD_VARIANCE_FACTOR * mode.curvature
+        + (1 - LIKELIHOOD_VARIANCE_FACTOR) * prior_precision
+        + posterior.disturbance_gradient_variance(mode.point)
     )
     return inverse_curvature @ gradient_variance @ inverse_curvature
 
