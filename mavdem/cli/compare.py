@@ -68,11 +68,14 @@ def _methods_from_text(
 
 
 def _unknown_method_text(name: str) -> str:
-    """Returns that no method has a name, which methods there are, and the one that is spelled most alike, if any."""
+    """Returns the error for an unknown method: which methods there are, and perhaps the one that was meant.
+
+    An example: "'arxx' is none of arx, dem and hold. Did you mean arx?"
+    """
     names = [str(method.name) for method in METHODS]
-    names_by_letters = {known_name.lower(): known_name for known_name in names}
-    similar = get_close_matches(name.lower(), names_by_letters, n=1)
-    suggestion = f" Did you mean {names_by_letters[similar[0]]}?" if similar else ""
+    names_in_small_letters = {known_name.lower(): known_name for known_name in names}
+    similar = get_close_matches(name.lower(), names_in_small_letters, n=1)
+    suggestion = f" Did you mean {names_in_small_letters[similar[0]]}?" if similar else ""
     return f"'{name}' is none of {listed(names)}.{suggestion}"
 
 

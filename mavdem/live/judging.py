@@ -124,7 +124,7 @@ class ModelJudging:
         with suppress(ValueError, RuntimeError, CancelledError):
             judged_model = pending.result()
             margins = judged_model.judgement.lights[Light.MARGINS]
-            confirmed_margins = self._margin_confirmation.confirmed(margins)
+            confirmed_margins = self._margin_confirmation.confirmed_light(margins)
             self.findings = judged_model.findings
             self.judgement = _with_margins(judged_model.judgement, confirmed_margins)
             self.is_of_recording = False

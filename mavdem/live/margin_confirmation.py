@@ -17,8 +17,8 @@ class MarginConfirmation:
         """Begins a flight, of which no margins are judged yet."""
         self._former_margins: Fact | None = None
 
-    def confirmed(self, margins: Fact) -> Fact:
-        """Returns the light of the margins by a new judgement of them.
+    def confirmed_light(self, margins: Fact) -> Fact:
+        """Returns the light of the margins: a warning of a new judgement only once a second judgement confirms it.
 
         Args:
             margins: the new judgement, a fact (a coded finding) with a level.

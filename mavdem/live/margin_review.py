@@ -474,7 +474,9 @@ class MarginReview:
         with suppress(Exception):
             margins, processor_seconds = pending.result()
             # After the landing no further review follows, which could confirm a warning.
-            self.margins = self._confirmation.confirmed(margins) if self._is_in_flight else margins
+            self.margins = (
+                self._confirmation.confirmed_light(margins) if self._is_in_flight else margins
+            )
             # After a long review the next one begins later, so that reviews take a small share of the processor.
             period = max(period, processor_seconds / MAX_PROCESSOR_SHARE)
         self._next_review_time = self._start_time + period

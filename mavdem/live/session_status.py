@@ -473,10 +473,10 @@ class SessionStatus(ImmutableResult):
             # The end of the session has not changed how urgent the fault is.
             step = Fact(NextStep.LAND_NOW, reason=judgement.headline, next_step=step_on_ground)
         else:
-            step = self._landing_before(step_on_ground)
+            step = self._landing_step(step_on_ground)
         return replace(judgement, next_step=step)
 
-    def _landing_before(self, step_on_ground: Fact) -> Fact:
+    def _landing_step(self, step_on_ground: Fact) -> Fact:
         """Returns the next step after a session that ended in flight: to land, and what to do after the landing.
 
         Args:
@@ -577,7 +577,7 @@ class SessionStatus(ImmutableResult):
         if reason.code is HeadlineCode.NOTHING_CHECKED:
             reason = reason.figures["reason"]
         if reason.code in STATES_OF_LEARNING:
-            reason = self._why_not_learned
+            reason = self._reason_for_no_model
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
             # The session goes on with the next flight, so its next step, such as to take off, remains right.
@@ -713,7 +713,7 @@ class SessionStatus(ImmutableResult):
         if self.link_loss is not None:
             return latest_judgement
         headline = self._ended_in_flight_fact(earlier_verdict.fact)
-        next_step = self._landing_before(earlier_verdict.judgement.next_step)
+        next_step = self._landing_step(earlier_verdict.judgement.next_step)
         return replace(latest_judgement, headline=headline, next_step=next_step)
 
     @property
@@ -1004,19 +1004,19 @@ class SessionStatus(ImmutableResult):
                 # Only what is computed beside the watch, the margins, waits while this computer is too slow.
                 is_margins = name == Light.MARGINS
                 reason_of_flight = (
-                    self._why_not_learned if is_margins else self._too_little_received
+                    self._reason_for_no_model if is_margins else self._too_little_received
                 )
                 lights_of_flight[name] = light.replace(reason=reason_of_flight)
             elif light.code in Unjudged and reason.code is SessionFact.FLIGHT_OVER:
                 # That the flight is over does not say why this part was not judged in it.
                 lights_of_flight[name] = Fact(Unjudged.NOT_JUDGED, reason=None)
             elif reason.code is LoopFact.LOOP_TOO_SHORT:
-                lights_of_flight[name] = light.replace(reason=self._why_loop_too_short(reason))
+                lights_of_flight[name] = light.replace(reason=self._reason_for_no_margins(reason))
         return lights_of_flight
 
     @property
-    def _why_not_learned(self) -> Fact:
-        """The fact why a flight that is over gave neither model nor margins.
+    def _reason_for_no_model(self) -> Fact:
+        """Why a flight that is over gave neither a model nor margins, as a fact (a coded finding).
 
         This computer was too slow if it had no time for most samples, or if the flight was long enough for margins;
         otherwise too little was received.
@@ -1026,7 +1026,7 @@ class SessionStatus(ImmutableResult):
             return self._too_slow_to_judge
         return self._too_little_received
 
-    def _why_loop_too_short(self, reason: Fact) -> Fact:
+    def _reason_for_no_margins(self, reason: Fact) -> Fact:
         """Returns why the latest review of a flight that is over found it too short for margins.
 
         Args:

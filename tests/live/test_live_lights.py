@@ -484,7 +484,7 @@ def test_a_flight_that_was_long_enough_for_margins_was_not_too_short(slow, revie
     assert landed.overall_judgement.lights[Light.MARGINS].figures["reason"].code is code
     landing = replace(landed, is_flying=True, state=VehicleState("Land", lands_by_itself=True))
     assert {row.name: row.figure for row in light_rows(landing)}["margins"] == "being judged"
-    assert replace(landed, margins=None)._why_not_learned.code is SessionFact.TOO_SLOW_TO_JUDGE
+    assert replace(landed, margins=None)._reason_for_no_model.code is SessionFact.TOO_SLOW_TO_JUDGE
 
 
 def test_a_voltage_that_is_not_judged_is_as_old_as_the_silence_of_the_link(slow):

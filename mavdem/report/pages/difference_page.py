@@ -294,7 +294,6 @@ def _chapters(
     is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
     parameter_chapters = _parameter_chapters(reviewed)
     step_chapter = _step_chapter(reviewed, legend)
-    do_loops_differ = _do_loops_differ(reviewed)
     first_chapters = [_change_chapter(reviewed)]
     later_chapters = []
     is_parameter_table_first = bool(reviewed.difference.axes_with_changed_loops)
@@ -303,7 +302,7 @@ def _chapters(
         first_chapters.append(gain_chapter._replace(folded=False))
     if is_motor_first:
         first_chapters.append(motor_chapter)
-    if do_loops_differ:
+    if _has_changed_loop_or_gains(reviewed):
         first_chapters.append(step_chapter)
     else:
         later_chapters.append(step_chapter._replace(folded=True))
@@ -349,7 +348,7 @@ def _has_changed_motor(difference: VehicleDifference) -> bool:
     )
 
 
-def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
+def _has_changed_loop_or_gains(reviewed: ReviewedDifference) -> bool:
     """Returns whether the control loops of two flights differ: a compared figure of a loop changed, or gains did.
 
     Args:
