@@ -214,7 +214,11 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
     for motor in sorted(motors):
         row = [motor_with_place(motor, difference)]
         for side in STATE_NAMES:
-            row.append(_motor_cell(reviews[side], warnings_by_side[side].get(motor)))
+            warning = warnings_by_side[side].get(motor)
+            if warning is None:
+                row.append(_cell_without_warning(reviews[side]))
+            else:
+                row.append(_cell_with_warning(warning))
         for changes in columns.values():
             change_of_motor = changes.get(motor)
             row.append("" if change_of_motor is None else change_with_interval(change_of_motor))
@@ -289,36 +293,52 @@ def motor_warnings(review: Review) -> dict[int, JsonValues]:
     return warnings
 
 
-def _motor_cell(review: Review, warning: JsonValues | None) -> str:
-    """Returns the table cell of one motor in one flight: its warning in few words, or that it has none.
+def _cell_without_warning(review: Review) -> str:
+    """Returns the table cell of a motor that a log has no warning about: "no warning", or "not known".
+
+    It is not known if the motors of the log were not judged, for example because their outputs were not logged.
 
     Args:
         review: review document of the log; empty for a fleet.
-        warning: the worst warning about the motor (:func:`motor_warnings`); None without one.
-
-    Returns:
-        The text, with the level of the warning for its colour. Without a warning it says so, or that the motors were
-        not judged.
     """
-    if warning is None:
-        motors_level = value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN
-        are_motors_judged = Level(motors_level) is not Level.UNKNOWN
-        [sentence] = render_section(
-            "difference_motor", is_known=are_motors_judged, loss=None, is_control_lost=False
-        )
-        return sentence.text
-    # What other flights of the vehicle show, without naming a motor, may stand before what the log shows of this one.
-    sentence_on_motor = warning["sentence"].rpartition(f"{BY_LOG_ALONE} ")[2]
-    # The row has the name of the motor already.
-    sentence_without_motor = MOTOR_AT_START.sub("", sentence_on_motor)
-    sentence_without_motor = AFTER_LOST_PERCENT.sub("", sentence_without_motor)
-    [sentence] = render_section(
+    motors_level = value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN
+    are_motors_judged = Level(motors_level) is not Level.UNKNOWN
+    [cell] = render_section(
+        "difference_motor", is_known=are_motors_judged, loss=None, is_control_lost=False
+    )
+    return cell.text
+
+
+def _cell_with_warning(warning: JsonValues) -> Rated:
+    """Returns the table cell of a motor that a log warns about, such as "lost 19 to 42 % at 47 s" with the level "bad".
+
+    Args:
+        warning: the worst warning about the motor, as the review document of the log has it
+            (:func:`motor_warnings`). If its figures have no loss of thrust, the cell quotes its sentence.
+    """
+    [cell] = render_section(
         "difference_motor",
         is_known=True,
         loss=value_at(warning, "figures.loss"),
         is_control_lost=warning.get("code") == Ending.CONTROL_LOST,
         time=warning.get("time"),
-        sentence=sentence_without_motor,
+        sentence=_quotation_for_cell(warning["sentence"]),
     )
-    text = without_full_stop(shortened(sentence.text, MAX_MOTOR_CHARACTERS))
+    text = without_full_stop(shortened(cell.text, MAX_MOTOR_CHARACTERS))
     return Rated(text, Level(warning["level"]))
+
+
+def _quotation_for_cell(warning_sentence: str) -> str:
+    """Returns the part of a warning about a motor that its table cell quotes, such as "lost about 25 %".
+
+    The text is quoted because a warning that comes from a comparison with other flights has no figures: the table of
+    the fleet stores only its sentence.
+
+    Args:
+        warning_sentence: for example "Motor 1 (front right) lost about 25 % of its thrust (…; motor or propeller)".
+    """
+    # A finding about all motors from the comparison with other flights may come first; the log's own is about this one.
+    _, _, sentence_on_motor = warning_sentence.rpartition(f"{BY_LOG_ALONE} ")
+    # The row of the table has the name of the motor already.
+    quotation = MOTOR_AT_START.sub("", sentence_on_motor)
+    return AFTER_LOST_PERCENT.sub("", quotation)

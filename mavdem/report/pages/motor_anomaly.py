@@ -323,34 +323,62 @@ def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None, *, is_compared: 
 
 
 def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
-    """Returns the top of a flight's page: the result by its log alone, and the section about an anomaly of its motors.
+    """Returns the HTML of a log's result and, above or below it, the section about an anomaly of the motors.
 
-    The section stands above the result or, if the log alone shows something bad, below it
-    (:func:`is_headline_replaced`). A next step by the log alone may be to fly again. Below the next step of the anomaly
-    it is therefore marked as the later one.
+    The anomaly comes first, since its headline becomes that of the page. Only if the log alone shows something bad,
+    such as a crash, its result stays on top (:func:`is_headline_replaced`).
 
     Args:
         result: match of ``RESULT_HTML`` in the page, in which an earlier call may have written an anomaly.
         anomaly: the anomaly that the comparison with other flights shows; None without any.
     """
+    classes = result["classes"]
     content = _without_marks_of_anomaly(result["content"])
-    opening = f'<section id="result" class="{result["classes"]}">\n'
     if anomaly is None:
-        return f"{opening}{content}</section>\n"
-    is_below = not is_headline_replaced(_level_of_section(result["classes"]))
-    anomaly_section = render_page(
+        return _result_section(classes, content)
+    is_below = not is_headline_replaced(_level_of_section(classes))
+    anomaly_section = _anomaly_section(anomaly, is_below=is_below)
+    if is_below:
+        return _result_section(classes, content) + anomaly_section
+    return anomaly_section + _result_section(classes, _marked_as_by_log_alone(content, anomaly))
+
+
+def _result_section(classes: str, content: str) -> str:
+    """Returns the HTML of the section with a log's result, as ``RESULT_HTML`` finds it again."""
+    return f'<section id="result" class="{classes}">\n{content}</section>\n'
+
+
+def _anomaly_section(anomaly: MotorAnomaly, *, is_below: bool) -> str:
+    """Returns the HTML of the section about an anomaly of the motors, with its evidence and next step.
+
+    Args:
+        anomaly: the anomaly.
+        is_below: whether the section stands below the log's result, where it is one paragraph without a headline.
+    """
+    section = render_page(
         environment().get_template("related_flights.html"),
         anomaly=anomaly,
         level_class=SECTION_CLASSES[anomaly.level],
         is_below=is_below,
     )
-    if is_below:
-        return f"{opening}{content}</section>\n{anomaly_section}\n"
+    return f"{section}\n"
+
+
+def _marked_as_by_log_alone(content: str, anomaly: MotorAnomaly) -> str:
+    """Returns the HTML of a log's result for below an anomaly: headline and next step are marked as by the log alone.
+
+    Unmarked, a next step such as "Next: Fly again" would contradict that of the anomaly, "Next: Inspect motor 2". It
+    becomes "Then, by this log alone: Fly again", and is hidden if the anomaly has the same step.
+    :func:`_without_marks_of_anomaly` reverses this.
+
+    Args:
+        content: HTML of the result, as the page of the log was made.
+        anomaly: the anomaly that stands above.
+    """
     content = HEADLINE.sub(r"<p><strong>This log alone:</strong> \1</p>", content, count=1)
     is_same_step = any(f"{NEXT_STEP} {step.text}</p>" in content for step in anomaly.next_step)
-    lead = NEXT_STEP_REPEATED if is_same_step else NEXT_STEP_ALONE
-    content = content.replace(NEXT_STEP, lead, 1)
-    return f"{anomaly_section}\n{opening}{content}</section>\n"
+    marked_step = NEXT_STEP_REPEATED if is_same_step else NEXT_STEP_ALONE
+    return content.replace(NEXT_STEP, marked_step, 1)
 
 
 def _level_of_section(classes: str) -> Level:
@@ -369,10 +397,11 @@ def _level_of_section(classes: str) -> Level:
 
 
 def _without_marks_of_anomaly(content: str) -> str:
-    """Returns the HTML of a log's result as its page was made: headline and next step are not marked beside an anomaly.
+    """Returns the HTML of a log's result as its page was made, with headline and next step unmarked.
 
     Args:
-        content: HTML of the result, in which an earlier call of :func:`with_motor_anomaly` may have marked them.
+        content: HTML of the result, in which an earlier call of :func:`with_motor_anomaly` may have marked both as by
+            the log alone (:func:`_marked_as_by_log_alone`).
     """
     content = HEADLINE_ALONE.sub(r'<p class="headline"><strong>\1</strong></p>', content)
     content = content.replace(NEXT_STEP_ALONE, NEXT_STEP, 1)
