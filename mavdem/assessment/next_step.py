@@ -26,35 +26,35 @@ MEASURED_BATTERY = (PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
 
 
 def choose_next_step(headline: Fact, lights: NamedFacts) -> Fact:
-    """Returns the next step: repair what is wrong, otherwise log what is missing, otherwise keep the log.
+    """Returns what the pilot should do after a flight: repair what is wrong, log what is missing, or keep the log.
 
     Args:
-        headline: headline of the judgement. If something is wrong, its advice is the next step.
-        lights: the facts of the status lights by name. If nothing is wrong, the next step is the advice of the first
-            light that is not good, unless that light stays unknown whatever is done.
+        headline: the most serious fact of the flight.
+        lights: the facts of the status lights (judgements of motors, power, log and so on) by name.
 
     Returns:
-        The fact that advises the step.
+        The first of these that applies, as a fact (a coded finding):
+
+        1. Something is wrong: what the headline and some other bad lights need, such as to replace a propeller.
+        2. A light is not good, and something helps: the advice of the first such light, such as to log faster.
+        3. A light is not good, and nothing helps: ``KEEP_LOG``, to keep the log.
+        4. All lights are good: ``KEEP_MODEL``, to keep the log as a standard for later flights.
     """
     if headline.code is not Headline.NOTHING_WRONG:
         return _step_against_faults(headline, lights)
-    is_other_vehicle = False
-    has_light_without_advice = False
+    are_all_lights_good = True
     for name in (Light.LOG, *VEHICLE_LIGHTS):
         light = lights[name]
         if light.is_good:
             continue
+        are_all_lights_good = False
+        # No other log makes this light known: the vehicle is not a multirotor.
         if light.code is Unjudged.MULTIROTORS_ONLY:
-            # No other log of a vehicle that is not a multirotor would make this light known.
-            is_other_vehicle = True
             continue
         advice = _advice_of_light(light)
         if advice is not None:
             return Fact(NextStep.DO_AS_ADVISED, reason=advice)
-        has_light_without_advice = True
-    if is_other_vehicle or has_light_without_advice:
-        return Fact(NextStep.KEEP_LOG)
-    return Fact(NextStep.KEEP_MODEL)
+    return Fact(NextStep.KEEP_MODEL if are_all_lights_good else NextStep.KEEP_LOG)
 
 
 def _advice_of_light(light: Fact) -> Fact | None:

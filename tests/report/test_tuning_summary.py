@@ -10,7 +10,7 @@ from pytest import mark
 
 from mavdem.assessment.axis.flight_for_gains import (
     flight_for_gains,
-    hover_with_lowered_gains,
+    hover_before_tuning,
     is_removed_by_flight,
 )
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
@@ -253,13 +253,13 @@ def test_a_vehicle_that_oscillates_hovers_with_lower_gains_before_it_is_tuned():
     telemetry = Hover().telemetry(parameters={"LOG_BITMASK": 126.0})
     evidence.signals.telemetry = replace(telemetry, translated_from="DataFlash")
     evidence.signals.attitude.rate_series = _messages_at(10.0)
-    tuning = tuning_of(LIMITED, LIMITED, {}, hover_to_tune=hover_with_lowered_gains(evidence))
+    tuning = tuning_of(LIMITED, LIMITED, {}, hover_to_tune=hover_before_tuning(evidence))
     *_, last_sentence = tune_summary(tuning, LIMITED)
     assert last_sentence.lead == "To tune then:"
     assert last_sentence.text.startswith("LOG_BITMASK is 126 in this log: set it to 127")
     assert "Then hover low for a few seconds with the lower gains" in last_sentence.text
     evidence.signals.attitude.rate_series = _messages_at(400.0)
-    assert not hover_with_lowered_gains(evidence).figures["also"]
+    assert not hover_before_tuning(evidence).figures["also"]
 
 
 def test_after_a_repair_a_firmware_without_the_gains_is_updated_before_any_doublets():

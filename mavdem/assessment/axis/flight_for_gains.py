@@ -110,24 +110,29 @@ def flight_for_gains(
     )
 
 
-def hover_with_lowered_gains(evidence: Evidence) -> Fact:
-    """Returns the advice on the first flight with gains that were lowered because the vehicle oscillated.
+def hover_before_tuning(evidence: Evidence) -> Fact:
+    """Returns the advice to hover shortly with lowered gains, after a flight in which the vehicle oscillated.
 
-    Nothing shows beforehand whether they are low enough. So a short hover comes before the doublets from which gains
-    are computed.
+    Nothing shows beforehand whether the gains are low enough. So this hover comes before the doublets (quick stick
+    movements), from which gains are computed.
 
     Args:
         evidence: the log with its signals, and the autopilot's parameters.
 
     Returns:
-        The fact ``HOVER_TO_TUNE``, with what to set so that attitude and rate are logged fast enough as ``also``.
+        The fact ``HOVER_TO_TUNE``. If this log is slow, its figure ``also`` has the setting that makes the next one
+        faster, such as the bit of LOG_BITMASK for fast attitude; otherwise it is empty.
     """
     attitude = evidence.signals.attitude
+    is_log_slow = (
+        attitude is None or rate_between_outages(attitude.rate_series) < ADVISED_STREAM_RATE
+    )
     logging_steps: Facts = ()
-    if attitude is None or rate_between_outages(attitude.rate_series) < ADVISED_STREAM_RATE:
+    if is_log_slow:
         advice = rate_advice(evidence.signals.telemetry, components=evidence.log.components)
+        # An autopilot that logs as fast as it can has no setting to change.
         if names_setting(advice):
-            logging_steps = (_with_flight_stated(advice),)
+            logging_steps = (_without_sentence_to_fly_anew(advice),)
     return Fact(NextStep.HOVER_TO_TUNE, also=logging_steps)
 
 
@@ -256,7 +261,7 @@ def _logging_steps(evidence: Evidence, reasons: Iterable[Fact]) -> Facts:
         is_advice_needed = is_log_slow or _adds_setpoint(advice, fact)
         if is_setting_named and is_advice_needed and advice not in steps:
             steps.append(advice)
-    return tuple(_with_flight_stated(step) for step in steps)
+    return tuple(_without_sentence_to_fly_anew(step) for step in steps)
 
 
 def _adds_setpoint(advice: Fact, reason: Fact) -> bool:
@@ -270,15 +275,15 @@ def _adds_setpoint(advice: Fact, reason: Fact) -> bool:
     return lacks_setpoint and advice.code in SETTINGS_ON_BOARD
 
 
-def _with_flight_stated(fact: Fact) -> Fact:
-    """Returns advice on a log without the sentence that says to fly anew, which the reader has beside it already.
+def _without_sentence_to_fly_anew(fact: Fact) -> Fact:
+    """Returns advice on logging whose text does not end with "then fly again": the advice around it says that already.
 
     Args:
-        fact: the advice, a coded finding. The sentence is also left out of its figure ``remedy``, if that is a fact.
+        fact: the advice, a coded finding. The same holds for its figure ``remedy``, if that is a fact.
     """
     remedy = fact.figures.get("remedy")
     if isinstance(remedy, Fact):
-        fact = fact.replace(remedy=_with_flight_stated(remedy))
+        fact = fact.replace(remedy=_without_sentence_to_fly_anew(remedy))
     return fact.replace(is_flight_stated=True)
 
 

@@ -13,7 +13,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.assessment.axis.flight_for_gains import flight_for_gains, hover_with_lowered_gains
+from mavdem.assessment.axis.flight_for_gains import flight_for_gains, hover_before_tuning
 from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.loops import controller_fault
@@ -252,7 +252,7 @@ def tune_loops(
     )
     hover_to_tune = None
     if gains_to_lower and judgement.headline.forbids_flight:
-        hover_to_tune = hover_with_lowered_gains(evidence)
+        hover_to_tune = hover_before_tuning(evidence)
     tuning = Tuning(
         axes=advice_by_axis,
         advice=advice_on_loops,

@@ -75,9 +75,9 @@ def judgement_with_tuning_step(
     changed_loops = _advice_on_changed_loops(advice_on_loops)
     allows_new_gains = has_new_gains and (
         _allows_new_gains(judgement.headline)
-        or _makes_margins_sure(judgement.headline, advice_by_axis)
+        or _has_gains_for_uncertain_margin(judgement.headline, advice_by_axis)
     )
-    if has_new_gains and _raises_gains_while_others_lack_margin(
+    if has_new_gains and _must_tune_other_axes_first(
         judgement, advice_on_loops, other_axes_to_tune
     ):
         # The axes that lack margin come first, with a run that does not raise the gains of others.
@@ -97,7 +97,7 @@ def judgement_with_tuning_step(
         next_step = step_to_lower_gains or _step_to_fly_before_gains(
             judgement, changed_loops, flight_for_gains
         )
-    elif must_be_repaired or _is_repair(judgement):
+    elif must_be_repaired or _asks_for_repair(judgement):
         return judgement
     elif step_to_lower_gains is not None:
         next_step = step_to_lower_gains
@@ -131,16 +131,21 @@ def _other_axes_to_tune(judgement: Judgement, requested_axes: Container[str]) ->
     return axes
 
 
-def _is_repair(judgement: Judgement) -> bool:
-    """Returns whether something must be repaired or set on the ground before the next flight.
+def _asks_for_repair(judgement: Judgement) -> bool:
+    """Returns whether the most serious fact of a flight asks for a repair or a setting on the ground.
+
+    A weak motor does. A fault of the control loops does not, since gains are its remedy. Nor does a fault that only
+    another flight can clear up.
 
     Args:
-        judgement: judgement of the flight. Its headline asks for a repair if it is a fault (watch or bad) other than of
-            the control loops, and has a remedy that is not a flight.
+        judgement: judgement of the flight, whose headline is its most serious fact.
     """
     headline = judgement.headline
-    is_fault_besides_loops = headline in faults_besides_loops(judgement)
-    return is_fault_besides_loops and bool(headline.without_flight_advice.remedy)
+    if headline not in faults_besides_loops(judgement):
+        return False
+    # A remedy that is left without the advice to fly is work on the ground.
+    remedy_on_ground = headline.without_flight_advice.remedy
+    return bool(remedy_on_ground)
 
 
 def _step_to_lower_gains(judgement: Judgement, axes: Iterable[str]) -> Fact | None:
@@ -175,12 +180,13 @@ def _is_flight_with_doublets(next_step: Fact) -> bool:
     return isinstance(action, Fact) and action.code is LoopAction.FLY_DOUBLETS
 
 
-def _raises_gains_while_others_lack_margin(
+def _must_tune_other_axes_first(
     judgement: Judgement, advice_on_loops: Sequence[Advice], other_axes: Sequence[str]
 ) -> bool:
-    """Returns whether new gains only make axes faster, while an axis that was not requested lacks stability margin.
+    """Returns whether axes that the user did not request must be tuned before those that he requested.
 
-    That other axis is then to be tuned first.
+    For example, the user asks to tune roll. Roll has its stability margins, and pitch lacks them. Then pitch comes
+    first: it is not safe yet, and new gains of roll, which only make it faster, can wait.
 
     Args:
         judgement: judgement of the flight, with the decision on the loops of each axis and the reason for it.
@@ -191,13 +197,17 @@ def _raises_gains_while_others_lack_margin(
         judgement.loop_decisions[axis].reason.code is MarginsLight.LOOP_MARGINS
         for axis in other_axes
     )
-    changed_loops = [advice for advice in advice_on_loops if advice.parameters]
-    changed_loops_have_margin = not any(advice.rating.is_bad for advice in changed_loops)
-    return other_axis_lacks_margin and changed_loops_have_margin
+    # The rating is bad if the axis lacks the required margins with its present gains.
+    new_gains_restore_margins = any(
+        advice.parameters and advice.rating.is_bad for advice in advice_on_loops
+    )
+    return other_axis_lacks_margin and not new_gains_restore_margins
 
 
 def _allows_new_gains(headline: Fact) -> bool:
-    """Returns whether new gains may be the next step after a flight: whether no other fault must be mended before.
+    """Returns whether the most serious fact of a flight (its headline) permits new gains as the next step.
+
+    A weak motor does not: it must be replaced before. The rules are:
 
     - A headline about the control loops allows new gains if the action that it advises is to change gains, to lower
       them, or to fly once more before they are loaded.
@@ -218,9 +228,10 @@ def _allows_new_gains(headline: Fact) -> bool:
 
 
 def _is_uncertain_margin(headline: Fact) -> bool:
-    """Returns whether a headline says that the margins of a loop reach their goal probably, but not surely.
+    """Returns whether the most serious fact of a flight is that an axis probably has its stability margins.
 
-    It is False if a measured response contradicts the loop, or if wind biases it: then the margins are not known.
+    For example, 80 % of the models of the vehicle that fit the flight have the required margins; 90 % would be sure.
+    It is False if a measured response contradicts the models, or if wind biases them: then the margins are not known.
 
     Args:
         headline: the most serious fact of the flight.
@@ -230,17 +241,24 @@ def _is_uncertain_margin(headline: Fact) -> bool:
     return headline.figures["rating"] is Level.WATCH and not headline.figures["is_biased"]
 
 
-def _makes_margins_sure(headline: Fact, advice_by_axis: AdviceByAxis) -> bool:
-    """Returns whether new gains make the uncertain margins of an axis sure, as those of ``mavdem tune --more`` do.
+def _has_gains_for_uncertain_margin(headline: Fact, advice_by_axis: AdviceByAxis) -> bool:
+    """Returns whether the worst of a flight is an uncertain margin, and there are new gains to load for that axis.
+
+    For example, roll has its required margins in 80 % of the models of the vehicle, and in 95 % with the new gains. An
+    uncertain margin is usually no reason for new gains, but the user may ask for them by ``mavdem tune --more``.
 
     Args:
-        headline: the most serious fact of the flight, which may be that the margins of an axis are uncertain.
+        headline: the most serious fact of the flight.
         advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
     """
     if not _is_uncertain_margin(headline):
         return False
     advice = advice_by_axis.get(headline.figures["axis"])
-    return isinstance(advice, Advice) and bool(advice.parameters) and advice.is_sound
+    if not isinstance(advice, Advice):
+        return False
+    has_new_gains = bool(advice.parameters)
+    # Gains for which this flight is no sound basis wait for another flight.
+    return has_new_gains and advice.is_sound
 
 
 def _step_to_keep_or_confirm_gains(

@@ -1,5 +1,6 @@
 """Status light of the stability margins, a fact (a coded finding): a limit cycle, the worst of the axes, or unknown."""
 
+from collections.abc import Sequence
 from math import inf
 
 from mavdem.assessment.axis.margins import resonance_fact
@@ -11,7 +12,7 @@ from mavdem.facts.margins import MarginsLight
 
 
 def margins_light(evidence: Evidence) -> Fact:
-    """Judges the stability margins of the control loops.
+    """Returns the status light of the stability margins, such as that pitch has too small a phase margin.
 
     The first of these cases applies:
 
@@ -38,22 +39,32 @@ def margins_light(evidence: Evidence) -> Fact:
         worst_margin = worst_fact(facts)
         if worst_margin.is_watch_or_bad:
             return worst_margin
-    # The facts are in the order of their margins, so that the first good one has the smallest of the good margins.
-    smallest_good_margin = None
-    axes_with_good_margins = []
-    for fact in facts:
-        if not fact.is_good:
-            continue
-        if smallest_good_margin is None:
-            smallest_good_margin = fact
-        axis = fact.figures["axis"]
-        if axis not in axes_with_good_margins:
-            axes_with_good_margins.append(axis)
-    is_tilt_good = any(axis in axes_with_good_margins for axis in TILT_AXES)
-    if smallest_good_margin is not None and is_tilt_good:
-        # One sentence states the smallest margin, and names all axes with good ones.
-        return smallest_good_margin.replace(names=tuple(axes_with_good_margins))
-    return _smallest_margins_by_slow_log(evidence) or _unknown_margins(evidence)
+    return (
+        _smallest_good_margin(facts)
+        or _smallest_margins_by_slow_log(evidence)
+        or _unknown_margins(evidence)
+    )
+
+
+def _smallest_good_margin(facts: Sequence[Fact]) -> Fact | None:
+    """Returns the fact about the smallest of the good margins, with the names of all axes that have good ones.
+
+    One sentence of the light then states that margin and names these axes, such as roll and pitch.
+
+    Args:
+        facts: facts (coded findings) about the margins of all axes, the smallest margin first.
+
+    Returns:
+        The fact, whose figure ``names`` has the axes; None if neither roll nor pitch has a good margin: yaw alone does
+        not decide the light.
+    """
+    # The axis of a fact is "roll", "pitch" or "yaw". An axis with several good facts is named once.
+    good_facts = [fact for fact in facts if fact.is_good]
+    axes = dict.fromkeys(fact.figures["axis"] for fact in good_facts)
+    if not any(axis in axes for axis in TILT_AXES):
+        return None
+    # The first of the good facts has the smallest of the good margins.
+    return good_facts[0].replace(names=tuple(axes))
 
 
 def _facts_by_margin(evidence: Evidence) -> list[Fact]:
