@@ -127,7 +127,9 @@ def _judged_light(
 
 
 def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
-    """Returns the decision on the loops of each axis.
+    """Returns for roll, pitch and yaw what to do about the axis' control loops, and why.
+
+    For example: tune pitch, since its phase margin is too small; roll needs nothing.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -139,6 +141,7 @@ def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
     if evidence.not_flown is not None or evidence.other_vehicle is not None:
         return {}
     repairs = repairs_before_tuning(evidence, motors_light)
+    # Slow swings of the attitude may explain why an axis does not follow its setpoint.
     swings = [event for event in evidence.events if event.code is MotionEvent.ATTITUDE_SWUNG]
     decisions = dict[str, LoopDecision]()
     for margins in evidence.margins:

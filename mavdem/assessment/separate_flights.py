@@ -116,9 +116,11 @@ def _spans_between_restarts(signals: Signals) -> list[Segments]:
 def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
     """Returns the messages of some boots of a vehicle, as if nothing else had been recorded.
 
-    The parameters are those of these boots, also if they were reported in other ones only. Who ended the recording has
-    ended the messages of its last boot alone: those of an earlier one ended with its autopilot. A recording states one
-    autopilot: if another vehicle had the same ids in another boot, the autopilot is found anew.
+    - The parameters are those of these boots, even if they were reported in earlier boots only.
+    - Only the last boot of the recording may have been ended by the user. An earlier one ended when the autopilot
+      restarted.
+    - A recording states one autopilot. If another vehicle had the same ids in another boot, the autopilot is found
+      anew from the heartbeats of these boots.
 
     Args:
         signals: logged time series of the vehicle in all boots.
@@ -137,9 +139,9 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
     if "HEARTBEAT" in messages:
         autopilot = vehicle_identity(messages["HEARTBEAT"]).autopilot
         if autopilot != telemetry.autopilot:
-            telemetry = _with_autopilot(telemetry, autopilot)
+            telemetry = _as_other_autopilot(telemetry, autopilot)
             signals = Signals(telemetry, signals.axis, signals.inputs)
-    end = _end_of_parameters(signals, spans[-1])
+    end = _last_time_of_parameters(signals, spans[-1])
     if "PARAM_VALUE" in telemetry.messages:
         all_reports = parameter_reports(telemetry.messages, telemetry.autopilot)
         reports = _reports_until(all_reports, spans, end)
@@ -162,7 +164,10 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
 def _with_parameters_between(
     telemetry: Telemetry, history: ParameterHistory, start: BootTime, end: BootTime
 ) -> Telemetry:
-    """Returns messages of a part of a recording with the parameters of this part.
+    """Returns the messages of a part of a recording with the parameters that held in this part.
+
+    For example, a gain was 0.15 at the start of the part, 0.12 at its end, and 0.1 at the end of the recording. Then
+    0.12 is its value, 0.15 its initial and 0.1 its later one.
 
     Args:
         telemetry: the messages.
@@ -192,12 +197,15 @@ def _with_boots_from_zero(columns: Columns, first_boot: int) -> Columns:
     return {**columns, "boot": columns["boot"] - first_boot}
 
 
-def _with_autopilot(telemetry: Telemetry, autopilot: str) -> Telemetry:
-    """Returns a vehicle with another autopilot than its recording states, and with the parameters that this reported.
+def _as_other_autopilot(telemetry: Telemetry, autopilot: str) -> Telemetry:
+    """Returns the messages of a recording as those of another autopilot, with the parameters that this one reported.
+
+    A recording may hold a PX4 and an ArduPilot vehicle with the same ids, one after the other, but it states only one
+    autopilot. Parameters of the other vehicle must not count, and each autopilot encodes their values in its own way.
 
     Args:
-        telemetry: the vehicle, with the autopilot and the parameters of the whole recording.
-        autopilot: the MAV_AUTOPILOT without its prefix.
+        telemetry: the messages, with the autopilot that the recording states, and its parameters.
+        autopilot: the other autopilot, by the name of its MAV_AUTOPILOT without the prefix, such as "PX4".
     """
     parameters: Parameters = {}
     if "PARAM_VALUE" in telemetry.messages:
@@ -211,12 +219,13 @@ def _with_autopilot(telemetry: Telemetry, autopilot: str) -> Telemetry:
     )
 
 
-def _end_of_parameters(signals: Signals, span: Segment) -> BootTime:
-    """Returns the time of a boot up to which reports of the autopilot's parameters are taken for values in this boot.
+def _last_time_of_parameters(signals: Signals, span: Segment) -> BootTime:
+    """Returns the time up to which reports of the autopilot's parameters belong to a boot and its flights.
 
-    A report has no time of its own, but that of the message before it. So what comes first after a restart has the time
-    of the last message of the boot before. It does not count there, nor does anything else after the last landing
-    before a restart. In the last boot of a recording all reports count.
+    - Before a restart this is the last landing: a gain that the pilot sets after it acts in the next flight only.
+    - In a boot without a flight, it is just before the last message. A report has no time of its own, but that of the
+      message before it. So the first reports after a restart bear the time of the last message before it.
+    - In the last boot of the recording all reports count.
 
     Args:
         signals: logged time series of the vehicle in all boots.
@@ -225,20 +234,21 @@ def _end_of_parameters(signals: Signals, span: Segment) -> BootTime:
     Returns:
         Number of the boot and time in it, s; infinite for the last boot.
     """
-    is_last = span == recorded_spans(signals)[-1]
-    if is_last:
+    is_last_boot = span == recorded_spans(signals)[-1]
+    if is_last_boot:
         return BootTime(span.boot, inf)
-    # The largest number below the time of the last message, so that reports with just that time do not count.
+    # The largest number below the time of the last message.
     end = np.nextafter(span.end, -inf)
     flights = flights_in_boot(signals, span.boot)
     if flights:
         _, last_landing = flights[-1]
+        # A flight may last until the last message.
         end = min(end, last_landing)
     return BootTime(span.boot, float(end))
 
 
 def _reports_until(reports: Columns, spans: Segments, end: BootTime) -> Columns:
-    """Selects the reports of parameters that count in a part of a recording: all until its end.
+    """Selects the reports of the autopilot's parameters that hold in a part of a recording: all until its end.
 
     What an autopilot reported before it restarted still holds afterwards. So the reports of boots before this part are
     included, as if they came at its start.

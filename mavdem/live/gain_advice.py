@@ -226,12 +226,16 @@ def advise_gains(recording: Path, vehicle: str, thrust_loss: Fact | None = None)
 
 
 def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact) -> Fact:
-    """Writes files with new gains next to a recording, all or none, and returns the fact with their path.
+    """Writes the files with new gains next to a recording, either all of them or none.
 
     Args:
-        recording: path of the session's recording.
-        texts: text of each file by the ending of its name.
-        next_step: what the user should do with the files.
+        recording: path of the session's recording, such as ``flight.tlog``.
+        texts: text of each file by the ending of its name, such as ``.params``.
+        next_step: what the pilot should do with the files.
+
+    Returns:
+        The fact (a coded finding) ``GAINS_WRITTEN``. Its figure ``path`` names the files, such as
+        ``flight.gains.params``, and its figure ``reason`` is the next step.
 
     Raises:
         OSError: a file cannot be written.

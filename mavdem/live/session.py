@@ -653,7 +653,7 @@ class LiveSession:
         # Each segment of rows has a format object of its own.
         is_new_segment = row_format is not learning.row_format
         if is_new_segment:
-            self._begin_segment(row_format)
+            self._prepare_for_segment(row_format)
         learning.is_free_flight = row.is_free_flight
         if row.is_settled:
             self.flight.settled_seconds += row_format.dt
@@ -678,8 +678,11 @@ class LiveSession:
         self._presentation.add_to_history(row, row_format, estimate, wind, pose)
         self._presentation.show(row, pose, estimate, model, wind)
 
-    def _begin_segment(self, row_format: RowFormat) -> None:
-        """Prepares learner, history and display for a new segment, whose rows may have other motors or another step.
+    def _prepare_for_segment(self, row_format: RowFormat) -> None:
+        """Prepares learner, history and display for rows of another segment, such as those after a gap in the stream.
+
+        They may have other motors or another time step: the learner continues if both are the same, or else begins
+        anew, and the charts get the names of the motors.
 
         Args:
             row_format: names of motors and outputs, units and time step of the rows that follow.

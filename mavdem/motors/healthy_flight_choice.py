@@ -66,7 +66,7 @@ def _first_unchanged_flights(flights: Sequence[HealthFigures]) -> list[HealthFig
             break
         if flight not in usable_flights:
             continue
-        if healthy and _was_repaired(healthy[-1], flight):
+        if healthy and _was_weak_motor_repaired(healthy[-1], flight):
             healthy.clear()
         elif healthy and flight_evidence(flight, healthy).is_changed:
             break
@@ -77,9 +77,10 @@ def _first_unchanged_flights(flights: Sequence[HealthFigures]) -> list[HealthFig
 
 
 def _is_newly_suspect(flight: HealthFigures, healthy_flight: HealthFigures) -> bool:
-    """Returns whether a flight's own log speaks of damage: a loss of the vehicle, or a motor that it suspects.
+    """Returns whether a flight's own log shows damage that the flights before did not have.
 
-    A motor that an earlier log suspects, too, is no change: the load may lie towards it in all flights.
+    It does if the vehicle was lost, or if the log suspects a motor. A motor that the log of the healthy flight suspects
+    too does not count: the load may lie towards it in all flights.
 
     Args:
         flight: The flight.
@@ -90,10 +91,12 @@ def _is_newly_suspect(flight: HealthFigures, healthy_flight: HealthFigures) -> b
     return flight.was_lost or (suspects_motor and not is_same_motor)
 
 
-def _was_repaired(earlier_flight: HealthFigures, later_flight: HealthFigures) -> bool:
+def _was_weak_motor_repaired(earlier_flight: HealthFigures, later_flight: HealthFigures) -> bool:
     """Returns whether a motor was weak in the earlier of two flights, and no longer is in the later one.
 
-    A weak motor and one that regained its thrust differ in yaw, so that the comparison has a direction.
+    The flights differ alike in roll and pitch if one motor of a quadrotor was repaired, or if the opposite one became
+    weak. Yaw tells both apart, since opposite motors turn in the same direction. So each flight is judged against the
+    other, and the one with the more probable fault is the one with the weak motor.
 
     Args:
         earlier_flight: The earlier flight.
@@ -101,6 +104,7 @@ def _was_repaired(earlier_flight: HealthFigures, later_flight: HealthFigures) ->
     """
     earlier_evidence = flight_evidence(earlier_flight, [later_flight])
     later_evidence = flight_evidence(later_flight, [earlier_flight])
-    fault_probability = earlier_evidence.change.fault_probability
-    is_fault_probable = fault_probability >= MIN_REPORTED_PROBABILITY
-    return is_fault_probable and fault_probability > later_evidence.change.fault_probability
+    earlier_fault_probability = earlier_evidence.change.fault_probability
+    later_fault_probability = later_evidence.change.fault_probability
+    is_fault_probable = earlier_fault_probability >= MIN_REPORTED_PROBABILITY
+    return is_fault_probable and earlier_fault_probability > later_fault_probability

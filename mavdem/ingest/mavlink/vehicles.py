@@ -105,7 +105,7 @@ def assemble(stream: FrameStream) -> Log:
     Raises:
         Unreadable: The only vehicles are two with the same ids.
     """
-    sender_streams, is_no_copy = _streams_by_sender(stream)
+    sender_streams, is_no_copy = _streams_of_senders(stream)
     frames = stream.frames
     if not is_no_copy.all():
         frames = frames[is_no_copy]
@@ -206,17 +206,22 @@ SENDER_MASK = 0xFFFF
 """Those bits."""
 
 
-def _streams_by_sender(
-    stream: FrameStream,
-) -> tuple[dict[int, SenderStream], NDArray[np.bool_]]:
-    """Groups the frames of a recording by sender, and finds losses and copies among the frames of each.
+class _StreamsOfSenders(NamedTuple):
+    """Losses and copies among the N frames of a recording, for each sender and for each frame."""
+
+    by_sender: dict[int, SenderStream]
+    """The losses and copies of each sender, by system id << 8 | component id."""
+    is_no_copy: NDArray[np.bool_]
+    """(N,) whether each frame is no copy of an earlier one, as one received over a second link is."""
+
+
+def _streams_of_senders(stream: FrameStream) -> _StreamsOfSenders:
+    """Counts lost messages and finds copies among the frames of each sender, such as those of a second radio link.
+
+    Frames are grouped by sender first, since each sender numbers its own messages.
 
     Args:
         stream: The frames (N,) of a recording.
-
-    Returns:
-        The stream of each sender, by system id << 8 | component id; and flags (N,) of the frames that are no copies,
-        such as those that were received over a second link.
     """
     sender_streams = {}
     is_no_copy = np.ones(len(stream.frames), dtype=np.bool_)
@@ -225,7 +230,7 @@ def _streams_by_sender(
         sender_streams[sender_id] = sender_stream
         if sender_stream.copies:
             is_no_copy[rows] = sender_stream.is_no_copy
-    return sender_streams, is_no_copy
+    return _StreamsOfSenders(sender_streams, is_no_copy)
 
 
 def _sender_ids(frames: Frames) -> NDArray[np.uint16]:
