@@ -531,28 +531,31 @@ def _seconds_text(seconds: float) -> str:
 
 
 def _rmse_table(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
-    """Returns a table of the first method's RMSE by horizon, and of the windows in which a constant is better.
+    """Returns a table of the forecast errors of the first method: rows of figures, a column for each horizon.
 
-    The last rows have the RMSE of the last value as forecast, which depends on no inputs.
+    For each kind of forecast it has the RMSE of each output, and the number of windows in which a constant forecast has
+    the smaller error. For comparison, the last rows have the RMSE of holding the last value. It uses no inputs, so that
+    it is the same for all kinds.
 
     Args:
         comparison: errors of all methods.
-        kinds: kinds of forecasts, by the data that they may use; the table has rows for each.
+        kinds: kinds of forecasts, by the inputs that they may use.
     """
-    reference = comparison.methods[0]
+    method = comparison.methods[0]
     rows = []
     for kind in kinds:
         summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
-        if reference not in summaries:
+        if method not in summaries:
+            # The method makes no forecasts of this kind.
             continue
-        summary = summaries[reference]
-        rows += _rmse_rows(f"inputs {kind}", comparison, reference, kind)
+        summary = summaries[method]
+        rows += _rmse_rows(f"inputs {kind}", comparison, method, kind)
         worse_counts = [str(count) for count in summary["horizons_worse"]]
         worse_label = f"inputs {kind}: worse than constant, of {summary['windows']}"
         rows.append([worse_label, *worse_counts])
-    if reference != HOLD_LAST and HOLD_LAST in comparison.methods_of(KNOWN_INPUTS):
+    if method != HOLD_LAST and HOLD_LAST in comparison.methods_of(KNOWN_INPUTS):
         rows += _rmse_rows(HOLD_LAST, comparison, HOLD_LAST, KNOWN_INPUTS)
-    return Table([f"{reference}, by horizon (s)", *_horizon_header(comparison, kinds[0])], rows)
+    return Table([f"{method}, by horizon (s)", *_horizon_header(comparison, kinds[0])], rows)
 
 
 def _rmse_rows(

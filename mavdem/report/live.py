@@ -39,21 +39,25 @@ MAX_FIGURE_LENGTH = 50
 
 
 def watched_quantities_text(watch_facts: Sequence[Fact]) -> str:
-    """Returns a line for the pilot: which quantities a live session watches since when, and which not and why.
+    """Returns a line for the pilot that lists which quantities a live session watches, and which it does not and why.
 
-    A session compares quantities such as the battery and the vibration with their values earlier in the flight. This
-    needs no model of the vehicle, but some time in the air. The line is, for example, "Watched: battery and vibration
-    (since 62 s); not watched: loss of thrust (no motor outputs are received)."
+    For example: "Watched: battery and vibration (since 62 s); not watched: loss of thrust (no motor outputs are
+    received)." A session compares such quantities with their values earlier in the flight, so that it starts to watch
+    them after some time in the air. Quantities that are watched since the same second are listed together.
 
     Args:
-        watch_facts: for each such quantity a fact (a coded finding): since when it is watched, or why it cannot be.
+        watch_facts: for each quantity a fact (a coded finding): the time since when it is watched, s, or the reason why
+            it cannot be.
+
+    Returns:
+        The line; empty without facts.
     """
     facts_in_whole_seconds = []
     for fact in watch_facts:
         if fact.time is None:
             facts_in_whole_seconds.append(fact)
         else:
-            # The line names quantities that are watched since the same second together.
+            # The template groups facts of equal time, so that times are rounded to whole seconds.
             start_second = float(round(fact.time))
             facts_in_whole_seconds.append(fact.replace(time=start_second))
     sentences = render_section("live_watched", watch_facts=facts_in_whole_seconds)

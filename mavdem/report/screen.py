@@ -136,7 +136,7 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
         assessment: all results on a vehicle of the log: events, judgement, loops and wind.
     """
     blocks: Blocks = [*judgement_sentences(assessment.judgement).lights]
-    blocks += _learned_blocks(analysis)
+    blocks += _model_or_reason_blocks(analysis)
     blocks += _motor_alarm_sentences(analysis)
     has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
     if not has_full_model:
@@ -190,23 +190,24 @@ def instance_blocks(assessment: Assessment) -> Blocks:
     return blocks
 
 
-def _learned_blocks(analysis: LogAnalysis) -> Blocks:
-    """Returns the report on the model of an axis or, if none was learned, the sentence with the reason.
+def _model_or_reason_blocks(analysis: LogAnalysis) -> Blocks:
+    """Returns the report on the model of an axis or, without a model, a sentence why there is none.
 
     Args:
-        analysis: analysis of the axis, with the model or the reason why there is none.
+        analysis: analysis of the axis.
 
     Returns:
-        The report; empty if there is neither a model nor a reason.
+        The report, or the sentence, such as "No model: the flight is too short"; empty if the reason is not known.
     """
-    if analysis.learned is None:
-        if analysis.reason is None:
-            return []
+    learned = analysis.learned
+    if learned is not None:
+        # Without a full model, the motors in hover are described with the vehicle's condition, after this report.
+        describes_hover = analysis.tier.allows_full_model
+        hover = analysis.condition.hover if describes_hover else None
+        return _model_blocks(analysis.findings, learned, analysis.held_out, hover)
+    if analysis.reason is not None:
         return [Sentence(str(analysis.reason), lead="No model:")]
-    # The hover (output and headroom of each motor) is described here only with a full model: without one, sentences on
-    # the vehicle's condition follow, which describe it.
-    hover = analysis.condition.hover if analysis.tier.allows_full_model else None
-    return _model_blocks(analysis.findings, analysis.learned, analysis.held_out, hover)
+    return []
 
 
 def _model_blocks(

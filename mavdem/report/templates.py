@@ -296,20 +296,19 @@ def _advises_flight(code: Code, template_name: str) -> bool:
 
 
 def _template_values(fact: Fact) -> dict[str, Any]:
-    """Returns the values that the templates of a fact use by name: its figures and attributes, and the medium.
+    """Returns the variables of a fact's templates by name, such as ``subject`` "motor 1" and ``level`` "bad".
 
-    Templates must not use undefined names, so that figures which most facts (coded findings) do not have get a default
-    here.
+    They are the attributes of the fact (a coded finding), its figures, and what the medium can show, such as a
+    terminal. Jinja raises an error for an undefined variable. Figures that templates ask for, but that most facts do
+    not have, therefore get a default here.
 
     Args:
-        fact: the fact. Its figure ``is_grounded`` means that the vehicle must not fly
-            (:attr:`Fact.without_flight_advice`), and ``is_added`` that its text follows another one which has said
-            already not to fly.
+        fact: the fact. Two of its figures are flags: ``is_grounded`` if the vehicle must not fly, so that advice to fly
+            is left out, and ``is_added`` if its text follows another one that forbids to fly already.
     """
     medium = MEDIUM.get()
-    ban = BAN
-    if fact.figures.get("is_added"):
-        ban = "Nor fly"
+    # A second sentence that forbids to fly continues the first: "Do not fly before … Nor fly before …".
+    ban = "Nor fly" if fact.figures.get("is_added") else BAN
     values = {
         "remedy": "",
         "action": None,

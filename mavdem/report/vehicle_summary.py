@@ -241,7 +241,8 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     Returns:
         The summary, which can be stored as JSON.
     """
-    # A log is the list of its rows, and so is a flight. Logs without a flight that can be analysed are among the logs.
+    # The table has one flight a log, so that rows which are grouped by flight are grouped by log too. Some logs have no
+    # flight that can be analysed: they are listed, but not counted as flights.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
     real_flights = [flight for flight in flights if not log_row(flight).simulated]

@@ -13,11 +13,13 @@ from mavdem.report.templates import render_section
 def unexplained_effort_change(reviewed: ReviewedDifference) -> EffortChange | None:
     """Returns the change of the mean motor output at equal voltage, if it is significant and nothing else explains it.
 
+    For example, all motors work 8 % harder in B than in A.
+
     Args:
         reviewed: comparison of two states.
 
     Returns:
-        The change; None if its 90 % interval includes 0, if a motor that is named as weak explains it, if the status
+        The change. None if its 90 % interval includes 0, if a motor that is named as weak explains it, if the status
         light of the motors (their judgement) warns of it already, and for two different vehicles.
     """
     effort = reviewed.difference.effort
@@ -35,22 +37,23 @@ def _does_light_warn_of_effort(reviewed: ReviewedDifference) -> bool:
 
 
 def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns what to do if all motors work harder or less hard than before; empty if they do not.
+    """Returns the next step if all motors work harder, or less hard, in B than in A: what to check, or to fly again.
+
+    Checking the load and the propellers is work that an uncertain change does not justify: if it is probably no change
+    (probability below ``EVEN_PROBABILITY``), another flight as in B shows whether it is real.
 
     Args:
         reviewed: comparison of two states of one vehicle.
 
     Returns:
-        The step to fly again where a change is less probable than none, and otherwise what to check.
+        A list with the step; empty if the effort of the motors did not change.
     """
-    if _does_light_warn_of_effort(reviewed):
-        return render_section("effort_next")
     effort = unexplained_effort_change(reviewed)
-    if effort is None:
-        return []
-    if effort.probability < EVEN_PROBABILITY:
+    if effort is not None and effort.probability < EVEN_PROBABILITY:
         return render_section("difference_doubt", motor="")
-    return render_section("effort_next")
+    if effort is not None or _does_light_warn_of_effort(reviewed):
+        return render_section("effort_next")
+    return []
 
 
 def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
@@ -60,8 +63,8 @@ def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed: comparison of two states.
 
     Returns:
-        A list with the sentence, which leaves open whether they do if that is less probable than not. Empty if the
-        interval of the change includes 0, or if something else explains it.
+        A list with the sentence. It leaves open whether the effort changed at all if that is improbable (below
+        ``EVEN_PROBABILITY``). Empty without a significant change that nothing else explains.
     """
     effort = unexplained_effort_change(reviewed)
     if effort is None:

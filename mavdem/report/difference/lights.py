@@ -599,15 +599,17 @@ def _light_cells(
 
 
 def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
-    """Returns a table cell with the level of a status light: the text, its colour, and the sentence that explains it.
+    """Returns a table cell with the level of a status light, which also colours it, and an explanation.
+
+    The cell of a log is for example "good", explained by the sentence of the light. A fleet has a level for each of its
+    flights. Its cell has the worst one, for example "bad", explained by "in 2 of 9 flights, good in 7. The last one,
+    good: …".
 
     Args:
-        light: the light, a judgement with a level and a sentence, in the review document of a log or a fleet.
-        text_above: text above the table. If it has the sentence, the cell refers to it.
-        remark: text that is added to the sentence, with a space before it; empty for none.
-
-    Returns:
-        The cell; of a fleet with the worst level, the number of flights with each level, and the sentence of the last.
+        light: the light, a judgement with a level and a sentence, in the review document of a log or a fleet. The
+            level and sentence of a fleet are those of its last flight.
+        text_above: text above the table. If it has the sentence, the cell refers to it instead of repeating it.
+        remark: text that is added to the explanation, with a space before it; empty for none.
     """
     sentence = light["sentence"]
     if sentence and sentence in text_above:
@@ -616,13 +618,13 @@ def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
     levels = levels_in_flights(light)
     if len(levels) == 1:
         return Rated(light["level"], Level(light["level"]), sentence + remark)
-    counts = Counter(levels)
-    worst_level, *other_levels = [level for level in LEVELS_WORST_FIRST if level in counts]
+    flight_counts = Counter(levels)
+    worst_level, *other_levels = [level for level in LEVELS_WORST_FIRST if level in flight_counts]
     [explanation] = render_section(
         "difference_light_of_flights",
-        worst_count=counts[worst_level],
+        worst_count=flight_counts[worst_level],
         count=len(levels),
-        other_counts={level: counts[level] for level in other_levels},
+        other_counts={level: flight_counts[level] for level in other_levels},
         last_level=light["level"],
         sentence_on_last=sentence,
     )

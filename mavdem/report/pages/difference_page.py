@@ -562,7 +562,7 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     changes_in_drawing = drawn_changes(difference)
     groups = []
     if drawing is not None:
-        caption = _caption_of_changes(changes_in_drawing, evidence)
+        caption = _changes_caption(changes_in_drawing, evidence)
         groups.append(Group.side_by_side([drawing], caption))
     blocks = Blocks()
     if not difference.is_of_same_flight:
@@ -578,22 +578,32 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     return Chapter(title, blocks, groups)
 
 
-def _caption_of_changes(
+def _changes_caption(
     changes: Sequence[QuantityChange], evidence: Collection[QuantityChange]
 ) -> str:
-    """Returns what stands below the drawing of changes: how to read it, and the meaning of the shapes that it has.
+    """Returns the caption of the drawing of changes, with a legend of the shapes that occur in it.
+
+    A change has a shape for its outcome: a square for "changed", a ring for "uncertain", a dot for "the same".
+    An uncertain change that agrees with a weak motor has a diamond instead of the ring.
 
     Args:
         changes: the drawn changes.
-        evidence: changes that agree with a weak motor, of which uncertain ones have a shape of their own.
+        evidence: changes that agree with the motor that the headline names as weak, certain or not.
     """
-    signs = [change for change in changes if is_uncertain_sign_of_weak_motor(change, evidence)]
-    outcomes = {change.outcome for change in changes if change not in signs}
+    outcomes = set()
+    has_diamond = False
+    for change in changes:
+        if is_uncertain_sign_of_weak_motor(change, evidence):
+            has_diamond = True
+        else:
+            outcomes.add(change.outcome)
     caption = CHANGES_CAPTION
-    for outcome, text in OUTCOME_CAPTIONS.items():
+    for outcome, meaning_of_shape in OUTCOME_CAPTIONS.items():
         if outcome in outcomes:
-            caption += text
-    return caption + EVIDENCE_CAPTION if signs else caption
+            caption += meaning_of_shape
+    if has_diamond:
+        caption += EVIDENCE_CAPTION
+    return caption
 
 
 def _series_charts(
