@@ -6,7 +6,7 @@ the same next step at the end of its session, in the library and in the review o
 
 from mavdem.assessment.event_lights import EVENTS_BY_LIGHT
 from mavdem.assessment.lights import VEHICLE_LIGHTS
-from mavdem.facts import Fact, NamedFacts
+from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.events import ReportedEvent
@@ -73,40 +73,53 @@ def _advice_of_light(light: Fact) -> Fact | None:
 
 
 def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
-    """Returns the next step: to do what the fault in the headline needs, and what some other bad lights need.
+    """Returns the next step after a flight in which something was wrong, such as to replace the propeller of motor 2.
 
-    The advice of another bad light is added only if the fault in the headline cannot be the cause of that light:
-
-    - After a loss of the vehicle every bad light may be the reason for the loss, and its advice is added. A motor that
-      is bad, or was found weak, is named as the suspect.
-    - The power is bad for reasons of its own under any other headline. Even a battery that is only to be watched has
-      its advice, such as to land earlier, except after a loss.
-    - The vibration is bad for reasons of its own if the power is the headline.
-
-    It is left out if the advice of the headline covers it (:func:`_is_covered_by_headline`).
-
-    If the headline is the autopilot's report on a battery, and a battery was measured to be bad, the only advice is
-    about the measured one.
+    It is to do what the headline advises, and what some other lights advise besides. After the autopilot's report on a
+    battery that was also measured to be bad, it is only the advice on the measured battery, which has numbers.
 
     Args:
-        headline: headline of the judgement, with a fault.
-        lights: all status lights by name: facts with a level.
+        headline: the most serious fact of the flight, a fault.
+        lights: all status lights (judgements of motors, power and so on) by name: facts with a level.
 
     Returns:
-        The fact that advises the step, with the headline as ``reason`` and the facts of the other lights as ``also``.
+        The fact ``DO_AS_ADVISED``, with the headline as its figure ``reason`` and the facts of the other lights as
+        ``also``. After a loss of the vehicle, the figure ``suspect`` of the reason names the motor that is bad or was
+        found weak.
     """
     power = lights[Light.POWER]
     is_battery_measured = power.is_bad and power.code in MEASURED_BATTERY
     if headline.code in REPORTS_OF_BATTERY and is_battery_measured:
         return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=power, also=())
-    is_loss = headline.code in Ending
     reason = headline
+    motors = lights[Light.MOTORS]
+    has_weak_motor = motors.is_bad or "weak_motor" in headline.figures
+    if headline.code in Ending and has_weak_motor:
+        reason = headline.replace(suspect=motors.subject)
+    other_facts = _lights_to_heed_besides(reason, lights)
+    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=reason, also=other_facts)
+
+
+def _lights_to_heed_besides(headline: Fact, lights: NamedFacts) -> Facts:
+    """Returns the status lights whose advice the pilot should follow besides that of the headline.
+
+    These are lights whose fault the headline does not cause:
+
+    - After a loss of the vehicle every bad light may be the reason for the loss.
+    - The power is bad for reasons of its own under any other headline. Even a battery that is only to be watched has
+      its advice, such as to land earlier, except after a loss.
+    - The vibration is bad for reasons of its own if the power is the headline.
+
+    A light is left out if the advice of the headline covers it (:func:`_is_covered_by_headline`).
+
+    Args:
+        headline: the most serious fact of the flight, a fault; after a loss with the suspected motor.
+        lights: all status lights by name: facts with a level.
+    """
+    is_loss = headline.code in Ending
     if is_loss:
         unexplained_lights = VEHICLE_LIGHTS
-        motors = lights[Light.MOTORS]
-        if motors.is_bad or "weak_motor" in headline.figures:
-            reason = headline.replace(suspect=motors.subject)
-    elif headline == power:
+    elif headline == lights[Light.POWER]:
         unexplained_lights = [Light.POWER, Light.VIBRATION]
     else:
         unexplained_lights = [Light.POWER]
@@ -118,17 +131,21 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
         needs_advice = fact.is_bad or (not is_loss and _is_low_battery(fact, headline))
         if not needs_advice or shows_loss or _advises_other_step_first(fact):
             continue
-        if not _is_covered_by_headline(fact, reason):
+        if not _is_covered_by_headline(fact, headline):
             other_facts.append(fact)
-    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=reason, also=tuple(other_facts))
+    return tuple(other_facts)
 
 
 def _is_covered_by_headline(light: Fact, headline: Fact) -> bool:
-    """Returns whether the advice of the headline covers a bad light, so that the advice of the light is not added.
+    """Returns whether who follows the advice of the headline also mends the fault of a bad light.
 
-    It covers the part that the headline is about. If the fault has a cause with advice, this is the advice of the
-    headline: it covers the parts that the cause names, such as "motor 2", and faults of the same kind as the cause, or
-    as the cause of that cause. Otherwise it covers the part that is suspected.
+    For example, the vehicle crashed since motor 2 was weak: the headline advises to check motor 2, and so does the
+    light of the motors. The advice of a headline covers
+
+    - the part that the headline is about;
+    - if its fault has a cause with advice: the parts that the cause names, faults of the same kind as the cause, and
+      those of the same kind as the cause of that cause;
+    - otherwise the part that is suspected.
 
     Args:
         light: the fact of the light.

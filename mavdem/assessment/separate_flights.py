@@ -38,7 +38,11 @@ class SeparateFlight(NamedTuple):
     """Time in the air, s; None if it is not known."""
 
     def verdict(self, judgement: Judgement) -> FlightVerdict:
-        """Returns the verdict on the flight, by the judgement of it."""
+        """Returns a judgement of this flight together with the flight's number and duration.
+
+        Args:
+            judgement: the most serious fact of the flight, its status lights and the next step.
+        """
         return FlightVerdict(
             self.first_number, judgement, self.duration, last_number=self.last_number
         )
@@ -92,7 +96,9 @@ def separate_flights(signals: Signals) -> list[SeparateFlight]:
 
 
 def _spans_between_restarts(signals: Signals) -> list[Segments]:
-    """Groups the recorded spans of all boots: a group ends where the autopilot restarts on the ground.
+    """Groups the boots of a recording, so that a boot after a restart in flight joins the boot before it.
+
+    A restart on the ground, for example to load parameters, ends a group.
 
     Args:
         signals: logged time series of the vehicle in all boots.

@@ -251,15 +251,17 @@ def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:
-    """Returns the facts about the gains that are reported after a flight.
+    """Returns what a live session reports about the gains after a flight.
 
     Args:
         tuning: the advice on all axes.
 
     Returns:
-        The new gains of each axis that gets some to load, and then for each other axis the decision on its loops, such
-        as to fly before gains are loaded, if that needs an action; or why its gains stay as they are, once for all axes
-        with the same reason.
+        Facts (coded findings) in this order:
+
+        1. for each axis with new gains to load: these gains;
+        2. for each other axis that needs an action, such as another flight: the decision on its loops;
+        3. for the other axes: why their gains stay as they are, once for all axes with the same reason.
     """
     facts_on_new_gains = []
     facts_without_gains = []
@@ -276,12 +278,12 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         # Without advice there is a fact with the reason in its place.
         conclusion = advice.conclusion if isinstance(advice, Advice) else advice
         axes_by_reason.setdefault(_root_cause(conclusion), []).append(axis)
-    for reason, axes in _with_common_reason_to_keep_gains(axes_by_reason).items():
+    for reason, axes in _merge_axes_with_good_gains(axes_by_reason).items():
         facts_without_gains.append(Fact(GainFact.GAINS_LEFT, axes=tuple(axes), reason=reason))
     return (*facts_on_new_gains, *facts_without_gains)
 
 
-def _with_common_reason_to_keep_gains(
+def _merge_axes_with_good_gains(
     axes_by_reason: Mapping[Fact, Sequence[str]],
 ) -> dict[Fact, Sequence[str]]:
     """Merges the axes whose gains are good as they are, so that one sentence reports all of them.
@@ -293,7 +295,8 @@ def _with_common_reason_to_keep_gains(
         axes_by_reason: the axes by the reason why their gains stay.
 
     Returns:
-        The same, with one reason to keep gains at most. Other reasons, such as a log that is too slow, stay apart.
+        The axes by reason, with one reason to keep gains at most. Other reasons, such as a log that is too slow, stay
+        apart.
     """
     reasons_to_keep = [reason for reason in axes_by_reason if reason.code is GainFact.KEEP_GAINS]
     if not reasons_to_keep:
