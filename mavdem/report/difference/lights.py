@@ -431,17 +431,17 @@ def _vibration_by_imu(light: JsonValues) -> dict[str, float]:
 
 
 def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
-    """Returns a remark to be added to a sentence on the vibration, if it is that of another IMU in each of two logs.
+    """Returns a remark that keeps a reader from comparing the vibration of two different IMUs.
 
-    The light of the vibration, its judgement, is about the IMU that vibrates most: its subject, such as "IMU 3". The
-    vibrations of two IMUs cannot be compared, so that the remark has those of the same IMU.
+    The light of the vibration, its judgement, is about the IMU that vibrates most. If that is IMU 1 in log A and IMU 3
+    in log B, their difference is no change. The remark then has the change of each IMU (:func:`vibration_changes`).
 
     Args:
         lights_by_side: the same light in the review document of each log, by side, "A" and "B".
 
     Returns:
-        The remark with a space before it: the vibration of each IMU in both logs or, if none was recorded in both, that
-        they are different sensors. Empty for the same IMU, and for a light about something else.
+        The remark with a space before it; if no IMU was recorded in both logs, it says that the sensors differ. Empty
+        if both lights are about the same IMU, or about something else.
     """
     first_light, second_light = lights_by_side.values()
     first_subject = first_light.get("subject") or ""

@@ -145,25 +145,26 @@ def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> 
     row = worst_row(flights[-1])
     is_fleet = not review
     if is_fleet:
-        review = _identity_of_fleet(flights)
+        review = _fleet_document(flights)
     if row.health_reason is None:
         return review
     if is_fleet:
-        judged_review: Mapping[str, Any] = {**review, **_judgement_of_fleet(flights)}
+        judged_review: Mapping[str, Any] = {**review, **_fleet_judgement(flights)}
     else:
         judged_review = review_with_anomaly(review, motor_anomaly(row))
     return {**judged_review, "motor_health": _motor_health_document(row)}
 
 
-def _identity_of_fleet(flights: Flights) -> Mapping[str, Any]:
-    """Returns what a fleet's flights have of a review document: frame, dates, levels of lights, whether simulated.
+def _fleet_document(flights: Flights) -> Mapping[str, Any]:
+    """Returns a document that stands in for the review of a fleet, which has reviews only of its single flights.
 
     Args:
         flights: flights of the fleet in order of date, at least one.
 
     Returns:
-        The document. Of its ``identity``, ``first_date`` is the date of the first flight and ``date`` that of the
-        latest. Its ``light_levels`` have the level of each status light, such as the motors, in each flight.
+        A part of a review document: ``identity`` with the frame and the dates of the first and the latest flight
+        (``first_date`` and ``date``), the level of each status light in each flight (``light_levels``), and whether the
+        latest flight was simulated.
     """
     first_row, last_row = log_row(flights[0]), log_row(flights[-1])
     identity: JsonValues = {"frame": last_row.frame}
@@ -177,12 +178,12 @@ def _identity_of_fleet(flights: Flights) -> Mapping[str, Any]:
     return document
 
 
-def _judgement_of_fleet(flights: Flights) -> Mapping[str, Any]:
-    """Returns the part of a review document that judges a fleet, of which nothing but the motors is judged.
+def _fleet_judgement(flights: Flights) -> Mapping[str, Any]:
+    """Returns the part of a fleet's document that judges its motors, the only judgement of a fleet as a whole.
 
-    Its only status light is that of the motors in the latest flight, with the level in each flight as ``levels`` and
-    the names and days of these as ``flights``. An anomaly of the motors is its headline too, with the next step, unless
-    the log of the flight alone has a bad headline: that is more urgent.
+    It has one status light, that of the motors in the latest flight, with their level in each flight (``levels``) and
+    the file and day of each (``flights``). If the motors have an anomaly, that is also the headline, with the next
+    step. A bad headline by the log of the latest flight alone, such as a crash, is more urgent: then there is neither.
 
     Args:
         flights: flights of the fleet in order of date, at least one, with the health of their motors.
@@ -382,13 +383,12 @@ def _marked_as_by_log_alone(content: str, anomaly: MotorAnomaly) -> str:
 
 
 def _level_of_section(classes: str) -> Level:
-    """Returns the level of a section with a result, which a page has only as one of the section's classes.
+    """Returns the level of a log's result, "bad" or "watch", by the CSS classes of its section; "unknown" for others.
+
+    The HTML of a page has the level only as a class. A good result has none of its own.
 
     Args:
-        classes: the classes in the HTML of the section, separated by spaces. A good result has no class of its own.
-
-    Returns:
-        "bad" or "watch"; "unknown" if there is no such class.
+        classes: the classes, separated by spaces, such as "blocks assessment doubted" for a bad result.
     """
     for level, section_class in SECTION_CLASSES.items():
         if section_class in classes.split():
