@@ -162,7 +162,14 @@ def test_telemetry_of_px4_needs_a_command_to_have_the_rate_setpoint():
     )
 
 
-def flight_of(reasons, *, axes_without_controller=(), is_after_repair=False, parameters=None):
+def flight_of(
+    reasons,
+    *,
+    axes_without_controller=(),
+    is_after_repair=False,
+    parameters=None,
+    attitude_rate=400.0,
+):
     """The flight for gains of the axes that have these reasons for no gains, after a DataFlash log."""
     advice = {axis: Fact(LoopFact.NO_LOOP, reasons=(reason,)) for axis, reason in reasons.items()}
     telemetry = replace(
@@ -172,6 +179,7 @@ def flight_of(reasons, *, axes_without_controller=(), is_after_repair=False, par
     )
     evidence = Mock(loops=advice)
     evidence.signals.telemetry = telemetry
+    evidence.signals.attitude.rate_series = _messages_at(attitude_rate)
     evidence.log.components = ()
     return flight_for_gains(
         evidence, advice, {}, axes_without_controller, is_after_repair=is_after_repair
@@ -245,6 +253,11 @@ def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
     *_, last_sentence = tune_summary(tuning, LIMITED)
     assert last_sentence.lead == "To tune then:"
     assert last_sentence.text.startswith("Fly ten quick doublets about pitch")
+    # The same log settings are advised as for a vehicle that needs no repair.
+    slow_log = {"parameters": {"LOG_BITMASK": 126.0}, "attitude_rate": 10.0}
+    flight = flight_of({"pitch": LIMITED}, is_after_repair=True, **slow_log)
+    assert flight.sentence.startswith("LOG_BITMASK is 126 in this log: set it to 127")
+    assert "Then fly ten quick doublets about pitch" in flight.sentence
 
 
 def test_a_vehicle_that_oscillates_hovers_with_lower_gains_before_it_is_tuned():

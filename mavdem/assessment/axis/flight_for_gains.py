@@ -99,6 +99,9 @@ def flight_for_gains(
         return None
     all_reasons = _facts_and_contained_facts(reasons_by_axis.values())
     logging_steps = _logging_steps(evidence, all_reasons)
+    if is_after_repair and not logging_steps:
+        # No loop is sought in the flight of a vehicle to be repaired, so no reason says that its log is slow.
+        logging_steps = _steps_against_slow_attitude(evidence)
     slowest = None if logging_steps else _slowest_messages(all_reasons)
     return Fact(
         NextStep.FLY_FOR_GAINS,
@@ -123,17 +126,7 @@ def hover_before_tuning(evidence: Evidence) -> Fact:
         The fact ``HOVER_TO_TUNE``. If this log is slow, its figure ``also`` has the setting that makes the next one
         faster, such as the bit of LOG_BITMASK for fast attitude; otherwise it is empty.
     """
-    attitude = evidence.signals.attitude
-    is_log_slow = (
-        attitude is None or rate_between_outages(attitude.rate_series) < ADVISED_STREAM_RATE
-    )
-    logging_steps: Facts = ()
-    if is_log_slow:
-        advice = rate_advice(evidence.signals.telemetry, components=evidence.log.components)
-        # An autopilot that logs as fast as it can has no setting to change.
-        if names_setting(advice):
-            logging_steps = (_without_sentence_to_fly_anew(advice),)
-    return Fact(NextStep.HOVER_TO_TUNE, also=logging_steps)
+    return Fact(NextStep.HOVER_TO_TUNE, also=_steps_against_slow_attitude(evidence))
 
 
 def is_removed_by_flight(reason: Fact) -> bool:
@@ -262,6 +255,24 @@ def _logging_steps(evidence: Evidence, reasons: Iterable[Fact]) -> Facts:
         if is_setting_named and is_advice_needed and advice not in steps:
             steps.append(advice)
     return tuple(_without_sentence_to_fly_anew(step) for step in steps)
+
+
+def _steps_against_slow_attitude(evidence: Evidence) -> Facts:
+    """Returns what to set so that the attitude of the next flight is logged fast enough to identify loops.
+
+    Args:
+        evidence: the log with its signals, and the autopilot's parameters, which show what is set now.
+
+    Returns:
+        The fact (coded finding) with the setting. Empty if this log has the attitude at ``ADVISED_STREAM_RATE``, or
+        shows no setting that makes it faster.
+    """
+    attitude = evidence.signals.attitude
+    if attitude is not None and rate_between_outages(attitude.rate_series) >= ADVISED_STREAM_RATE:
+        return ()
+    advice = rate_advice(evidence.signals.telemetry, components=evidence.log.components)
+    # An autopilot that logs as fast as it can has no setting to change.
+    return (_without_sentence_to_fly_anew(advice),) if names_setting(advice) else ()
 
 
 def _adds_setpoint(advice: Fact, reason: Fact) -> bool:
