@@ -153,23 +153,24 @@ def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
             vehicle_repairs=repairs,
             parameters=evidence.parameters_in_flight,
             tune_arguments=tuple(evidence.command_arguments),
-            attitude_swing=_swing_to_explain(margins.axis, swings),
+            attitude_swing=_worst_swing(margins.axis, swings),
         )
         decisions[margins.axis] = decide_on_loops(observations)
     return decisions
 
 
-def _swing_to_explain(axis: str, swings: Sequence[Fact]) -> Fact | None:
-    """Selects the swing of the attitude in an automatic mode that may explain how an axis follows its setpoint.
+def _worst_swing(axis: str, swings: Sequence[Fact]) -> Fact | None:
+    """Returns the worst swing of the attitude in an automatic mode, which may explain why an axis follows badly.
 
-    A bad swing, which was far from its setpoint, ranks above others, and then one of the axis itself.
+    A bad swing, which was far from its setpoint, ranks above others. Of swings that are equally bad, one of the axis
+    itself ranks first.
 
     Args:
         axis: "roll", "pitch" or "yaw".
         swings: events that roll or pitch swung to and fro.
 
     Returns:
-        The swing; None if there was none.
+        The event; None if there was no swing.
     """
     # Pairs are compared by their first element, and by the second only if the first ones are equal.
     return max(swings, key=lambda swing: (swing.is_bad, swing.subject == axis), default=None)
@@ -191,10 +192,10 @@ def repairs_before_tuning(evidence: Evidence, motors_light: Fact) -> Facts:
 
 
 def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
-    """Adds to a status light about loops what was decided for the axes that it names, so that both agree.
+    """Adds to the status light of tracking or margins what to do about the axes that it names, such as to tune pitch.
 
-    A light judges one quantity, tracking or margins. The decision on an axis rests on both, so that it may find a loop
-    at fault whose light is good: if the margins are good, but the axis follows its setpoint badly.
+    The light judges one of both quantities, but the decision on an axis rests on both. So the decision may find a loop
+    at fault although this light is good: the margins are good, but the axis follows its setpoint badly.
 
     Args:
         light: status light of tracking or of margins: a fact with a level.

@@ -440,7 +440,7 @@ class LiveSession:
         former_time = self.history.now
         self._advance_history()
         self._show_slow_sample()
-        self._withdraw_samples_of_landing_or_loss()
+        self._process_landing_or_loss()
         self._report_end_of_silence(silence, first_arrival, former_time)
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
@@ -708,11 +708,11 @@ class LiveSession:
         # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
         return self.flight.learning.learn_row(row, self.stream.motor_alarms.weak_since)
 
-    def _withdraw_samples_of_landing_or_loss(self) -> None:
-        """Withdraws the samples of a landing, or of a loss of control, from those that model and trims are judged by.
+    def _process_landing_or_loss(self) -> None:
+        """Requests advice on gains and withdraws the latest samples once a landing or a loss of control is recognised.
 
-        A landing is recognised some time after it has begun. Until then its samples are taken for settled flight, and
-        the model is trained on them. The same holds for a loss of control. Nothing is done until one is recognised.
+        It is recognised some time after it has begun. Until then its samples were taken for settled flight. They are
+        withdrawn from all that the model and the trims of the motors are judged by.
         """
         # Time of the first sample to withdraw, s of the boot clock. The stream returns each such time once.
         withdrawal_start = self.stream.pop_withdrawal_time()

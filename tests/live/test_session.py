@@ -506,7 +506,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     )
     learner_of_flight, session.flight.learning.learner = session.flight.learning.learner, None
     session.stream.pop_withdrawal_time = lambda: 54.0
-    session._withdraw_samples_of_landing_or_loss()
+    session._process_landing_or_loss()
     assert adviser.is_due, "the recording of a flight without a model is judged, too"
     adviser.is_due = False
     session.flight.learning.learner = learner_of_flight

@@ -312,11 +312,11 @@ def _step_to_keep_or_confirm_gains(
 
 
 def _leads_to_tuning(headline: Fact) -> bool:
-    """Returns whether what leads to gains may be the next step after a flight without new gains.
+    """Returns whether a pilot may work towards new gains next, after a flight that gave none.
 
     Args:
-        headline: the most serious fact of the flight. It must allow new gains, or advise to fly doublets, from which
-            gains follow.
+        headline: the most serious fact of the flight. It must permit new gains, or advise to fly doublets (quick stick
+            movements), from which gains can be computed.
     """
     action = headline.figures.get("action")
     flies_doublets = action is not None and action.code is LoopAction.FLY_DOUBLETS
