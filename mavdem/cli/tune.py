@@ -32,6 +32,7 @@ from mavdem.report.loops import (
     field_sentences,
     goal_reached_sentences,
     goal_sentences,
+    later_flight_sentences,
     measured_margins,
     tune_blocks,
     tune_overview,
@@ -236,6 +237,7 @@ def _tuning_blocks(
     blocks += goal_sentences(tuning)
     blocks += goal_reached_sentences(tuning)
     blocks += field_sentences(tuning)
+    blocks += later_flight_sentences(tuning)
     if tuning.notch:
         # The parameters of a notch filter that is set stand in the table of gains.
         is_in_table = bool(tuning.notch_parameters)

@@ -144,7 +144,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
        the gains of each axis.
     2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
        that needs a repair.
-    3. The next step, and a higher cut-off of the gyro's filter to try in a later flight, if one is advised.
+    3. The next step.
     4. What axes that get no gains need: what to correct, and the flight with doublets from which gains follow.
 
     Args:
@@ -162,10 +162,6 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     texts_beside = [sentence.lead for sentence in heading]
     texts_beside += [next_step.text, *_texts_in_next_step(tuning)]
     summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
-    if tuning.gyro_cutoff is not None:
-        summary.append(
-            Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Later, instead of lower gains:")
-        )
     if tuning.axes_also_to_lower:
         summary += render_section("tune_also_to_lower", axes=tuning.axes_also_to_lower)
     is_after_repair = not _has_next_step_on_loops(tuning.judgement)
@@ -1063,6 +1059,22 @@ def field_sentences(tuning: Tuning) -> list[Sentence]:
         unsure_axes=unsure_axes,
         are_all_kept=len(sure_axes) + len(unsure_axes) == len(tuning.axes),
     )
+
+
+def later_flight_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns the advice to try a higher cut-off of the gyro's filter in a later flight, in place of lower gains.
+
+    It stands below the gains, which are flown first.
+
+    Args:
+        tuning: the advice for each axis, and the cut-off frequency if one is advised.
+
+    Returns:
+        A list with the sentence; empty if no other cut-off is advised.
+    """
+    if tuning.gyro_cutoff is None:
+        return []
+    return [Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Later, instead of lower gains:")]
 
 
 def _largest_checked_thrust_change() -> float:

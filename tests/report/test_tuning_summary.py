@@ -32,10 +32,11 @@ from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.loops import (
     _facts_on_slower_rate,
     _rise_time_text,
+    later_flight_sentences,
     outcome_by_axis,
     outcome_sentences,
     tune_blocks,
@@ -273,6 +274,27 @@ def test_a_vehicle_that_oscillates_hovers_with_lower_gains_before_it_is_tuned():
     assert "Then hover low for a few seconds with the lower gains" in last_sentence.text
     evidence.signals.attitude.rate_series = _messages_at(400.0)
     assert not hover_before_tuning(evidence).figures["also"]
+
+
+def test_a_filter_to_try_after_the_lower_gains_is_advised_below_them():
+    margins = Fact(LoopFact.MARGIN_RATING, phase_margin=57.0, gain_margin=6.5, ms=1.9)
+    cutoff = Fact(
+        GainFact.GYRO_CUTOFF_LOW,
+        axis="roll",
+        name="INS_GYRO_FILTER",
+        changes=(("INS_GYRO_FILTER", 20.0, 40.0),),
+        crossover=13.0,
+        phase_lag=57.0,
+        new_phase_lag=27.0,
+        rating=margins.replace(ms=2.3),
+        expected=margins,
+        noise=2e-4,
+    )
+    tuning = tuning_of(LIMITED, LIMITED, {}, gyro_cutoff=cutoff)
+    assert "INS_GYRO_FILTER" not in plain_text(tune_summary(tuning, LIMITED))
+    [later] = later_flight_sentences(tuning)
+    assert later.lead == "Later, instead of lower gains:" and "INS_GYRO_FILTER 40," in later.text
+    assert not later_flight_sentences(tuning._replace(gyro_cutoff=None))
 
 
 def test_after_a_repair_a_firmware_without_the_gains_is_updated_before_any_doublets():

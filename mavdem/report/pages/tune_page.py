@@ -31,6 +31,7 @@ from mavdem.report.loops import (
     goal_reached_sentences,
     goal_sentences,
     is_headline_of_tuning,
+    later_flight_sentences,
     level_of_summary,
     margins_at_a_glance,
     measured_margins,
@@ -142,6 +143,7 @@ def _render_tune_page(
     blocks_beside_gains: Blocks = [*margins_at_a_glance(tuning, result)]
     blocks_beside_gains += goal_reached_sentences(tuning)
     blocks_beside_gains += field_sentences(tuning)
+    blocks_beside_gains += later_flight_sentences(tuning)
     blocks_beside_gains += flight_sentences(assessment, has_headline_above=False)
     gains = gains_of_tuning(tuning, evidence, changes)
     if gains is None:
