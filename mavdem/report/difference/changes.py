@@ -30,6 +30,7 @@ from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import (
     SHOWN_QUANTITIES,
     bound_row,
+    bound_without_lean,
     change_text,
     change_without_lean,
     detectable_change,
@@ -307,7 +308,9 @@ def result_sentences(
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
         same_count=outcomes[QuantityOutcome.SAME],
         count=tested_outcomes.total(),
+        untested_count=len(difference.changes) - len(difference.tested),
         limits_of_detection=_limits_of_detection(reviewed),
+        limit_without_lean=_limit_of_trims_without_lean(difference.tested),
         is_below_weak_motor=main_change is not None and _is_below_weak_motor(main_change),
         unsure_count=tested_outcomes[QuantityOutcome.UNCERTAIN],
         families=difference.tested_families,
@@ -368,6 +371,28 @@ def _limits_of_detection(reviewed: ReviewedDifference) -> list[str]:
         limit = detectable_change(kind, changes, significance)
         limits.append(f"{limit} ({SHOWN_QUANTITIES[kind].name})")
     return limits
+
+
+def _limit_of_trims_without_lean(tested_changes: Sequence[QuantityChange]) -> str:
+    """Returns the largest change of trims without lean that their 90 % intervals contain, such as "10 %".
+
+    Another lean makes the interval of a trim wide, and not that of the trim without lean, which is then the smaller
+    limit on what may have changed.
+
+    Args:
+        tested_changes: changes of the tested quantities.
+
+    Returns:
+        The limit. It is empty if the trims themselves have a smaller one, if one is not known without lean or differs
+        without it, and if quantities beside trims were tested.
+    """
+    for change in tested_changes:
+        trim_without_lean = change.without_lean
+        if trim_without_lean is None or not trim_without_lean.interval_contains_zero:
+            return ""
+        if trim_without_lean.largest_difference >= change.largest_difference:
+            return ""
+    return bound_without_lean(tested_changes) if tested_changes else ""
 
 
 def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:

@@ -53,7 +53,12 @@ from mavdem.report.difference.parameters import (
     gain_text,
     parameter_text,
 )
-from mavdem.report.difference.quantity_texts import change_text, increase_with_interval
+from mavdem.report.difference.quantity_texts import (
+    SHOWN_QUANTITIES,
+    change_text,
+    increase_with_interval,
+    values_of_both_states,
+)
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.yaw_trim import yaw_trim_sentences
 from mavdem.report.numbers import listed
@@ -347,8 +352,8 @@ def _sentences_on_gains(
             quantities that they state are not repeated.
 
     Returns:
-        The sentence, and one on gains that both sides name differently, which are not compared; empty if no parameter
-        changed and the names are the same.
+        The sentence, one on margins of rate loops whose change is not certain, and one on gains that both sides name
+        differently, which are not compared; empty if no parameter changed and the names are the same.
     """
     changed_parameters = []
     for parameter in reviewed.parameters:
@@ -378,6 +383,7 @@ def _sentences_on_gains(
         # Those that the flight does not depend on are among them.
         set_count=len(reviewed.parameters),
         effects=effects[:MAX_HEADLINE_EFFECTS],
+        uncertain_margins=_uncertain_margins_by_axis(reviewed.difference),
         renamed_gain=reviewed.renamed_gain,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
@@ -404,6 +410,24 @@ def _effects_of_gains(
         if is_of_same_axis and difference.follows_from_gains(change):
             effects.append(change_text(change, difference))
     return effects
+
+
+def _uncertain_margins_by_axis(difference: VehicleDifference) -> dict[str, list[str]]:
+    """Returns margins of rate loops with other gains or filters that need not differ, such as "phase margin 29 → 54°".
+
+    Args:
+        difference: comparison of the two states.
+
+    Returns:
+        Phase margin and Ms in both states, by axis; empty if the margins surely differ, or surely are the same.
+    """
+    margins_by_axis = dict[str, list[str]]()
+    for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
+        kind = change.quantity.kind
+        if kind in (PHASE_MARGIN, MAX_SENSITIVITY) and difference.follows_from_gains(change):
+            margin = f"{SHOWN_QUANTITIES[kind].name} {values_of_both_states(change)}"
+            margins_by_axis.setdefault(change.quantity.axis, []).append(margin)
+    return margins_by_axis
 
 
 def _axis_and_term(gain: ParameterChange) -> tuple[int, int]:

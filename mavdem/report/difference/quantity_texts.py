@@ -93,10 +93,19 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     interval_text = change_with_interval(change)
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         return f"{name} {interval_text}"
+    return f"{name} {values_of_both_states(change)} ({interval_text})"
+
+
+def values_of_both_states(change: QuantityChange) -> str:
+    """Returns the values of a quantity in both states, such as "29 → 54°".
+
+    Args:
+        change: change of one quantity, which is not relative to other motors.
+    """
+    shown_form = SHOWN_QUANTITIES[change.quantity.kind]
     value_before = rounded(shown_form.scale * change.before)
     value_after = rounded(shown_form.scale * change.after)
-    after_with_unit = number_with_unit(value_after, shown_form.unit)
-    return f"{name} {value_before} → {after_with_unit} ({interval_text})"
+    return f"{value_before} → {number_with_unit(value_after, shown_form.unit)}"
 
 
 def motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
@@ -217,6 +226,19 @@ def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float)
     """
     name = f"{SHOWN_QUANTITIES[kind].name} of {_names_of_quantities(changes)}"
     return [name, _bound_text(kind, changes), detectable_change(kind, changes, significance)]
+
+
+def bound_without_lean(changes: Sequence[QuantityChange]) -> str:
+    """Returns the largest change of trims without lean that their 90 % intervals contain, such as "10 %".
+
+    Args:
+        changes: changes of trims, each known without lean.
+    """
+    bounds = []
+    for change in changes:
+        assert change.without_lean is not None
+        bounds.append(change.without_lean.largest_difference)
+    return _limit_text(SHARE, max(bounds))
 
 
 def _bound_text(kind: str, changes: Sequence[QuantityChange]) -> str:

@@ -13,7 +13,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsBetween
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange, renamed_gain
-from mavdem.fleet.quantities import SHARE, Quantity
+from mavdem.fleet.quantities import PHASE_MARGIN, SHARE, Quantity
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
@@ -392,6 +392,21 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     pattern = r"No change found; one below \d+ % \(relative trim\) may not show\."
     assert re.fullmatch(pattern, first.lead)
     assert first.text.startswith("All 4 figures compared (trims) are too uncertain to tell.")
+    # Trims are known better without the part that another lean makes. Loops with other gains are not tested.
+    difference = vehicle_difference(*states)
+    changes = []
+    for change in difference.changes:
+        level = change._replace(tested_difference=0.01, tested_half_width=0.05)
+        changes.append(change._replace(without_lean=level))
+    loop = changes[0]._replace(quantity=Quantity(PHASE_MARGIN, 0, "roll"))
+    difference = difference._replace(changes=(*changes, loop), axes_with_other_gains=("roll",))
+    *_, first = headline_of_comparison(reviewed_difference(difference))
+    limit = "without lean, relative trims differ by at most 7 % (90 % interval)."
+    assert first.lead == f"No change found; {limit}"
+    assert first.text.startswith(
+        "All 4 figures tested (trims) are too uncertain to tell with the part that lean makes."
+        " Not tested: 1 figure of loops with other gains or filters."
+    )
 
 
 def motor_review(motor, level="bad", **figures):
@@ -823,11 +838,14 @@ def test_a_bad_margin_is_stated_for_both_flights():
         ([ParameterChange("ATC_RAT_RLL_P", 1.1, 0.2)], "Next, by B: Fly doublets."),
     ):
         uncertain = reviewed_difference(vehicle_difference(*states, gains), reviews | watch, gains)
-        first, second, *_ = headline_of_comparison(uncertain)
+        first, *others = headline_of_comparison(uncertain)
         # What surely changed comes first, with its size.
         changed_gains = "ATC_RAT_RLL_P 1.1 → 0.2 (−82 %)."
         assert (first.text == changed_gains) == bool(gains)
-        margins_sentence = second if gains else first
+        margins_sentence = first
+        if gains:
+            pair, margins_sentence, *_ = others
+            assert pair.text == "Rate loop on roll: phase margin 29 → 11°, not certain to differ."
         assert margins_sentence.text == "bad in A, watch in B. A: A lacks it. B: Ms is 2.4."
         assert plain_text(next_blocks(uncertain)) == step
     other_loop = reviews["B"]["lights"]["margins"] | {"subject": "attitude"}
