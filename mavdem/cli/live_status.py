@@ -102,6 +102,12 @@ changes at once.
 SEARCH_SECONDS = 5.0
 """Time for which no vehicle must be found before that is printed, s: five times the period of HEARTBEAT."""
 
+ADVICE_SECONDS = 10.0
+"""Time after a line with advice for which the next step is not printed in the same words, s.
+
+The status is printed every 5 s, so that this holds for two of its lines.
+"""
+
 UNPRINTED_STATES = LEARNING_STATES | {
     SessionFact.COMPUTER_BEHIND,
     SessionFact.COMPUTER_KEEPS_UP,
@@ -221,14 +227,20 @@ class StatusLines:
         # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
         self._latest_lines: deque[tuple[str, str]] = deque(maxlen=MAX_LATEST_LINES)
         self._terminal_size = STDERR.size
-        # The next steps that were printed last, and at the latest look, without their numbers; the sentence that was
-        # printed last, and what the latest event advised.
+        # The next steps that were printed last, and at the latest look, without their numbers; and the sentence that
+        # was printed last.
         self._printed_next_step: Hashable = None
         self._printed_next_text = ""
         self._latest_next_step: Hashable = None
+        # What the latest alarm, warning or other event advised, and when it was printed, s of the monotonic clock.
         self._advised_text = ""
-        # The line on the fault of an earlier flight that was printed last; empty before any.
+        self._advice_time = -inf
+        # When the end of an alarm was printed last, s of the monotonic clock.
+        self._alarm_end_time = -inf
+        # The line on the fault of an earlier flight that was printed last, empty before any; and when it was printed,
+        # s of the monotonic clock.
         self._printed_fault_of_earlier_flight = ""
+        self._fault_print_time = -inf
         # Number of the boot, and time on its clock, s, of the latest line, which the lines at the end have too.
         self._latest_moment = (0, nan)
         # The event that no vehicle has been found, which is printed if it still holds after a while, and when it came,
@@ -333,8 +345,9 @@ class StatusLines:
     def _print_event_below(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event below the earlier lines, as to a file, with what to do about it.
 
-        Two kinds of events are not printed: ``UNPRINTED_STATES``, among which a pilot would overlook an alarm; and, for
-        now, that no vehicle has been found. ``_print_no_vehicle_event`` prints that later, if it still holds.
+        Not printed are ``UNPRINTED_STATES``, among which a pilot would overlook an alarm; a verdict that the line just
+        before states; and, for now, that no vehicle has been found. ``_print_no_vehicle_event`` prints that later, if
+        it still holds.
 
         Args:
             event: What was found, and when.
@@ -345,15 +358,40 @@ class StatusLines:
             self._no_vehicle_event = event
             self._no_vehicle_time = monotonic()
             return
+        # At a take-off the line on the fault of the flight before may come first: it states the verdict on that flight.
+        is_fault_stated = self._was_fault_just_printed and (
+            fact.sentence in self._printed_fault_of_earlier_flight
+        )
+        is_stated_verdict = fact.code is SessionFact.FLIGHT_VERDICT and is_fault_stated
+        if is_stated_verdict or fact.code in UNPRINTED_STATES:
+            return
         # Whether a vehicle on the ground may take off depends on its earlier flights, which the next step considers.
         has_remedy = fact.code is not SessionFact.NOT_FLYING
-        # The next step is not printed again where the event has just advised the same. After an alarm it is, so that
-        # whoever reads these lines alone never has an older step as the latest one.
-        states_step = has_remedy and not event.is_alarm
-        self._advised_text = fact.remedy if states_step else ""
-        if fact.code not in UNPRINTED_STATES:
-            line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
-            self._print(line, style_of_facts(fact))
+        if ends_alarm or fact.code is WatchFact.ALARM_OVER:
+            self._store_alarm_end()
+        elif has_remedy and fact.remedy:
+            self._store_advice(fact.remedy, is_alarm=event.is_alarm)
+        line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        self._print(line, style_of_facts(fact))
+
+    def _store_advice(self, advice: str, *, is_alarm: bool) -> None:
+        """Stores what a printed line advises, so that the next step does not repeat it right after.
+
+        Args:
+            advice: What the line says is to be done.
+            is_alarm: Whether the line is an alarm. Its advice replaces the next step that was printed before, which is
+                then printed again as soon as it holds again.
+        """
+        self._advised_text = advice
+        self._advice_time = monotonic()
+        if is_alarm:
+            self._printed_next_step = None
+            self._printed_next_text = ""
+
+    def _store_alarm_end(self) -> None:
+        """Stores that an alarm is over now: its advice does not hold any more, and another step is printed soon."""
+        self._advised_text = ""
+        self._alarm_end_time = monotonic()
 
     def _print_event_above_status(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event above the status on the terminal, with a bell if it is an alarm.
@@ -549,13 +587,21 @@ class StatusLines:
     def _print_fault_of_earlier_flight(self, status: SessionStatus) -> None:
         """Prints the fault of an earlier flight, with what to do about it, unless the same was printed last.
 
+        It is marked as the next step where nothing else in the present flight is more urgent.
+
         Args:
             status: State of the live session, with the fault, if there is one.
         """
         fault_text = _fault_of_earlier_flight(status)
-        if fault_text and fault_text != self._printed_fault_of_earlier_flight:
-            self._printed_fault_of_earlier_flight = fault_text
-            self._print_now(escape_unprintable(fault_text), status)
+        if not fault_text or fault_text == self._printed_fault_of_earlier_flight:
+            return
+        self._printed_fault_of_earlier_flight = fault_text
+        self._fault_print_time = monotonic()
+        line = escape_unprintable(fault_text)
+        is_next_step = states_unrepaired_fault(status.session_judgement.next_step)
+        if status.is_in_flight and is_next_step:
+            line = f"{NEXT_MARKER} {line}"
+        self._print_now(line, status)
 
     def _print_link_warning(self, status: SessionStatus) -> None:
         """Prints once that the link has just been lost in flight, where lines are printed below each other.
@@ -571,7 +617,7 @@ class StatusLines:
         elif self.terminal_text is None and not self._is_link_warned:
             self._is_link_warned = True
             if not link_loss.is_bad:
-                self._advised_text = link_loss.remedy
+                self._store_advice(link_loss.remedy, is_alarm=False)
                 warning = escape_unprintable(link_loss.sentence_and_remedy)
                 self._print_now(f"{WARNING_MARKER} {warning}", status)
 
@@ -630,12 +676,10 @@ class StatusLines:
             self._print_below(text, indent=0)
 
     def _print_next_step(self, status: SessionStatus) -> None:
-        """Prints what to do next if that is a new step, unless the latest event said it.
+        """Prints what to do next if that is a new step, unless a line of the last seconds says it.
 
-        While nothing warns, a step counts as new once it has been the same in two looks at the status, since it may
-        change from second to second at the end of a climb. Neither measured numbers nor another reason for the same
-        sentence make it another step. A fault of an earlier flight has a line of its own, which says what to do; only
-        another step that was printed is replaced.
+        A step that such a line says counts as printed. Neither measured numbers nor another reason for the same
+        sentence make it another step.
 
         Args:
             status: State of the live session.
@@ -643,18 +687,49 @@ class StatusLines:
         judgement = status.session_judgement
         next_step = judgement.next_step
         content = next_step.without_measurements
-        is_settled = content == self._latest_next_step or judgement.headline.is_watch_or_bad
+        is_settled = self._is_next_step_settled(judgement)
         self._latest_next_step = content
-        is_stated = states_unrepaired_fault(next_step) and self._printed_next_step is None
-        if content == self._printed_next_step or is_stated or not is_settled:
+        if content == self._printed_next_step or not is_settled:
             return
-        self._printed_next_step = content
         text = escape_unprintable(next_step)
         is_same_text = text == self._printed_next_text
+        self._printed_next_step = content
         self._printed_next_text = text
-        was_advised_by_event = text in escape_unprintable(self._advised_text)
-        if text and not is_same_text and not was_advised_by_event:
+        if text and not is_same_text and not self._was_just_advised(next_step):
             self._print_now(f"{NEXT_MARKER} {text}", status)
+
+    def _is_next_step_settled(self, judgement: Judgement) -> bool:
+        """Returns whether the next step may be printed at this look at the status.
+
+        While nothing warns, a step must be the same in two looks, since it may change from second to second at the end
+        of a climb. After the end of an alarm it is printed at once, since the advice of the alarm does not hold any
+        more.
+
+        Args:
+            judgement: Headline and next step of the session.
+        """
+        is_unchanged = judgement.next_step.without_measurements == self._latest_next_step
+        has_alarm_ended = monotonic() - self._alarm_end_time <= ADVICE_SECONDS
+        return is_unchanged or has_alarm_ended or judgement.headline.is_watch_or_bad
+
+    def _was_just_advised(self, next_step: Fact) -> bool:
+        """Returns whether a line of the last ``ADVICE_SECONDS`` says what to do next.
+
+        That is the line of an alarm, a warning or another event with the same words, or the line on the fault of an
+        earlier flight, for which the vehicle has to land unless it was repaired.
+
+        Args:
+            next_step: What to do next.
+        """
+        if states_unrepaired_fault(next_step) and self._was_fault_just_printed:
+            return True
+        is_in_advice = str(next_step) in self._advised_text
+        return is_in_advice and monotonic() - self._advice_time <= ADVICE_SECONDS
+
+    @property
+    def _was_fault_just_printed(self) -> bool:
+        """Whether the line on the fault of an earlier flight was printed in the last ``ADVICE_SECONDS``."""
+        return monotonic() - self._fault_print_time <= ADVICE_SECONDS
 
     def _print_now(self, text: str, status: SessionStatus) -> None:
         """Prints a line with the present time and that of the vehicle's clock.

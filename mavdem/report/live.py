@@ -522,7 +522,7 @@ def closing_lines(status: SessionStatus) -> list[str]:
     After one flight they are the headline and the next step. After several, they are the verdict on each flight (its
     headline), the worst first, with its next step: so a fault of the first flight is not forgotten because the last one
     was sound. An earlier flight without a fault has no next step, since what was to be done then is out of date. If the
-    session ended in flight, the landing comes before all that.
+    session ended in flight, a single next step comes before all verdicts: to land, and what to do after that.
 
     Args:
         status: state of the session at its end.
@@ -533,48 +533,68 @@ def closing_lines(status: SessionStatus) -> list[str]:
     verdicts = status.verdicts_worst_first
     if len(verdicts) < 2:
         return headline_and_next_step(status.session_judgement)
-    must_not_fly = verdicts[0].judgement.headline.forbids_flight
+    if status.session_judgement.next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
+        return _closing_lines_in_flight(status)
     lines = []
-    judgement = status.session_judgement
-    is_landing_stated = judgement.next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT)
-    if is_landing_stated:
-        # The landing comes first. What was wrong before, and its repair, follow with the verdicts.
-        ended_in_flight = judgement.headline
-        if ended_in_flight.code is not SessionFact.ENDED_IN_FLIGHT:
-            delay = status.analysis_delay if status.is_late else None
-            ended_in_flight = Fact(SessionFact.ENDED_IN_FLIGHT, Level.WATCH, delay=delay)
-        lines.append(ended_in_flight.replace(cause=None).sentence)
-        lines.append(f"{NEXT_STEP_LEAD}{judgement.next_step.replace(reason=None).sentence}")
     for verdict in verdicts:
         lines.append(verdict.fact.sentence)
-        next_step = _next_step_of_verdict(
-            verdict, status, must_not_fly=must_not_fly, is_landing_stated=is_landing_stated
-        )
+        next_step = _next_step_of_verdict(verdict, status, is_landing_stated=False)
         if next_step and next_step not in headline(verdict.judgement.headline):
             lines.append(f"{NEXT_STEP_LEAD}{next_step}")
     return lines
 
 
+def _closing_lines_in_flight(status: SessionStatus) -> list[str]:
+    """Returns the last lines of a session of several flights that ended in flight.
+
+    Args:
+        status: state of the session at its end; its next step is to land.
+
+    Returns:
+        That the session ended in flight; the next step, to land and then to do what each flight with a fault demands;
+        and the verdict on each flight, the worst first.
+    """
+    judgement = status.session_judgement
+    ended_in_flight = judgement.headline
+    if ended_in_flight.code is not SessionFact.ENDED_IN_FLIGHT:
+        delay = status.analysis_delay if status.is_late else None
+        ended_in_flight = Fact(SessionFact.ENDED_IN_FLIGHT, Level.WATCH, delay=delay)
+    verdict_lines = []
+    steps_after_landing: list[str] = []
+    for verdict in status.verdicts_worst_first:
+        verdict_lines.append(verdict.fact.sentence)
+        step = _next_step_of_verdict(verdict, status, is_landing_stated=True)
+        if step and step not in steps_after_landing:
+            steps_after_landing.append(step)
+    next_step = judgement.next_step.replace(reason=" ".join(steps_after_landing))
+    return [
+        ended_in_flight.replace(cause=None).sentence,
+        f"{NEXT_STEP_LEAD}{next_step.sentence}",
+        *verdict_lines,
+    ]
+
+
 def _next_step_of_verdict(
-    verdict: FlightVerdict, status: SessionStatus, *, must_not_fly: bool, is_landing_stated: bool
+    verdict: FlightVerdict, status: SessionStatus, *, is_landing_stated: bool
 ) -> str:
     """Returns what to do about one of several flights of a session, as a sentence.
 
     Args:
         verdict: the verdict on the flight (its headline), with its next step.
         status: state of the session at its end.
-        must_not_fly: whether the worst fault of the session forbids to fly: then no flight is advised.
         is_landing_stated: whether an earlier line says that the vehicle, which is still in the air, is to land.
 
     Returns:
-        The next step of a flight with a fault, and of the latest flight if the vehicle may fly; otherwise empty. If a
-        fault may not have been repaired, that comes first. A vehicle that is still in the air is to land in any case,
-        which is said once; what to do after that landing follows if the vehicle may fly again.
+        The next step of a flight with a fault, and of the latest flight unless the worst fault of the session forbids
+        to fly; otherwise empty. If a fault may not have been repaired, that comes first. A vehicle that is still in the
+        air is to land in any case, which is said once; what to do after that landing follows if the vehicle may fly
+        again.
     """
     unrepaired_fault = status.unrepaired_fault
     if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
         return unrepaired_fault.remedy
     next_step = verdict.judgement.next_step
+    must_not_fly = status.verdicts_worst_first[0].judgement.headline.forbids_flight
     if next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
         return _landing_step(
             next_step, must_not_fly=must_not_fly, is_landing_stated=is_landing_stated

@@ -20,6 +20,7 @@ from mavdem.dem.settings import Settings
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
+from mavdem.facts.event import Event
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.facts.log import LogLight
@@ -215,19 +216,19 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
     )
     end = replace(sound, is_over=True, verdicts=milestones.verdicts)
     # The vehicle is in the air, so that its landing comes before any repair.
-    _, landing, first_line, next_step, second_line = closing_lines(end)
-    assert landing == "Next: Land by sight."
+    _, next_step, first_line, second_line = closing_lines(end)
+    # The landing is said once, with what follows it; and no vehicle is flown that must not fly.
+    repair = lost.verdict.judgement.next_step
+    assert next_step == f"Next: Land by sight. After landing: {repair}"
     assert first_line == f"Flight 1 (0:34 min): {as_clause(loss)}."
-    assert next_step == f"Next: {lost.verdict.judgement.next_step}"
-    # The landing, which is the next step of the second flight, is said once; and no vehicle is flown that must not fly.
     assert second_line.startswith("Flight 2 (0:22 min): ")
     # So it does where the end of the first flight was not seen, which is no bad fault.
     unseen = judgement_with_unseen_end(sound.verdict.judgement)
     verdicts = (FlightVerdict(1, unseen, 39.0, is_lost_in_air=True), *milestones.verdicts[1:])
-    _, landing, first_line, next_step, *_ = closing_lines(replace(end, verdicts=verdicts))
-    assert landing == "Next: Land by sight."
+    _, next_step, first_line, *_ = closing_lines(replace(end, verdicts=verdicts))
     assert first_line.startswith("Flight 1 (0:39 min): how the flight ended was not seen")
-    assert next_step.startswith("Next: Look at the vehicle and its power")
+    landing = "Next: Land by sight. After landing: Look at the vehicle and its power"
+    assert next_step.startswith(landing)
 
 
 def test_the_verdict_on_a_flight_comes_at_its_end_and_not_again_at_the_next_take_off():
@@ -273,7 +274,12 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     status_lines = StatusLines(console=Console(file=lines))
     for status in (flying, flying, replace(flying, boot_clock=9.0)):
         status_lines.show_if_new(status)
+    # It is the next step, so that neither that nor the verdict on the flight, if it comes now, repeats it.
+    status_lines.print_event(Event(4.0, verdict.fact, reception=0.0))
+    status_lines.show_status(flying)
+    assert lines.getvalue().count("NEXT Flight 1 (0:34 min): motor 3") == 1
     assert lines.getvalue().count("If that was not repaired, land.") == 1
+    assert "VERDICT" not in lines.getvalue() and lines.getvalue().count("NEXT") == 1
     # What the present flight advises holds only if the fault of the first one was repaired.
     next_step = str(flying.session_judgement.next_step)
     assert next_step == "Land unless the fault of flight 1 was repaired."
@@ -307,9 +313,9 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert not unrepaired_fault_text(ended)
     lines = closing_lines(ended)
     assert lines[0] == "This session ended in flight: no alarm comes any more."
-    assert lines[1] == "Next: Land by sight." and lines[2] == str(verdict.fact)
-    assert lines[3] == f"Next: {advice}"
-    assert [line for line in lines if "Land by sight" in line] == [lines[1]]
+    assert lines[1] == f"Next: Land by sight. After landing: {advice}"
+    assert lines[2] == str(verdict.fact)
+    assert [line for line in lines if line.startswith("Next:")] == [lines[1]]
 
     # A fault of the latest flight that is as bad comes first, and the earlier one is not forgotten.
     both = replace(flying, is_flying=False, worst_lights=weak)

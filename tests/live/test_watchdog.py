@@ -1270,7 +1270,7 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     assert "s  NEXT Land" in step and "s  NEXT Land" in other_step
 
 
-def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys):
+def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys, monkeypatch):
     alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     watched = Fact(WatchFact.WATCHED, time=4.0, subject=WatchedQuantity.OSCILLATION, reason=None)
     sound = SessionStatus(
@@ -1300,9 +1300,19 @@ def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys)
     assert printed.count("s  WARNING Link lost 5 s ago, in flight") == 2
     lines.show_status(silent)
     assert "NEXT" not in capsys.readouterr().out, "the warning has said it"
-    # After an alarm it is printed all the same: it is the latest step of who reads these lines alone.
+    # The alarm says what to do. Once it is over, the step before is printed again, at the first look.
     lines.print_event(Event(4.0, Fact(SessionFact.ALARM, reason=alarm), reception=0.0))
-    assert "ALARM" in capsys.readouterr().out
+    lines.print_event(Event(4.0, Fact(ReportedEvent.ON_GROUND, basis=()), reception=0.0))
+    lines.show_status(alarmed)
+    printed = capsys.readouterr().out
+    assert "ALARM" in printed and printed.count("Land now.") == 1 and "NEXT" not in printed
+    over = Fact(WatchFact.ALARM_OVER, time=5.0, reason=alarm)
+    lines.print_event(Event(5.0, over, reception=0.0))
+    lines.show_status(sound)
+    assert "NEXT Fly on." in capsys.readouterr().out
+    # Later, when the alarm may be far above, the same step is printed.
+    lines.print_event(Event(6.0, Fact(SessionFact.ALARM, reason=alarm), reception=0.0))
+    monkeypatch.setattr("mavdem.cli.live_status.ADVICE_SECONDS", -1.0)
     lines.show_status(alarmed)
     assert "NEXT Land now." in capsys.readouterr().out
 
