@@ -571,7 +571,7 @@ def undetected_change_table(reviewed: ReviewedDifference) -> list[Table]:
 
     A row is about one kind of quantity, such as the phase margin, and has two limits: the largest change that the 90 %
     intervals of these quantities still contain, and the change that nine of ten such comparisons would find. Figures of
-    a motor that is named as weak are left out.
+    a motor that is named as weak are left out. Trims without lean have a row if they are known better than with it.
 
     Args:
         reviewed: comparison of two states, quantity by quantity.
@@ -591,6 +591,9 @@ def undetected_change_table(reviewed: ReviewedDifference) -> list[Table]:
     for kind, changes_of_kind in changes_by_kind.items():
         significance_level = significance_of_single_change(tested_changes, kind)
         rows.append(bound_row(kind, changes_of_kind, significance_level))
+    limit_without_lean = _limit_of_trims_without_lean(other_changes)
+    if limit_without_lean:
+        rows.append(["relative trims without lean", f"±{limit_without_lean}", "not tested"])
     header = ["no change found in", "within (90 %)", "found from (9 of 10)"]
     return [Table(header, rows)] if rows else []
 

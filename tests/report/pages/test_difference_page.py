@@ -400,7 +400,10 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
         changes.append(change._replace(without_lean=level))
     loop = changes[0]._replace(quantity=Quantity(PHASE_MARGIN, 0, "roll"))
     difference = difference._replace(changes=(*changes, loop), axes_with_other_gains=("roll",))
-    *_, first = headline_of_comparison(reviewed_difference(difference))
+    reviewed = reviewed_difference(difference)
+    (table,) = undetected_change_table(reviewed)
+    assert table.rows[1:] == [["relative trims without lean", "±7 %", "not tested"]]
+    *_, first = headline_of_comparison(reviewed)
     limit = "without lean, relative trims differ by at most 7 % (90 % interval)."
     assert first.lead == f"No change found; {limit}"
     assert first.text.startswith(
