@@ -533,12 +533,16 @@ def closing_lines(status: SessionStatus) -> list[str]:
     verdicts = status.verdicts_worst_first
     if len(verdicts) < 2:
         return headline_and_next_step(status.session_judgement)
-    if status.session_judgement.next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
+    if _is_landing(status.session_judgement.next_step):
         return _closing_lines_in_flight(status)
     lines = []
+    unrepaired_fault = status.unrepaired_fault
     for verdict in verdicts:
         lines.append(verdict.fact.sentence)
-        next_step = _next_step_of_verdict(verdict, status, is_landing_stated=False)
+        next_step = _next_step_of_verdict(verdict, verdict.judgement.next_step, status)
+        if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
+            # The fault may have been repaired since, of which this line speaks.
+            next_step = unrepaired_fault.remedy
         if next_step and next_step not in headline(verdict.judgement.headline):
             lines.append(f"{NEXT_STEP_LEAD}{next_step}")
     return lines
@@ -563,10 +567,13 @@ def _closing_lines_in_flight(status: SessionStatus) -> list[str]:
     steps_after_landing: list[str] = []
     for verdict in status.verdicts_worst_first:
         verdict_lines.append(verdict.fact.sentence)
-        step = _next_step_of_verdict(verdict, status, is_landing_stated=True)
+        step_after_landing = _step_after_landing(verdict.judgement.next_step)
+        if step_after_landing is None:
+            continue
+        step = _next_step_of_verdict(verdict, step_after_landing, status)
         if step and step not in steps_after_landing:
             steps_after_landing.append(step)
-    next_step = judgement.next_step.replace(reason=" ".join(steps_after_landing))
+    next_step = _with_steps_after_landing(judgement.next_step, " ".join(steps_after_landing))
     return [
         ended_in_flight.replace(cause=None).sentence,
         f"{NEXT_STEP_LEAD}{next_step.sentence}",
@@ -574,31 +581,19 @@ def _closing_lines_in_flight(status: SessionStatus) -> list[str]:
     ]
 
 
-def _next_step_of_verdict(
-    verdict: FlightVerdict, status: SessionStatus, *, is_landing_stated: bool
-) -> str:
+def _next_step_of_verdict(verdict: FlightVerdict, next_step: Fact, status: SessionStatus) -> str:
     """Returns what to do about one of several flights of a session, as a sentence.
 
     Args:
-        verdict: the verdict on the flight (its headline), with its next step.
+        verdict: the verdict on the flight (its headline).
+        next_step: its next step, or the part of it that follows the landing.
         status: state of the session at its end.
-        is_landing_stated: whether an earlier line says that the vehicle, which is still in the air, is to land.
 
     Returns:
         The next step of a flight with a fault, and of the latest flight unless the worst fault of the session forbids
-        to fly; otherwise empty. If a fault may not have been repaired, that comes first. A vehicle that is still in the
-        air is to land in any case, which is said once; what to do after that landing follows if the vehicle may fly
-        again.
+        to fly; otherwise empty.
     """
-    unrepaired_fault = status.unrepaired_fault
-    if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
-        return unrepaired_fault.remedy
-    next_step = verdict.judgement.next_step
     must_not_fly = status.verdicts_worst_first[0].judgement.headline.forbids_flight
-    if next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT):
-        return _landing_step(
-            next_step, must_not_fly=must_not_fly, is_landing_stated=is_landing_stated
-        )
     has_fault = verdict.judgement.headline.is_watch_or_bad
     is_latest = verdict.number == status.flight_number
     if not has_fault and (must_not_fly or not is_latest):
@@ -607,23 +602,40 @@ def _next_step_of_verdict(
     return "" if must_not_fly and advises_flight else next_step.sentence
 
 
-def _landing_step(landing: Fact, *, must_not_fly: bool, is_landing_stated: bool) -> str:
-    """Returns that a vehicle in the air is to land and what comes after that, as far as it is still to be said.
+def _is_landing(next_step: Fact) -> bool:
+    """Returns whether a next step is to land, which something may follow; without a link nothing follows it.
 
     Args:
-        landing: the next step: to land. Its figure ``reason`` is what to do after the landing, if anything.
-        must_not_fly: whether a fault of the session forbids to fly, so that what to do after the landing is left out.
-        is_landing_stated: whether an earlier line says that the vehicle is to land.
-
-    Returns:
-        The sentence; empty if an earlier line says the first, and the second is unknown or forbidden.
+        next_step: what the pilot is to do next.
     """
-    step_after_landing = landing.figures["reason"]
-    if not is_landing_stated:
-        return landing.replace(reason=None if must_not_fly else step_after_landing).sentence
-    if must_not_fly or step_after_landing is None:
-        return ""
-    return str(step_after_landing.sentence)
+    if next_step.code is NextStep.LAND_NOW:
+        return _reason_to_land(next_step) is not None
+    return next_step.code in (NextStep.LET_LAND, NextStep.LAND_BY_SIGHT)
+
+
+def _step_after_landing(next_step: Fact) -> Fact | None:
+    """Returns what to do once the vehicle has landed; None if that is not known.
+
+    Args:
+        next_step: what to do next. If it is not to land, the vehicle has landed, and it is returned as it is.
+    """
+    if not _is_landing(next_step):
+        return next_step
+    key = "next_step" if next_step.code is NextStep.LAND_NOW else "reason"
+    step: Fact | None = next_step.figures.get(key)
+    return step
+
+
+def _with_steps_after_landing(landing: Fact, steps: str) -> Fact:
+    """Returns the next step to land with other steps after it.
+
+    Args:
+        landing: the next step, which is to land.
+        steps: the sentences on what to do after the landing; empty for none.
+    """
+    if landing.code is not NextStep.LAND_NOW:
+        return landing.replace(reason=steps)
+    return landing.replace(next_step=steps) if steps else landing
 
 
 def moment_text(event: Event) -> str:

@@ -316,6 +316,13 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     assert lines[1] == f"Next: Land by sight. After landing: {advice}"
     assert lines[2] == str(verdict.fact)
     assert [line for line in lines if line.startswith("Next:")] == [lines[1]]
+    # During an alarm the vehicle lands now, and both faults are repaired after that.
+    limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
+    alarmed = replace(ended, active_alarms=(limited,), worst_lights={Light.MOTORS: limited})
+    verdicts = (verdict, alarmed.verdict)
+    steps = [line for line in closing_lines(replace(alarmed, verdicts=verdicts)) if "Next:" in line]
+    assert len(steps) == 1 and steps[0].startswith("Next: Land now. After landing: Do not fly")
+    assert "motor 1" in steps[0] and "motor 3" in steps[0] and "If that" not in steps[0]
 
     # A fault of the latest flight that is as bad comes first, and the earlier one is not forgotten.
     both = replace(flying, is_flying=False, worst_lights=weak)
