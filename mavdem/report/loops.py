@@ -38,7 +38,7 @@ from mavdem.loops.gain_design import (
     MIN_GAIN_CHANGE,
     round_gain,
 )
-from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
+from mavdem.loops.identified_step import STEP_SECONDS, PredictedStep, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Detailed, Sentence, Table, headline_sentence
 from mavdem.report.numbers import UNKNOWN_FIGURE, listed, rounded
@@ -1273,38 +1273,48 @@ def _facts_on_slower_attitude(advice: Advice) -> list[Fact]:
 
 
 class _SlowerResponse(NamedTuple):
-    """Times to 63 % of the predicted step of a loop, s, delay included."""
+    """Predicted steps of a loop that new gains make slower."""
 
-    now: IntervalEstimate
+    now: PredictedStep
     """With the gains that flew."""
-    new: IntervalEstimate
+    new: PredictedStep
     """With the new gains."""
+    duration: float
+    """Length of both, s, which is the rise time of a step that does not reach 90 % within it."""
 
     @property
     def figures(self) -> dict[str, Figure]:
-        """Figures of a fact (coded finding): both times, with their intervals, now first.
+        """Figures of a fact (coded finding): times to 63 % and from 10 to 90 %, with their intervals, now first.
 
-        By which factor the loop becomes slower is stated only if the intervals do not overlap (``is_factor_sure``).
+        The loop may reach 63 % almost as soon as before and then take much longer to 90 %, so both are stated. By which
+        factor a time grows is stated only if its intervals do not overlap (``is_factor_sure``, ``is_rise_factor_sure``)
+        and the step reaches 90 % with the new gains.
         """
+        response_now, response_new = self.now.response_time, self.new.response_time
+        rise_now, rise_new = self.now.rise_time, self.new.rise_time
         return {
-            "response_times": (self.now.value, self.new.value),
-            "response_time_intervals": (self.now.interval, self.new.interval),
-            "is_factor_sure": self.now.high < self.new.low,
+            "response_times": (response_now.value, response_new.value),
+            "response_time_intervals": (response_now.interval, response_new.interval),
+            "is_factor_sure": response_now.high < response_new.low,
+            "rise_times": (rise_now.value, rise_new.value),
+            "rise_time_intervals": (rise_now.interval, rise_new.interval),
+            "is_rise_factor_sure": rise_now.high < rise_new.low,
+            "duration": self.duration,
         }
 
 
 def _slower_response(advice: Advice, loop_name: str) -> _SlowerResponse | None:
-    """Returns the times in which a loop responds to a step now and with new gains, if these make it slower.
+    """Returns the predicted steps of a loop now and with new gains, if these make it slower.
 
-    Both are times until the predicted step response reaches 63 %.
+    It is slower if the step reaches 63 % later, or surely rises longer from 10 to 90 %.
 
     Args:
         advice: advice on the gains of an axis.
         loop_name: "rate" or "attitude".
 
     Returns:
-        Both response times. None if no gains change, if a step cannot be predicted or does not reach 63 %, or if the
-        time grows by less than ``MIN_GAIN_CHANGE``, a factor within what batteries and weather do to a loop.
+        Both steps. None if no gains change, if a step cannot be predicted or does not reach 63 %, or if both times grow
+        by less than ``MIN_GAIN_CHANGE``, a factor within what batteries and weather do to a loop.
     """
     if not advice.parameters:
         return None
@@ -1313,11 +1323,19 @@ def _slower_response(advice: Advice, loop_name: str) -> _SlowerResponse | None:
     new_step = predicted_step(advice.after.open_loop(loop_name), duration)
     if step_now is None or new_step is None:
         return None
-    response = _SlowerResponse(step_now.response_time, new_step.response_time)
-    if response.new.value >= duration:
+    if new_step.response_time.value >= duration:
         return None
-    is_slower = response.new.value >= MIN_GAIN_CHANGE * response.now.value
-    return response if is_slower else None
+    reaches_63_percent_later = (
+        new_step.response_time.value >= MIN_GAIN_CHANGE * step_now.response_time.value
+    )
+    # The last tenth may take long by chance, so that the time to 90 % counts only beyond its interval.
+    rises_longer = (
+        new_step.rise_time.value >= MIN_GAIN_CHANGE * step_now.rise_time.value
+        and new_step.rise_time.low > step_now.rise_time.high
+    )
+    if not (reaches_63_percent_later or rises_longer):
+        return None
+    return _SlowerResponse(step_now, new_step, duration)
 
 
 def _facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
@@ -2042,7 +2060,7 @@ def _step_rows(
         if axes_with_feedforward:
             remark_on_charts = f"; the chart of {listed(axes_with_feedforward)} has it"
     overshoot_row = [f"{loop_name}: overshoot{condition} (%{remark_on_charts})"]
-    rise_time_row = [f"{loop_name}: rise time{condition} (ms{remark_on_charts})"]
+    rise_time_row = [f"{loop_name}: 10 to 90 %{condition} (ms{remark_on_charts})"]
     for loop in loops.values():
         overshoot, rise_time = _step_texts(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
         overshoot_row.append(overshoot)

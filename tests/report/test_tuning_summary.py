@@ -31,6 +31,7 @@ from mavdem.facts.model import ParameterDoubt
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.loops.advice import Advice, Gain
+from mavdem.loops.identified_step import PredictedStep
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.loops import (
@@ -553,30 +554,42 @@ def test_a_measured_step_is_too_fast_if_it_rises_within_few_messages(
 def test_gains_that_slow_the_rate_have_their_price_beside_the_margin(
     lacking, margins, price, monkeypatch
 ):
-    """With the advised gains the rate responds in 38 instead of 23 ms, with or without a margin that it lacked."""
-    response_times = {
-        "before": IntervalEstimate(0.023, 0.02, 0.028),
-        "after": IntervalEstimate(0.038, 0.031, 0.046),
-    }
-    steps = {loop: Mock(response_time=time) for loop, time in response_times.items()}
+    """With the advised gains the rate responds in 38 instead of 23 ms, with or without a margin that it lacked.
+
+    It takes much longer to 90 % of a step, which is stated, too.
+    """
+    overshoot = IntervalEstimate(0.1, 0.05, 0.2)
+    rise_now, rise_new = IntervalEstimate(0.023, 0.02, 0.027), IntervalEstimate(0.09, 0.078, 0.134)
+    now = PredictedStep(overshoot, rise_now, IntervalEstimate(0.023, 0.02, 0.028))
+    new = PredictedStep(overshoot, rise_new, IntervalEstimate(0.038, 0.031, 0.046))
+    steps = {"before": now, "after": new}
     monkeypatch.setattr("mavdem.report.loops.predicted_step", lambda loop, _: steps[loop.name])
     level = Level.BAD if lacking else Level.GOOD
     rating = Fact(LoopFact.MARGIN_RATING, level, subject="rate", lacking=lacking)
     monkeypatch.setattr("mavdem.report.loops.margin_rating", lambda *_: rating)
     loops = {}
-    for index, name in enumerate(response_times):
+    for index, name in enumerate(steps):
         rate = Mock(**{lacking: margins[index]} if lacking else {})
         rate.name = name
         loops[name] = Mock(rate=rate, open_loop=lambda _, rate=rate: rate)
     advice = Mock(parameters={"ATC_RAT_RLL_P": 0.15}, **loops)
     (slower,) = _facts_on_slower_rate(advice)
+    rise = "and 90 ms from 10 to 90 %, now 23 ms, 3.9 times as long"
     assert slower.sentence == (
-        f"With these gains the rate takes 38 ms to 63 % of a step, now 23 ms, 1.7 times as long{price}"
+        f"With these gains the rate takes 38 ms to 63 % of a step, now 23 ms, 1.7 times as long, {rise}{price}"
     )
     # No factor is sure where the intervals overlap.
-    steps["after"] = Mock(response_time=IntervalEstimate(0.038, 0.027, 0.046))
+    unsure_time = IntervalEstimate(0.038, 0.027, 0.046)
+    steps["after"] = new._replace(
+        response_time=unsure_time, rise_time=IntervalEstimate(0.09, 0.025, 0.5)
+    )
     (slower,) = _facts_on_slower_rate(advice)
-    assert slower.sentence.endswith(f"now 23 ms (20 to 28){price}")
+    rise = "and 90 ms (25 to > 500) from 10 to 90 %, now 23 ms (20 to 27)"
+    assert slower.sentence.endswith(f"now 23 ms (20 to 28), {rise}{price}")
+    # A rate that reaches 63 % as soon as before may rise slowly from there.
+    steps["after"] = now._replace(rise_time=IntervalEstimate(0.5, 0.4, 0.5))
+    (slower,) = _facts_on_slower_rate(advice)
+    assert f"and more than 500 ms from 10 to 90 %, now 23 ms{price}" in slower.sentence
     steps["after"] = steps["before"]
     assert not _facts_on_slower_rate(advice)
 
