@@ -2056,7 +2056,7 @@ def _step_rows(
     condition = " of a step"
     remark_on_charts = ""
     if loop_name == "attitude":
-        condition = " without feed-forward"
+        condition = " of a step without feed-forward"
         if axes_with_feedforward:
             remark_on_charts = f"; the chart of {listed(axes_with_feedforward)} has it"
     overshoot_row = [f"{loop_name}: overshoot{condition} (%{remark_on_charts})"]

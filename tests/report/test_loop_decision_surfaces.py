@@ -516,7 +516,7 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     assert first_file < page.index("Step response</h2>") and page.count("To go back") == 1
     # Present and advised margins stand beside each other, with the steps that are predicted of both.
     assert page.index("roll, advised</th>") < page.index("rate: phase margin")
-    assert "attitude: overshoot without feed-forward (%)" in page
+    assert "attitude: overshoot of a step without feed-forward (%)" in page
 
 
 def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings):
