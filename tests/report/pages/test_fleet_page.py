@@ -122,6 +122,9 @@ def test_a_lost_flight_without_figures_needs_a_look():
         and "Their logs allow no figures (1)." in text
     )
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
+    # Flights without a fault before it are not an all-clear below the vehicle's mark.
+    text = fleet_page([flight_row("quad", 0), flight_row("quad", 1, health="unknown", **lost)])
+    assert "Compared with its other flights: no drift and no fault in 1 flight that could" in text
 
 
 def test_bad_flights_whose_vehicle_is_not_known_are_listed():
