@@ -7,6 +7,9 @@ from mavdem.facts.fact import Code
 ADVISED_STREAM_RATE = 95.0
 """Rate of messages, Hz, that counts as the 100 Hz of advice on logging: rates of logs vary by a few percent."""
 
+SETTLING_BAND = 0.05
+"""Distance from its final value within which a step response has settled, as a fraction of the step: the usual 5 %."""
+
 
 class LoopFact(Code):
     """Of the rate and the attitude loop of one axis."""

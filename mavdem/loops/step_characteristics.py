@@ -4,11 +4,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES, IntervalEstimate
+from mavdem.facts.loops import SETTLING_BAND
 from mavdem.plant.parameters import DRAWS, ESTIMATE
-
-SETTLING_BAND = 0.05
-"""Distance from 1 within which a step has settled: the usual 5 %."""
-
 
 RESPONSE_LEVEL = 1 - np.exp(-1)
 """Level of a step whose time is the response time: 63 %, which a first-order lag reaches after its time constant."""

@@ -19,7 +19,7 @@ from markupsafe import Markup
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names, Numbers
 from mavdem.facts import Fact
-from mavdem.loops.step_characteristics import SETTLING_BAND
+from mavdem.facts.loops import SETTLING_BAND
 from mavdem.report.numbers import name_with_unit, rounded
 from mavdem.report.palette import MEASURED
 
