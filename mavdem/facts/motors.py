@@ -26,10 +26,6 @@ LIKELY_PROBABILITY = 0.66
 """Probability from which a weak motor is likely; from 0.33 on it is as likely as not (IPCC, calibrated language)."""
 
 
-EVEN_PROBABILITY = 0.5
-"""Probability below which a change is less probable than none: whether there is one is then not decided."""
-
-
 class MotorHealth(StrEnum):
     """The health of a flight's motors against that of healthy flights, the worst first."""
 

@@ -19,9 +19,15 @@ from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.margins import HALF_POWER_GAIN, Complex, controller_response
-from mavdem.loops.welch import MIN_COHERENCE, WelchSpectra, welch_spectra
+from mavdem.loops.welch import (
+    MIN_COHERENCE,
+    WelchSpectra,
+    relative_response_error,
+    welch_spectra,
+)
 
 MAX_LOOP_FREQUENCY = 40.0
 """Frequency that separates loops and rotors, Hz.
@@ -77,21 +83,27 @@ class Resonance:
     """Whether the response falls below −3 dB at the highest frequency, after it was above."""
 
 
-def controller_if_known(signals: Signals) -> Controller | None:
+def controller_or_reason(signals: Signals) -> Controller | Fact:
     """Returns the controller of an axis by the parameters in the log, without the mixer.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
-        The controller, whose output is the demand; None if the log lacks its parameters, or no known autopilot has
-        such parameters.
+        The controller, whose output is the demand. If the log lacks its parameters, or no known autopilot has such
+        parameters, the fact (coded finding) that says so.
     """
     no_mixer = (1.0,)
     try:
         return controller_from_parameters(signals.telemetry.parameters, signals.axis, no_mixer)
-    except NotLearnable:
-        return None
+    except NotLearnable as error:
+        return error.fact
+
+
+def controller_if_known(signals: Signals) -> Controller | None:
+    """Returns the controller of an axis as :func:`controller_or_reason` does, and None if it is not known."""
+    controller = controller_or_reason(signals)
+    return None if isinstance(controller, Fact) else controller
 
 
 def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None:
@@ -188,8 +200,7 @@ def _max_sensitivity_interval(
 ) -> Interval:
     """Returns the 90 % interval of the maximum sensitivity Ms = max |1 − T| over some frequencies.
 
-    A gain |T| averaged over n windows has the relative error √((1 − γ²) / (2 γ² n)) with coherence γ² (Bendat and
-    Piersol, see ``welch``). The error of the sensitivity 1 − T is at most the error of T.
+    The error of the sensitivity 1 − T is at most the error of T (:func:`relative_response_error`).
 
     Args:
         spectra: cross-spectra of setpoint and rate, for their coherence and the number of windows.
@@ -200,7 +211,7 @@ def _max_sensitivity_interval(
         Lower and upper end of the interval, without a unit.
     """
     coherence = spectra.coherence[rows]
-    relative_error = np.sqrt((1 - coherence) / (2 * coherence * spectra.windows))
+    relative_error = relative_response_error(coherence, spectra.windows)
     sensitivity = abs(1 - complementary[rows])
     half_width = coverage_factor() * relative_error * abs(complementary[rows])
     return (sensitivity - half_width).max(), (sensitivity + half_width).max()

@@ -758,7 +758,8 @@ def _described_response(
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     coherent_count = _coherent_frequency_count(responses.frequency, spectra.frequency, coherence)
-    certain_count = _certain_frequency_count(gains)
+    gain_deviation = gains[DRAWS].std(axis=0)
+    certain_count = _certain_frequency_count(gain_deviation)
     subject = f"{axis} {loop}"
     if coherent_count < MIN_KNOWN_FREQUENCIES:
         # All of these are too little: one that is coherent would have made a second frequency known.
@@ -770,7 +771,7 @@ def _described_response(
             coherence=coherence[is_above_lowest].max(initial=0.0),
             least_coherence=MIN_COHERENCE,
         )
-    gain_half_width = coverage_factor() * gains[DRAWS].std(axis=0)
+    gain_half_width = coverage_factor() * gain_deviation
     if certain_count < MIN_KNOWN_FREQUENCIES:
         return Fact(
             StepResponseFact.GAIN_UNCERTAIN,
@@ -859,16 +860,16 @@ def _coherent_frequency_count(frequency: Array, spectrum_frequency: Array, coher
     return int(np.searchsorted(frequency, highest_coherent))
 
 
-def _certain_frequency_count(gains: Array) -> int:
+def _certain_frequency_count(gain_deviation: Array) -> int:
     """Returns the number of frequencies before the first at which the gain is too uncertain (``MAX_GAIN_DEVIATION``).
 
     Args:
-        gains: (N, F) gains |T|, of the estimate in the first row, then of draws; frequencies ascend.
+        gain_deviation: (F,) standard deviations of the gain |T| at ascending frequencies.
 
     Returns:
         The number, at most F.
     """
-    is_uncertain = gains[DRAWS].std(axis=0) > MAX_GAIN_DEVIATION
+    is_uncertain = gain_deviation > MAX_GAIN_DEVIATION
     if not is_uncertain.any():
         return len(is_uncertain)
     # The index of the first uncertain frequency is the number of those below it.

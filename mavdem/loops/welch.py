@@ -1,8 +1,6 @@
 """Welch's method: cross-spectra of several signals, averaged over half-overlapping windows of a flight.
 
-The mean of each window is subtracted, and Hann's window applied. With coherence γ², the gain of a response that is
-averaged over n windows has the relative error √((1 − γ²) / (2 γ² n)) (J. S. Bendat and A. G. Piersol, Random Data, 4th
-ed., sec. 9.2).
+The mean of each window is subtracted, and Hann's window applied.
 """
 
 from collections.abc import Sequence
@@ -65,6 +63,21 @@ class ResampledSignals(NamedTuple):
     """Samples of the k signals in each piece (k, N)."""
     spans: list[Segment]
     """Boot and time, s since boot, of each piece."""
+
+
+def relative_response_error(coherence: Array | float, windows: int) -> Array:
+    """Returns the standard error of a measured response, relative to its gain: √((1 − γ²) / (2 n γ²)).
+
+    The formula is from J. S. Bendat and A. G. Piersol, Random Data, 4th ed., sec. 9.2.
+
+    Args:
+        coherence: coherence γ² of both signals at one frequency or at F of them (F,), above 0.
+        windows: number n of windows from which the spectra were averaged.
+
+    Returns:
+        The relative error at each frequency.
+    """
+    return np.asarray(np.sqrt((1 - coherence) / (2 * windows * coherence)))
 
 
 def welch_spectra(

@@ -25,9 +25,9 @@ from mavdem.flight import Flights
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
+from mavdem.loops.resonance import controller_or_reason
 from mavdem.motors.motor_changes import MotorChange
 from mavdem.plant import Physical, physical
 
@@ -157,13 +157,8 @@ def controller_fault(signals: Signals, loop_or_reason: Loop | Fact) -> Fact | No
     """
     if isinstance(loop_or_reason, Fact) and isinstance(loop_or_reason.code, ControllerFact):
         return loop_or_reason
-    # Only the controller's parameters are checked here, so that any mixer will do: one motor of weight 1.
-    any_mixer = (1.0,)
-    try:
-        controller_from_parameters(signals.telemetry.parameters, signals.axis, any_mixer)
-    except NotLearnable as error:
-        return _with_recording(error.fact, signals)
-    return None
+    controller = controller_or_reason(signals)
+    return _with_recording(controller, signals) if isinstance(controller, Fact) else None
 
 
 REASONS_WITH_RATES = (

@@ -87,9 +87,8 @@ class AxisMargins:
         between good and bad, is left out.
         """
         facts = []
-        margin_fact = self._margin_fact()
-        if margin_fact is not None:
-            facts.append(margin_fact)
+        if self._margin_fact is not None:
+            facts.append(self._margin_fact)
         if self.response is not None:
             facts.append(resonance_fact(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
@@ -100,13 +99,14 @@ class AxisMargins:
 
         None in other cases. Its level is "unknown", so that :attr:`facts` do not include it.
         """
-        margin_fact = self._margin_fact()
+        margin_fact = self._margin_fact
         if margin_fact is None or margin_fact.code is not MarginsLight.LOOP_MARGINS:
             return None
         return margin_fact if margin_fact.level is Level.UNKNOWN else None
 
+    @cached_property
     def _margin_fact(self) -> Fact | None:
-        """Returns the fact on the margins from the best source that the log has; None if it has none.
+        """The fact on the margins from the best source that the log has; None if it has none.
 
         The best is the loop as measured by an injected signal, which needs no model. Then comes the identified loop,
         and last a peak in the spectrum of the rate, which may be an oscillation of the loop.

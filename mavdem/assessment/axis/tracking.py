@@ -22,7 +22,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
 from mavdem.loops.measured_response import MIN_COMPARED_COHERENCE
 from mavdem.loops.step_response import attitude_step_response
-from mavdem.loops.welch import WELCH_SECONDS, welch_spectra
+from mavdem.loops.welch import WELCH_SECONDS, relative_response_error, welch_spectra
 
 DELAYS = np.arange(0.0, 0.62, 0.02)
 """Delays of the angle behind its setpoint that are tried, s. A multirotor has 0.1 to 0.4 s; a setpoint that is sent
@@ -123,25 +123,6 @@ class _ErrorsAtBestDelay(NamedTuple):
     """The delay, s; None if the smallest error is at an end of the ``DELAYS``, so that it is not measured."""
 
 
-class AttitudeGain(NamedTuple):
-    """Gain |T| from the setpoint of an angle to the angle, at the U frequencies at which the flight shows it."""
-
-    frequency: Array
-    """Frequencies (U,), Hz, ascending."""
-    gain: Array
-    """Amplitude of the angle over the amplitude of the setpoint (U,)."""
-    coherence: Array
-    """Coherence of angle and setpoint (U,), from ``MIN_COMPARED_COHERENCE`` to 1."""
-    windows: int
-    """Number of windows from which the spectra were averaged."""
-
-    @property
-    def half_width(self) -> Array:
-        """Half width (U,) of the gain's 90 % interval (:attr:`ResponsePeak.lowest_ratio` has the formula)."""
-        variance = (1 - self.coherence) / (2 * self.windows * self.coherence)
-        return np.asarray(self.gain * coverage_factor() * np.sqrt(variance))
-
-
 class ResponsePeak(NamedTuple):
     """The largest response of an angle to its setpoint, over all frequencies at which the two are coherent."""
 
@@ -156,13 +137,39 @@ class ResponsePeak(NamedTuple):
 
     @property
     def lowest_ratio(self) -> float:
-        """Lower end of the 90 % interval of the ratio.
+        """Lower end of the 90 % interval of the ratio."""
+        relative_error = relative_response_error(self.coherence, self.windows)
+        return float(self.ratio * (1 - coverage_factor() * relative_error))
 
-        The relative standard error of a measured response is √((1 − γ²) / (2 n γ²)), with the coherence γ² and n
-        windows (J. S. Bendat and A. G. Piersol, Random Data).
-        """
-        variance = (1 - self.coherence) / (2 * self.windows * self.coherence)
-        return float(self.ratio * (1 - coverage_factor() * np.sqrt(variance)))
+
+class AttitudeGain(NamedTuple):
+    """Gain |T| from the setpoint of an angle to the angle, at the U frequencies at which the flight shows it."""
+
+    frequency: Array
+    """Frequencies (U,), Hz, ascending."""
+    gain: Array
+    """Amplitude of the angle over the amplitude of the setpoint (U,)."""
+    coherence: Array
+    """Coherence of angle and setpoint (U,), from ``MIN_COMPARED_COHERENCE`` to 1."""
+    windows: int
+    """Number of windows from which the spectra were averaged."""
+
+    @property
+    def half_width(self) -> Array:
+        """Half width (U,) of the gain's 90 % interval."""
+        relative_error = relative_response_error(self.coherence, self.windows)
+        return self.gain * coverage_factor() * relative_error
+
+    @property
+    def peak(self) -> ResponsePeak:
+        """The largest gain, with its frequency and coherence."""
+        index = np.argmax(self.gain)
+        return ResponsePeak(
+            ratio=self.gain[index],
+            frequency=self.frequency[index],
+            coherence=self.coherence[index],
+            windows=self.windows,
+        )
 
 
 class _TrackingRating(NamedTuple):
@@ -255,7 +262,8 @@ def _angle_tracking(signals: Signals, setpoint: TimeSeries, segments: Segments) 
     # If the setpoint hardly varies, the overshoot cannot be seen.
     peak = None
     if movement > MIN_SETPOINT_DEVIATION:
-        peak = _response_peak(setpoint, angle, angle_segments)
+        gain = attitude_gain(setpoint, angle, angle_segments)
+        peak = None if gain is None else gain.peak
     error_figures = _error_figures(compared)
     reached_turn = reached_rate(signals, segments)
     rating = _tracking_rating(
@@ -465,11 +473,12 @@ def _response_peak_without_position_control(
     """
     assert signals.angle_setpoint is not None
     assert signals.attitude is not None
-    return _response_peak(
+    gain = attitude_gain(
         signals.angle_setpoint,
         signals.attitude.angle_series,
         segments_without_modes(signals, segments, POSITION_CONTROL_MODES),
     )
+    return None if gain is None else gain.peak
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
@@ -621,31 +630,6 @@ def _errors_in_segment(setpoint: TimeSeries, response: TimeSeries, delays: Array
     delayed_responses = np.interp(times_of_responses, response.time, response.values)
     errors = delayed_responses - setpoint.values
     return SetpointErrors(setpoint.time, setpoint.values, errors)
-
-
-def _response_peak(
-    setpoint: TimeSeries, angle: TimeSeries, segments: Segments
-) -> ResponsePeak | None:
-    """Returns the largest response of the angle to its setpoint by frequency (:func:`attitude_gain`).
-
-    Args:
-        setpoint: setpoint of the angle, rad.
-        angle: the response, rad.
-        segments: segments of the flight that are judged.
-
-    Returns:
-        The peak; None if the setpoint moves at no frequency at which the angle is coherent with it.
-    """
-    response = attitude_gain(setpoint, angle, segments)
-    if response is None:
-        return None
-    peak_index = np.argmax(response.gain)
-    return ResponsePeak(
-        ratio=response.gain[peak_index],
-        frequency=response.frequency[peak_index],
-        coherence=response.coherence[peak_index],
-        windows=response.windows,
-    )
 
 
 def attitude_gain(

@@ -1,9 +1,10 @@
 """Whether all motors work harder in state B: mean output at equal voltage, which relative trims do not show."""
 
-from mavdem.facts.motors import EVEN_PROBABILITY, MotorsBetween
+from mavdem.facts.motors import MotorsBetween
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.motors.effort import EffortChange
+from mavdem.motors.flight_evidence import MIN_REPORTED_PROBABILITY
 from mavdem.motors.health import MIN_FAULT_PROBABILITY
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference.reviewed import ReviewedDifference
@@ -40,7 +41,7 @@ def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the next step if all motors work harder, or less hard, in B than in A: what to check, or to fly again.
 
     Checking the load and the propellers is work that an uncertain change does not justify: if it is probably no change
-    (probability below ``EVEN_PROBABILITY``), another flight as in B shows whether it is real.
+    (probability below ``MIN_REPORTED_PROBABILITY``), another flight as in B shows whether it is real.
 
     Args:
         reviewed: comparison of two states of one vehicle.
@@ -49,7 +50,7 @@ def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
         A list with the step; empty if the effort of the motors did not change.
     """
     effort = unexplained_effort_change(reviewed)
-    if effort is not None and effort.probability < EVEN_PROBABILITY:
+    if effort is not None and effort.probability < MIN_REPORTED_PROBABILITY:
         return render_section("difference_doubt", motor="")
     if effort is not None or _does_light_warn_of_effort(reviewed):
         return render_section("effort_next")
@@ -64,7 +65,7 @@ def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
 
     Returns:
         A list with the sentence. It leaves open whether the effort changed at all if that is improbable (below
-        ``EVEN_PROBABILITY``). Empty without a significant change that nothing else explains.
+        ``MIN_REPORTED_PROBABILITY``). Empty without a significant change that nothing else explains.
     """
     effort = unexplained_effort_change(reviewed)
     if effort is None:
@@ -74,6 +75,6 @@ def effort_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         "difference_effort",
         side=later_name,
         effort=effort,
-        is_unlikely=effort.probability < EVEN_PROBABILITY,
+        is_unlikely=effort.probability < MIN_REPORTED_PROBABILITY,
         is_doubtful=effort.probability < MIN_FAULT_PROBABILITY,
     )
