@@ -105,7 +105,8 @@ SEARCH_SECONDS = 5.0
 ADVICE_SECONDS = 10.0
 """Time after a line with advice for which the next step is not printed in the same words, s.
 
-The status is printed every 5 s, so that this holds for two of its lines.
+The status is printed every 5 s, so that this holds for two of its lines. For as long after the end of an alarm a new
+next step is printed at once.
 """
 
 UNPRINTED_STATES = LEARNING_STATES | {
@@ -359,7 +360,7 @@ class StatusLines:
             self._no_vehicle_time = monotonic()
             return
         # At a take-off the line on the fault of the flight before may come first: it states the verdict on that flight.
-        is_fault_stated = self._was_fault_just_printed and (
+        is_fault_stated = _is_recent(self._fault_print_time) and (
             fact.sentence in self._printed_fault_of_earlier_flight
         )
         is_stated_verdict = fact.code is SessionFact.FLIGHT_VERDICT and is_fault_stated
@@ -709,7 +710,7 @@ class StatusLines:
             judgement: Headline and next step of the session.
         """
         is_unchanged = judgement.next_step.without_measurements == self._latest_next_step
-        has_alarm_ended = monotonic() - self._alarm_end_time <= ADVICE_SECONDS
+        has_alarm_ended = _is_recent(self._alarm_end_time)
         return is_unchanged or has_alarm_ended or judgement.headline.is_watch_or_bad
 
     def _was_just_advised(self, next_step: Fact) -> bool:
@@ -721,15 +722,10 @@ class StatusLines:
         Args:
             next_step: What to do next.
         """
-        if states_unrepaired_fault(next_step) and self._was_fault_just_printed:
+        if states_unrepaired_fault(next_step) and _is_recent(self._fault_print_time):
             return True
         is_in_advice = str(next_step) in self._advised_text
-        return is_in_advice and monotonic() - self._advice_time <= ADVICE_SECONDS
-
-    @property
-    def _was_fault_just_printed(self) -> bool:
-        """Whether the line on the fault of an earlier flight was printed in the last ``ADVICE_SECONDS``."""
-        return monotonic() - self._fault_print_time <= ADVICE_SECONDS
+        return is_in_advice and _is_recent(self._advice_time)
 
     def _print_now(self, text: str, status: SessionStatus) -> None:
         """Prints a line with the present time and that of the vehicle's clock.
@@ -755,6 +751,15 @@ def _state_to_print(status: SessionStatus) -> PrintedState:
         is_late=status.delay_fact is not None,
         is_motion_missing=reason is not None and reason.code is RowsFact.NOTHING_RECEIVED,
     )
+
+
+def _is_recent(print_time: float) -> bool:
+    """Returns whether a line was printed in the last ``ADVICE_SECONDS``.
+
+    Args:
+        print_time: When it was printed, s of the monotonic clock.
+    """
+    return monotonic() - print_time <= ADVICE_SECONDS
 
 
 def _fault_of_earlier_flight(status: SessionStatus) -> str:

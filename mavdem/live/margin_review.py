@@ -415,8 +415,9 @@ class MarginReview:
             self._begin_flight(now)
         if stream.is_flying or has_just_landed:
             self._has_new_messages = True
-        if stream.is_flying and stream.has_rate_setpoint:
-            self.has_rate_setpoint = True
+        if stream.is_flying and not self.has_rate_setpoint:
+            # The stream looks through all setpoints of the last minute for this.
+            self.has_rate_setpoint = stream.has_rate_setpoint
 
     def _start_review(self, now: float, stream: LiveStream) -> None:
         """Starts a review of the messages so far in the executor, if there is one and the vehicle is known.

@@ -965,7 +965,7 @@ class LiveSession:
 
         With it, the control loops, and so their margins, can be identified from the recording.
         """
-        return self.stream.has_rate_setpoint or self._margin_review.has_rate_setpoint
+        return self._margin_review.has_rate_setpoint or self.stream.has_rate_setpoint
 
     def report_end(self, status: SessionStatus, model: Learned | None) -> None:
         """Reports at the end of the session what was found in the flight, unless that was reported at the landing.
