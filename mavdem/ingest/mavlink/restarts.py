@@ -30,6 +30,43 @@ class HeartbeatStates(NamedTuple):
     """MAV_STATE that each reports (n,)."""
 
 
+class Reboot(NamedTuple):
+    """The messages with a time on either side of a restart of the autopilot."""
+
+    last_position: int
+    """Position in the stream of the last one before."""
+    first_position: int
+    """Position in the stream of the first one after."""
+    first_time: float
+    """Time of the first one after, s since boot."""
+    boot: int
+    """Number of the boot that begins."""
+
+
+def reboots_of_type(readings: ClockReadings) -> list[Reboot]:
+    """Finds the restarts of the autopilot between the messages of one type.
+
+    Args:
+        readings: Stream positions, times and boots of the messages of the type.
+
+    Returns:
+        The restarts in the order of the stream, each between two successive messages.
+    """
+    reboots = []
+    # A step of the boot number between a row and the next one is a restart.
+    for last_row_before in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
+        first_row_after = last_row_before + 1
+        reboots.append(
+            Reboot(
+                last_position=int(readings.positions[last_row_before]),
+                first_position=int(readings.positions[first_row_after]),
+                first_time=float(readings.time[first_row_after]),
+                boot=int(readings.boot[first_row_after]),
+            )
+        )
+    return reboots
+
+
 def heartbeats_after_restarts(
     reference: ClockReadings, heartbeats: HeartbeatStates, receive_times: ReceiveTimes
 ) -> ClockReadings:
@@ -78,13 +115,12 @@ def restart_delays(reference: ClockReadings, receive_times: ReceiveTimes) -> Res
         reception are left out.
     """
     delays = {}
-    for last_row_before in np.flatnonzero(np.diff(reference.boot) > 0).tolist():
-        first_row_after = last_row_before + 1
+    for reboot in reboots_of_type(reference):
         received_before, received_after = receive_times(
-            reference.positions[[last_row_before, first_row_after]]
+            np.array([reboot.last_position, reboot.first_position])
         )
-        start_of_clock = received_after - reference.time[first_row_after]
+        start_of_clock = received_after - reboot.first_time
         delay = float(start_of_clock - received_before)
         if np.isfinite(delay):
-            delays[int(reference.boot[first_row_after])] = delay
+            delays[reboot.boot] = delay
     return delays

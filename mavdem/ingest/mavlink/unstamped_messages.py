@@ -16,6 +16,7 @@ from mavdem.ingest.mavlink.clock_readings import (
     Times,
     last_rows_before,
 )
+from mavdem.ingest.mavlink.restarts import Reboot, reboots_of_type
 
 
 def assign_times_to_unstamped_messages(
@@ -61,20 +62,7 @@ def assign_times_to_unstamped_messages(
                 untimed.move_to_next_boot(reboot, receive_times)
 
 
-class _Reboot(NamedTuple):
-    """The stamped messages on either side of a restart of the autopilot."""
-
-    last_position: int
-    """Position in the stream of the last one before."""
-    first_position: int
-    """Position in the stream of the first one after."""
-    first_time: float
-    """Time of the first one after, s since boot."""
-    boot: int
-    """Number of the boot that begins."""
-
-
-def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
+def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[Reboot]:
     """Finds the restarts of the autopilot in a stream, with the stamped messages before and after each.
 
     A restart is left out if messages from before it and after it are mixed in the stream, as they are over two links:
@@ -87,9 +75,9 @@ def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
         The restarts in the order of the boots.
     """
     # Every message type shows the same restarts, between different messages.
-    reboots: dict[int, _Reboot] = {}
+    reboots: dict[int, Reboot] = {}
     for readings in timed_types:
-        for reboot in _reboots_of_type(readings):
+        for reboot in reboots_of_type(readings):
             known_reboot = reboots.get(reboot.boot, reboot)
             reboots[reboot.boot] = _narrowed_reboot(known_reboot, reboot)
     unmixed = []
@@ -99,31 +87,7 @@ def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
     return unmixed
 
 
-def _reboots_of_type(readings: ClockReadings) -> list[_Reboot]:
-    """Finds the restarts of the autopilot between the messages of one type.
-
-    Args:
-        readings: Stream positions, times and boots of the messages of the type.
-
-    Returns:
-        The restarts in the order of the stream, each between two successive messages.
-    """
-    reboots = []
-    # A step of the boot number between a row and the next one is a restart.
-    for last_row_before in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
-        first_row_after = last_row_before + 1
-        reboots.append(
-            _Reboot(
-                last_position=int(readings.positions[last_row_before]),
-                first_position=int(readings.positions[first_row_after]),
-                first_time=float(readings.time[first_row_after]),
-                boot=int(readings.boot[first_row_after]),
-            )
-        )
-    return reboots
-
-
-def _narrowed_reboot(first: _Reboot, second: _Reboot) -> _Reboot:
+def _narrowed_reboot(first: Reboot, second: Reboot) -> Reboot:
     """Joins what the messages of two types show of the same restart of the autopilot.
 
     The messages of each type show between which two of them it restarted. Of both types together, the last message
@@ -199,7 +163,7 @@ class _UntimedMessages(NamedTuple):
         if has_several_boots:
             self.times.boot[changed_rows] = boot
 
-    def move_to_next_boot(self, reboot: _Reboot, receive_times: ReceiveTimes) -> None:
+    def move_to_next_boot(self, reboot: Reboot, receive_times: ReceiveTimes) -> None:
         """Assigns the messages that a restarted autopilot sent before its first stamped message to the new boot.
 
         These are the messages that were received nearer to the first stamped message of the new boot than to the last
