@@ -27,6 +27,7 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flight, boot_number
+from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
@@ -244,7 +245,8 @@ def _loop_messages(
         at a limit; and the step to which the demand is rounded.
 
     Raises:
-        NotLearnable: there is no setpoint of the rate, or it is constant.
+        NotLearnable: there is no setpoint of the rate in the boot, or it is constant. Its messages count as logged
+            from ``MIN_SLOW_MOTION_RATE`` on.
     """
     attitude, inputs = signals.attitude, signals.model_inputs
     assert attitude is not None and inputs is not None
@@ -258,14 +260,20 @@ def _loop_messages(
     angle = messages_at_cycles(attitude, attitude.angle)
     rate = messages_at_cycles(attitude, attitude.rate)
     setpoints = {}
+    is_rate_setpoint_logged = False
     for setpoint in signals.setpoints:
         messages = messages_at_cycles(setpoint.signal, setpoint.signal.values)
+        if setpoint.unit == "rad/s":
+            # A few messages, or those of another boot, do not show whether the setpoint moved.
+            message_rate = rate_without_gaps(np.diff(messages.time))
+            is_rate_setpoint_logged = message_rate >= MIN_SLOW_MOTION_RATE
         if np.diff(messages.values).any():
             setpoints[setpoint.unit] = messages
     if "rad/s" not in setpoints:
-        is_logged = any(setpoint.unit == "rad/s" for setpoint in signals.setpoints)
         raise NotLearnable(
-            LoopFact.NO_RATE_SETPOINT, is_logged=is_logged, least_rate=MIN_SLOW_MOTION_RATE
+            LoopFact.NO_RATE_SETPOINT,
+            is_logged=is_rate_setpoint_logged,
+            least_rate=MIN_SLOW_MOTION_RATE,
         )
     output_step = np.median(np.diff(outputs.time))
     demand = controller.demand_from_outputs(outputs.values, output_step)

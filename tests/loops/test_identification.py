@@ -181,19 +181,24 @@ def rows_of(columns, rows):
 
 
 @mark.parametrize(
-    "change, code",
+    "change, code, is_logged",
     [
-        (lambda c: c | {"body_roll_rate": 0.3}, LoopFact.NO_RATE_SETPOINT),
-        (lambda c: c | {"boot": c["boot"] + 7}, LoopFact.NO_RATE_SETPOINT),
-        (lambda c: rows_of(c, slice(None, None, 13)), LoopFact.NO_RATE_SETPOINT),
-        (lambda c: rows_of(c, c["time"] % 30 < 15), LoopFact.LOOP_TOO_SHORT),
+        (lambda c: c | {"body_roll_rate": 0.3}, LoopFact.NO_RATE_SETPOINT, True),
+        (lambda c: c | {"boot": c["boot"] + 7}, LoopFact.NO_RATE_SETPOINT, False),
+        (lambda c: rows_of(c, slice(500, 501)), LoopFact.NO_RATE_SETPOINT, False),
+        (lambda c: rows_of(c, slice(None, None, 13)), LoopFact.NO_RATE_SETPOINT, False),
+        (lambda c: rows_of(c, c["time"] % 30 < 15), LoopFact.LOOP_TOO_SHORT, None),
     ],
-    ids=["constant", "of another boot", "2 Hz", "gaps longer than windows"],
+    ids=["constant", "of another boot", "one message", "2 Hz", "gaps longer than windows"],
 )
-def test_setpoints_that_say_too_little_are_refused(log, change, code):
-    """The rate setpoint is constant, of another boot, slow, or has gaps."""
+def test_setpoints_that_say_too_little_are_refused(log, change, code, is_logged):
+    """The rate setpoint is constant, of another boot, a single message, slow, or has gaps.
+
+    Only one that came often and is constant was logged and did not move: the others are to be logged first.
+    """
     signals, flights = flown(with_setpoints(thinned(log, 8), change))
-    assert refusal(signals, flights) is code
+    fact = refused(identify_plant_in_loop, Signals(signals.telemetry), flights)
+    assert (fact.code, fact.figures.get("is_logged")) == (code, is_logged)
 
 
 def test_another_boot_at_the_same_stamps_does_not_count(log):
