@@ -1006,6 +1006,12 @@ def test_the_table_has_every_light_with_its_figure(slow):
     for message_age, figure in ((0.5, "no attitude"), (20.0, "too slow")):
         quiet = light_rows(replace(status, rates={}, message_age=message_age))
         assert next(row.figure for row in quiet if row.name == "log") == figure
+    # A loss that the trim suggests has its mean first: it is no interval, and stays out of the table.
+    trim = Fact(
+        TrimFact.TRIM_OF_ONE_MOTOR, Level.WATCH, subject="motor 2 (rear left)", loss=(0.2, 0.1, 0.3)
+    )
+    rows = {row.name: row for row in light_rows(replace(status, worst_lights={Light.MOTORS: trim}))}
+    assert rows["motors"].figure == "motor 2"
 
 
 def test_the_time_in_flight_is_in_the_first_line(slow):

@@ -10,7 +10,7 @@ from mavdem.facts import Level
 from mavdem.facts.ending import Ending
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import LIKELY_PROBABILITY, motor_number
+from mavdem.facts.motors import LIKELY_PROBABILITY, MotorWatchFact, motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import EFFECT, SHARE
@@ -314,12 +314,14 @@ def _cell_with_warning(warning: JsonValues) -> Rated:
 
     Args:
         warning: the worst warning about the motor, as the review document of the log has it
-            (:func:`motor_warnings`). If its figures have no loss of thrust, the cell quotes its sentence.
+            (:func:`motor_warnings`). If it is not a loss of thrust found in the flight, the cell quotes its sentence.
     """
+    # Only this fact has the interval of the loss; others that have a loss state its mean first, as a possible one.
+    is_loss_found = warning.get("code") == MotorWatchFact.MOTOR_LOST_THRUST
     [cell] = render_section(
         "difference_motor",
         is_known=True,
-        loss=value_at(warning, "figures.loss"),
+        loss=value_at(warning, "figures.loss") if is_loss_found else None,
         is_control_lost=warning.get("code") == Ending.CONTROL_LOST,
         time=warning.get("time"),
         sentence=_quotation_for_cell(warning["sentence"]),

@@ -485,6 +485,16 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     chapter = page[page.index('id="motors"') :]
     assert page.index('id="what-changed"') < page.index('id="motors"')
     assert "lost 19 to 42 % at 47 s" in chapter[: chapter.index("</section>")]
+    # A loss by comparison with other flights has its mean before the ends of its interval.
+    reviews = {"A": motor_review("motor 3", loss=[0.20, 0.14, 0.26]), "B": {}}
+    weak = reviews["A"]["lights"]["motors"]
+    weak |= {
+        "code": "motor_weak",
+        "time": None,
+        "sentence": "Motor 3 lost about 20 % of its thrust.",
+    }
+    (table,) = motor_table(reviews, difference)
+    assert table.rows[2][1] == "lost about 20 %"
 
 
 @pytest.mark.parametrize(
