@@ -36,9 +36,10 @@ DISTURBANCE_DEVIATION = 0.3
 """Standard deviation of the true density of wind and noise about the modelled one, relative to it, at each frequency.
 
 No sum of three components is the spectrum of every wind: those of Dryden and of von Kármán alone, with which turbulence
-is usually described, fall by powers of 2 and 5/3 of the frequency, and so part by 26 % in an octave. Chosen on half of
-the flights of ``tools/validation/loops.py`` and of ``first_flight_ardupilot``, whose setpoints end at 5 Hz: of their
-phase margins 90 % of the intervals hold the truth, with 0.2 85 %, and without it 75 %.
+is usually described, fall by powers of 2 and 5/3 of the frequency, and so part by 26 % in an octave. Chosen on flights
+of ``first_flight_ardupilot`` whose setpoints end at 5 Hz: 90 % of the 20 intervals of their phase margins hold the
+truth, with 0.2 85 %, and without it 75 %. On other vehicles such intervals are still too narrow: they hold it in 70 %
+of 23 loops (``tools/validation/loops.py --half report --rates 100 --limited --flights 8``).
 """
 
 DISTURBANCE_OCTAVES = 0.5
