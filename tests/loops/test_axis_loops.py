@@ -355,6 +355,7 @@ def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more():
     assert "more doublets than in this log, and larger and quicker ones: that" in next_step
     report = " ".join(block.text for block in tune_blocks(gently_steered) if hasattr(block, "text"))
     assert "Setpoints end at 5 Hz, below the crossover at 12 Hz:" in report
+    assert "at 5.2 Hz, below the crossover at 5.3 Hz:" in gentle.replace(crossover=5.3).sentence
     changed = tuned_by({"roll": loop}, headline=unsure, raises_sound_gains=True)
     assert changed.parameters and changed.judgement.next_step.code is NextStep.LOAD_GAINS
     biased = replace(loop, cautions=(Fact(LoopFact.EFFECT_BIASED, reason=""),))
