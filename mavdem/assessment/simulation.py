@@ -20,6 +20,10 @@ SIMULATED_SENSOR_BUS = 4
 DEVICE_BUS_TYPES = 8
 """Number of types of a bus in PX4's device ids: three bits."""
 
+SIMULATOR_MESSAGES = ("SIMSTATE", "SIM_STATE")
+"""MAVLink messages on the state of a simulated vehicle, which firmware of a real board does not send
+(common.xml, ardupilotmega.xml)."""
+
 MAX_SIMULATED_RATE_CHANGE = 5e-5
 """Median change of the roll rate over ``RATE_CHANGE_SECONDS`` on the ground, rad/s, below which no real gyroscope
 measured it.
@@ -69,11 +73,11 @@ def _names_software_simulator(telemetry: Telemetry) -> bool:
     ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has its own airframes, a
     parameter that connects it to Gazebo, and sensors on a bus for simulation; the type of the bus is in the lowest bits
     of a sensor's id. Other parameters SIM_… do not count there: firmware of real boards has them too, since it can
-    simulate on the board (https://docs.px4.io/main/en/simulation/hardware). The simulator of this project
-    (`mavdem fly`) sends a text at boot.
+    simulate on the board (https://docs.px4.io/main/en/simulation/hardware). ArduPilot's simulator also sends the true
+    state of the vehicle (``SIMULATOR_MESSAGES``). The simulator of this project (`mavdem fly`) sends a text at boot.
 
     Args:
-        telemetry: parameters, hardware and texts of the vehicle.
+        telemetry: messages, parameters, hardware and texts of the vehicle.
     """
     parameters = telemetry.parameters
     if telemetry.autopilot == "PX4":
@@ -87,6 +91,7 @@ def _names_software_simulator(telemetry: Telemetry) -> bool:
         or has_simulator_airframe
         or gyro_bus == SIMULATED_SENSOR_BUS
         or "SITL" in telemetry.hardware
+        or any(message in telemetry.messages for message in SIMULATOR_MESSAGES)
         or any(text.text.startswith(SCENARIO_TEXT) for text in status_texts(telemetry))
     )
 

@@ -24,16 +24,24 @@ from mavdem.fleet.table_files import update_table
 JUDGEMENT_LOCK = ".pages.lock"
 """Name of the file that is locked while vehicles are judged, and while pages say how their flights were judged."""
 
+RULES_VERSION = 2
+"""Version of the rules by which motors are judged (``mavdem.motors``), raised whenever one of them changes.
+
+Fleets that were judged by the rules of another version are judged again by the next run. Since version 2 the healthy
+flights of a vehicle end at the first one in which something changed.
+"""
+
 AssessRows = Callable[[FlightRows, FlightRows], FlightRows]
 """A function of all rows of one vehicle, and the rows of its baseline; it returns the same rows with their health."""
 
 
 def publish_judgements(store: Store, assess: AssessRows) -> None:
-    """Judges the vehicles that have new flights or a new baseline, and writes the changes to the fleet's table.
+    """Judges vehicles with new flights, a new baseline or outdated rules, and writes the changes to the fleet's table.
 
-    Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are
-    judged again. A changed vehicle is entered in the SQL table ``unpublished`` within the same transaction, so that, if
-    the run is killed before it writes the Parquet files, the next run writes them.
+    Rows are marked with the baseline and the version of the rules by which they were judged (:func:`_judgement_mark`);
+    those with another mark, or none, are judged again. A changed vehicle is entered in the SQL table ``unpublished``
+    within the same transaction, so that, if the run is killed before it writes the Parquet files, the next run writes
+    them.
 
     Args:
         store: the open SQLite store of the fleet, with the rows of all logs.
@@ -42,19 +50,28 @@ def publish_judgements(store: Store, assess: AssessRows) -> None:
     with judgement_lock(store.folder), store.transaction():
         # Another run may have set the baseline while this one waited for the lock.
         healthy = store.healthy
-        baseline_hash = hashlib.sha256(repr(healthy).encode()).hexdigest()
+        mark = _judgement_mark(healthy)
         store.update_names()
-        # The column ``judged`` has the hash of the baseline, and ``file`` is null where a log is not tracked.
+        # The column ``judged`` has the mark, and ``file`` is null where a log is not tracked.
         query = """select distinct vehicle from flights where file is not null and judged is not ?
             order by vehicle"""
-        for (vehicle,) in store.db.execute(query, [baseline_hash]).fetchall():
+        for (vehicle,) in store.db.execute(query, [mark]).fetchall():
             healthy_rows = [row for row in healthy if row.vehicle == vehicle]
-            _judge_vehicle(store, vehicle, assess, healthy_rows, baseline_hash)
+            _judge_vehicle(store, vehicle, assess, healthy_rows, mark)
     update_table(store)
 
 
+def _judgement_mark(healthy: FlightRows) -> str:
+    """Returns the mark of rows that were judged by the present rules with this baseline: a hash of both.
+
+    Args:
+        healthy: rows of the baseline of all vehicles; empty without one.
+    """
+    return hashlib.sha256(f"{RULES_VERSION} {healthy!r}".encode()).hexdigest()
+
+
 def _judge_vehicle(
-    store: Store, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline_hash: str
+    store: Store, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, mark: str
 ) -> None:
     """Judges the health of one vehicle again from its flights in the fleet's table, and stores the result there.
 
@@ -65,12 +82,12 @@ def _judge_vehicle(
         vehicle: name of the vehicle; it has at least one row that is not judged yet.
         assess: function that judges all rows of a vehicle.
         healthy_rows: rows of the vehicle in the baseline; empty if it has none.
-        baseline_hash: hash of the whole baseline, which marks the rows as judged with it.
+        mark: mark of rows that are judged now (:func:`_judgement_mark`).
     """
     selection = "select rowid, row, file from flights where vehicle = ? and file is not null"
     order = "order by file, log, rowid"
     unjudged_query = f"{selection} and judged is not ? {order}"
-    stored_rows = store.db.execute(unjudged_query, [vehicle, baseline_hash]).fetchall()
+    stored_rows = store.db.execute(unjudged_query, [vehicle, mark]).fetchall()
     _, first_text, first_file = stored_rows[0]
     has_own_name = row_of_json(first_text, first_file).has_own_name
     # If the name may be that of several vehicles, and there is no baseline, flights are not compared with each other,
@@ -83,7 +100,7 @@ def _judge_vehicle(
     for row_id, row in zip(row_ids, judged_rows, strict=True):
         store.db.execute(
             "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
-            [json.dumps(row.as_dict()), brief_json(row), baseline_hash, row_id],
+            [json.dumps(row.as_dict()), brief_json(row), mark, row_id],
         )
     # The Parquet file and the pages of the vehicle are now older than its rows.
     store.db.execute("insert into unpublished (vehicle) values (?)", [vehicle])

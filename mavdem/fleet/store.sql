@@ -5,8 +5,9 @@ create table if not exists logs (
     path text primary key, version text, size integer, key text, log text, ended text, seconds real, megabytes real,
     time_limit real, memory_limit integer, mavdem_version text, tracked integer
 );
--- The rows of each log. file is the name of the log in the table, null where it is not in the table; judged is the hash of the
--- baseline that the row was judged with; brief is the part of the row that an index of all flights shows, page its page.
+-- The rows of each log. file is the name of the log in the table, null where it is not in the table; judged is a hash of the
+-- baseline and the version of the rules that the row was judged by; brief is the part of the row that an index of all flights
+-- shows, page its page.
 create table if not exists flights (log text, vehicle text, file text, judged text, row text, brief text, page text);
 -- The vehicles that were judged anew since the pages of their flights were last compared with each other.
 create table if not exists outdated_pages (vehicle text primary key);

@@ -398,6 +398,22 @@ def _finding(flights: Flights, reason: str, latest_flight_text: str) -> str:
     return (latest_row.headline or "") if latest_row.headline_level == Level.WATCH else ""
 
 
+def row_of_finding(flights: Flights) -> FlightRow:
+    """Returns a row of the flight that shows what is wrong with a vehicle, or of its latest flight if nothing is.
+
+    A bad headline is that of the latest flight, and is stated first. An anomaly of the motors was found in the latest
+    flight in which they were judged, after which the vehicle may have flown without being judged.
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date; at least one flight.
+    """
+    anomalous_row = _latest_anomalous_row(flights)
+    has_anomaly = vehicle_health(flights) in ANOMALOUS_HEALTHS
+    if has_anomaly and anomalous_row is not None and not bad_headline(flights):
+        return anomalous_row
+    return log_row(flights[-1])
+
+
 def _latest_anomalous_row(flights: Flights) -> FlightRow | None:
     """Returns the row of the latest flight whose motors have a fault or a drift, for the axis in the worst health.
 

@@ -1,5 +1,7 @@
 """The summary of many flights: vehicles that need a look, flights, logs that were not used, and their counts."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
@@ -57,6 +59,9 @@ MAX_LINES_BEFORE_LIST = 5
 WORST_LINES = 3
 """Lines above that list where more vehicles need a look: the worst ones, and how many follow. A choice."""
 
+FLOWN_LEAD = "Flown:"
+"""Lead of the last paragraph on vehicles and flights; remarks on single logs follow it."""
+
 MAX_UNNAMED_LINES = 3
 """Flights of unnamed vehicles to be watched with a line each; of more, the list of flights has them. A choice."""
 
@@ -104,7 +109,7 @@ def fleet_blocks(
     bad_names = abbreviated_list(bad_latest_texts)
     if lists_follow and bad_unnamed_count > 1:
         bad_names = ""
-    blocks = render_section(
+    sentences = render_section(
         "fleet",
         health=_health_summary(vehicles_of_headline, names, shared_names),
         vehicles=counts.named_vehicles,
@@ -122,50 +127,93 @@ def fleet_blocks(
         bad_names=bad_names,
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
-    # They follow the headline, which counts them.
-    blocks[1:1] = [
-        *_urgent_vehicle_lines(
-            vehicles_of_headline, names, shared_names, lists_follow=lists_follow
-        ),
-        *_lines_on_flights_of_unknown_vehicles(summaries, vehicles_of_headline),
-    ]
+    headline, *paragraphs = sentences
+    labelled_vehicles = _labelled_by_urgency(vehicles_of_headline, names, shared_names)
+    urgent_lines = _urgent_vehicle_lines(labelled_vehicles, names, lists_follow=lists_follow)
+    watched_lines = []
+    if not lists_follow:
+        watched_lines = _watched_vehicle_lines(labelled_vehicles, names)
+    watched_lines += _lines_on_flights_of_unknown_vehicles(summaries, vehicles_of_headline)
+    # What is to be watched comes after the reason and the next step of a single vehicle that needs a look.
+    leads = [paragraph.lead for paragraph in paragraphs]
+    flown_index = leads.index(FLOWN_LEAD) if FLOWN_LEAD in leads else len(leads)
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
-    return [*blocks, *_unused_blocks(unused_rows)]
+    return [
+        headline,
+        *urgent_lines,
+        *paragraphs[:flown_index],
+        *watched_lines,
+        *paragraphs[flown_index:],
+        *_unused_blocks(unused_rows),
+    ]
 
 
 def _urgent_vehicle_lines(
-    vehicles: Mapping[str, VehicleFlights],
-    names: GivenNames,
-    shared_names: Collection[str],
-    *,
-    lists_follow: bool,
+    vehicles: Sequence[_LabelledVehicle], names: GivenNames, *, lists_follow: bool
 ) -> list[Sentence]:
     """Returns a line for each of several vehicles that need a look, and how many further ones have none.
 
     Args:
-        vehicles: summary of each vehicle that the headline counts, by its name in the logs.
-        names: names that owners gave to vehicles.
-        shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
+        vehicles: the vehicles that the headline counts, the most urgent first.
+        names: names that were given to vehicles and flights.
         lists_follow: whether a list of all vehicles stands below, as on a page. It says what to do; without it each
             line does.
 
     Returns:
         The lines, the most urgent vehicle first. There is none for a single vehicle, which the headline itself names.
     """
-    labelled_vehicles = _labelled_by_urgency(vehicles, names, shared_names)
-    urgent = [vehicle for vehicle in labelled_vehicles if vehicle.flights.needs_look]
+    urgent = [vehicle for vehicle in vehicles if vehicle.flights.needs_look]
     if len(urgent) < 2:
         return []
     shown = urgent[: _max_vehicle_lines(len(urgent), lists_follow=lists_follow)]
-    lines = []
-    for vehicle in shown:
-        text = _finding_with_step(vehicle.flights, has_step=not lists_follow)
-        lines.append(Sentence(text, lead=f"{vehicle.label}:"))
+    lines = [_vehicle_line(vehicle, names, has_step=not lists_follow) for vehicle in shown]
     further_count = len(urgent) - len(shown)
     return [
         *lines,
         *render_section("fleet_further", count=further_count, lists_follow=lists_follow),
     ]
+
+
+def _watched_vehicle_lines(
+    vehicles: Sequence[_LabelledVehicle], names: GivenNames
+) -> list[Sentence]:
+    """Returns a line for each vehicle that is to be watched, for a terminal, where no list of all vehicles follows.
+
+    Args:
+        vehicles: the vehicles that the headline counts, the most urgent first.
+        names: names that were given to vehicles and flights.
+
+    Returns:
+        The lines, at most ``MAX_VEHICLE_LINES``, and how many vehicles have none. There is none for a single vehicle of
+        which the headline itself says what is to be watched.
+    """
+    watched = [vehicle for vehicle in vehicles if _is_only_watched(vehicle.flights)]
+    has_urgent_vehicle = any(vehicle.flights.needs_look for vehicle in vehicles)
+    if len(watched) == 1 and not has_urgent_vehicle:
+        return []
+    shown = watched[:MAX_VEHICLE_LINES]
+    lines = [_vehicle_line(vehicle, names, has_step=True, remark="to watch, ") for vehicle in shown]
+    further_count = len(watched) - len(shown)
+    return [*lines, *render_section("fleet_further", count=further_count, lists_follow=False)]
+
+
+def _vehicle_line(
+    vehicle: _LabelledVehicle, names: GivenNames, *, has_step: bool, remark: str = ""
+) -> Sentence:
+    """Returns the line of a vehicle: its label, the flight that shows what is wrong, what it shows, and what to do.
+
+    Args:
+        vehicle: the vehicle.
+        names: names that were given to flights.
+        has_step: whether the line says what to do.
+        remark: words before the name of the flight.
+    """
+    flight = vehicle.flights.finding_flight
+    return Sentence(
+        _finding_with_step(vehicle.flights, has_step=has_step),
+        lead=f"{vehicle.label} ({remark}{flight.label(names)}):",
+        address=flight.link,
+    )
 
 
 def _max_vehicle_lines(urgent_count: int, *, lists_follow: bool) -> int:
@@ -423,6 +471,9 @@ class HealthSummary(NamedTuple):
     reason: str
     """Why the motors of the only urgent vehicle are judged as they are; empty of several."""
 
+    flight: str
+    """Name and day of the flight that shows this."""
+
     next_step: str
     """What to do next about the only vehicle that needs a look or, without one, that is to be watched; empty of
     several. The label of the vehicle stands before it, unless the fleet has no other one."""
@@ -451,13 +502,15 @@ def _health_summary(
     watched = [vehicle for vehicle in labelled_vehicles if _is_only_watched(vehicle.flights)]
     urgent_list = ""
     reason = ""
+    flight = ""
     next_step = ""
+    described = urgent or watched
+    if len(described) == 1:
+        flight = described[0].flights.finding_flight.label(names)
+        next_step = _next_step_of_vehicle(described[0])
     if len(urgent) == 1:
         urgent_list = _urgent_text(urgent[0])
         reason = _reason(urgent[0])
-        next_step = _next_step_of_vehicle(urgent[0])
-    elif not urgent and len(watched) == 1:
-        next_step = _next_step_of_vehicle(watched[0])
     return HealthSummary(
         urgent_count=len(urgent),
         urgent_list=urgent_list,
@@ -467,6 +520,7 @@ def _health_summary(
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=len(healthy),
         reason=reason,
+        flight=flight,
         next_step=next_step,
     )
 

@@ -28,6 +28,7 @@ from mavdem.fleet.flights import (
     log_row,
     worst_health,
 )
+from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
@@ -37,13 +38,14 @@ from mavdem.report.fleet import (
     badge_level,
     has_section,
     light_level,
+    row_of_finding,
     urgency_and_age,
     vehicle_health,
     vehicle_texts,
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "21"
+SUMMARY_VERSION = "22"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -141,6 +143,31 @@ class LastFlight(NamedTuple):
     """Levels of its lights."""
 
 
+class NamedFlight(NamedTuple):
+    """A flight as sentences name it: by its file, or the name that a user gave to it, and its date."""
+
+    file: str
+    """Name of its log's file, without the folder."""
+
+    content: str
+    """Hash of the content of its log, by which users name a flight."""
+
+    date: datetime | None
+    """When it began; None where it is not known."""
+
+    link: str
+    """Address of its page; empty without one."""
+
+    def label(self, names: GivenNames) -> str:
+        """Returns name and day of the flight, such as "flight.ulg, 2026-03-09".
+
+        Args:
+            names: names that users gave to flights.
+        """
+        name = names.flights.get(self.content) or self.file
+        return name if self.date is None else f"{name}, {self.date:%Y-%m-%d}"
+
+
 class VehicleFlights(NamedTuple):
     """What is known of a vehicle from its flights together."""
 
@@ -167,6 +194,9 @@ class VehicleFlights(NamedTuple):
 
     last: LastFlight
     """Its latest flight."""
+
+    finding_flight: NamedFlight
+    """The flight that shows what is wrong with it; its latest flight if nothing is."""
 
     @property
     def needs_look(self) -> bool:
@@ -401,7 +431,14 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
         flight_count=len(flights),
         last=last_flight,
+        finding_flight=_named_flight(row_of_finding(flights)),
     )
+
+
+def _named_flight(row: FlightRow) -> NamedFlight:
+    """Returns a flight as sentences name it, from one of its rows in the fleet's table."""
+    line = flight_line([row])
+    return NamedFlight(line.cell("flight"), line.content, row.past_date, line.link)
 
 
 def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:

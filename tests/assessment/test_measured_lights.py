@@ -850,7 +850,7 @@ def telemetry_with_text(text):
 
 @mark.slow
 def test_what_shows_that_a_flight_was_simulated():
-    """Parameters of simulators, names, texts, and a gyro with too little drift show a simulated flight."""
+    """Parameters and messages of simulators, names, texts, and a gyro with too little drift show a simulated flight."""
     telemetry = HOVER.telemetry(20.0, 20.0)
     other_text = telemetry_with_text("Not Simulated by mavdem")
     for real in (
@@ -869,6 +869,11 @@ def test_what_shows_that_a_flight_was_simulated():
         ({"parameters": {"SYS_AUTOSTART": 10040.0}}, Simulator.SOFTWARE),
         ({"parameters": {"CAL_GYRO0_ID": 1310988.0}}, Simulator.SOFTWARE),
         ({"hardware": "PX4_SITL"}, Simulator.SOFTWARE),
+        # The columns of the message do not matter.
+        (
+            {"messages": {**telemetry.messages, "SIMSTATE": telemetry.messages["ATTITUDE"]}},
+            Simulator.SOFTWARE,
+        ),
         (
             {"messages": telemetry_with_drift_at_rest(MAX_SIMULATED_RATE_CHANGE / 2).messages},
             Simulator.SOFTWARE,

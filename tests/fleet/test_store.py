@@ -22,7 +22,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import FleetFolderFact, ReadingFact
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
 from mavdem.facts.sources import PackageFact
-from mavdem.fleet import store, table_files
+from mavdem.fleet import judgement, store, table_files
 from mavdem.fleet.judgement import (
     judgement_lock,
     mark_pages_updated,
@@ -517,7 +517,7 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
 
 
 @mark.slow
-def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
+def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path, monkeypatch):
     """The judgement of the first vehicle fails. The next run judges only vehicles that have new flights or failed."""
     make_logs(tmp_path / "logs", 7)
     judged_vehicles = []
@@ -537,6 +537,10 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
     judged_vehicles[:] = ["not the first"]
     track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
     assert judged_vehicles == ["not the first"]
+    # A fleet that was judged by other rules is judged again, though nothing is read.
+    monkeypatch.setattr(judgement, "RULES_VERSION", judgement.RULES_VERSION + 1)
+    track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
+    assert sorted(judged_vehicles[1:]) == sorted(code_by_vehicle)
 
 
 def flight(key, means, **columns):

@@ -71,6 +71,7 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     # Page and terminal have the same headline of one vehicle.
     headline, *_ = fleet_blocks([explained])
     assert headline.lead == "1 vehicle needs a look: beta (motor 2: fault)."
+    assert "Seen in: 0000.ulg, 2026-01-05." in plain_text(fleet_blocks([explained]))
     assert fleet_blocks([explained], lists_follow=True)[0] == headline
     motors = fleet_summary.motor_health_by_vehicle(vehicle_summaries([explained]))["beta"]
     assert motors == {"health": "fault", "sentence": reason, "next_step": inspect}
@@ -84,10 +85,13 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     headline, alpha, beta, *rest = fleet_blocks([grounded, weak])
     assert headline.lead == "2 of 2 vehicles need a look."
     assert (alpha.lead, alpha.text) == (
-        "alpha:",
+        "alpha (0000.ulg, 2026-01-05):",
         "oscillates · Do not fly: lower the gains first.",
     )
-    assert (beta.lead, beta.text) == ("beta:", f"motor 2: fault · {inspect}")
+    assert (beta.lead, beta.text) == (
+        "beta (0000.ulg, 2026-01-05):",
+        f"motor 2: fault · {inspect}",
+    )
     assert "Next:" not in plain_text(rest)
     assert vehicle_texts([[rows[0]]]).next_step == "Lower the gains."
     lost = flight_row("beta", 1, **cycle, health="fault", suspect_motor=2)
@@ -113,10 +117,11 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     assert headline.lead == "4 of 5 vehicles need a look."
     findings = [f"{line.lead} {line.text.partition(' · ')[0]}" for line in lines[:4]]
     assert findings == [
-        "board: oscillates.",
-        "beta: motor 2: fault",
-        "newer: drift",
-        "alpha: drift",
+        "board (0001.ulg, 2026-01-06): oscillates.",
+        "beta (0000.ulg, 2026-01-05): motor 2: fault",
+        "newer (0003.ulg, 2026-01-08): drift",
+        # The latest flight was not judged.
+        "alpha (0001.ulg, 2026-01-06): drift",
     ]
     # Several vehicles may have flown under no name, or under one system id.
     unnamed = [
@@ -182,6 +187,10 @@ def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_l
     ]
     text = plain_text(fleet_blocks(rows))
     assert "1 of 3 vehicles needs a look: lost (it fell); 2 more are to be watched." in text
+    # A terminal has no list of all vehicles, in which these would be found.
+    watched_line = "changed (to watch, 0000.ulg, 2026-01-05): it drifts."
+    assert text.index("Seen in:") < text.index(watched_line) < text.index("Flown:")
+    assert "to watch" not in plain_text(fleet_blocks(rows, lists_follow=True))
     assert "Motors not compared between flights: 3 vehicles." in text
     text = plain_text(fleet_blocks(rows[1:2]))
     assert text.startswith("1 vehicle is to be watched: changed (it drifts).")
@@ -189,6 +198,9 @@ def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_l
     assert "Motors not compared" not in text
     assert plain_text(fleet_blocks(rows[1:])).startswith(
         "2 vehicles are to be watched: changed (it drifts) and other."
+    )
+    assert "other (to watch, 0000.ulg, 2026-01-05): it drifts." in plain_text(
+        fleet_blocks(rows[1:])
     )
     # A vehicle that flew with the same fault from the first flight on shows no drift.
     motors = {"headline": "Motor 1 is weak.", "headline_level": "watch", "light_motors": "watch"}
@@ -472,7 +484,8 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     assert headline.lead.endswith("not known; 1 flight of an unnamed vehicle is to be watched.")
     # Each of up to five vehicles has a line above the list, and so has the flight to be watched, with its page.
     _, *lines = fleet_blocks(rows, lists_follow=True)
-    leads = [f"quad {number}:" for number in range(4)]
+    leads = [f"quad {number} (0000.ulg, 2026-01-05):" for number in range(3)]
+    leads.append("quad 3 (fourth.bin, 2026-01-05):")
     watched = "0003.ulg (unnamed PX4 quadrotor):"
     assert [line.lead for line in lines[:6]] == [*leads, watched, "Flown:"]
     assert lines[0].text == "fell 0." and lines[4][0::3] == ("low.", "pages/px4-2-3.html")
@@ -508,7 +521,7 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     # So have two vehicles: what is wrong stands at the top of the page.
     headline, *lines = fleet_blocks(rows[:2], lists_follow=True)
     assert headline.lead == "2 of 2 vehicles need a look."
-    assert [line.lead for line in lines[:2]] == ["quad 0:", "quad 1:"]
+    assert [line.lead for line in lines[:2]] == leads[:2]
 
 
 def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():

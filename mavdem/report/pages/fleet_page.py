@@ -29,7 +29,12 @@ from mavdem.report.fleet import (
     short_name,
     vehicle_label,
 )
-from mavdem.report.fleet_summary import fleet_blocks, flown_time_text, vehicles_with_section
+from mavdem.report.fleet_summary import (
+    FLOWN_LEAD,
+    fleet_blocks,
+    flown_time_text,
+    vehicles_with_section,
+)
 from mavdem.report.flight_lines import COLUMNS, FlightLine, flight_line
 from mavdem.report.numbers import listed
 from mavdem.report.pages.environment import environment, render_page
@@ -40,9 +45,6 @@ MAX_DRAWN = 20
 
 FIRST_SHOWN = 50
 """Rows of the table that a browser without scripts shows."""
-
-LAST_SUMMARY_LEAD = "Flown:"
-"""Lead of the last paragraph of the summary at the top of the page: headline, next step, and what was flown."""
 
 MIN_BARS = 12
 """Bars for which the list of vehicles has room at least, so that a few flights are not drawn as wide blocks."""
@@ -141,7 +143,7 @@ def _summary_length(blocks: Sequence[Block]) -> int:
         blocks: sentences and tables on the fleet: the summary, and then the reasons why logs were not used.
     """
     for count, block in enumerate(blocks, start=1):
-        if isinstance(block, Sentence) and block.lead == LAST_SUMMARY_LEAD:
+        if isinstance(block, Sentence) and block.lead == FLOWN_LEAD:
             return count
     return len(blocks)
 
