@@ -7,7 +7,7 @@ compared with those that both options together wrote into build/golden, by anoth
 import re
 from collections import defaultdict, deque
 from concurrent.futures import Executor, Future
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -40,15 +40,14 @@ FLIGHTS = {
     "real/logs/px4_motor_failure.ulg": ["review"],
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
     "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
-    # What is learned: of a telemetry log and of PX4's log.
+    # What is learned.
     "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert"],
-    "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
     # What is in logs of slow streams and of a short flight.
     "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
     "real/logs/low_flight_climb_channel_zero.tlog": ["info"],
     "logs/pyulog_sample.ulg": ["review"],
     # Simulated flights, live and from their log.
-    "ardupilot_steps": ["fly", "live", "wind", "> info --verbose"],
+    "ardupilot_steps": ["fly", "wind", "live", "> info --verbose"],
 }
 """What is run of each log; a name without an ending is that of a scenario, and what is flown is read by the commands
 after it. Of a command after ">" it is what stands on its screen."""
@@ -83,6 +82,7 @@ MORE_FLIGHTS = {
     "real/logs/no_fault_while_yawing.BIN": ["info"],
     "real/logs/px4_crash_hovers_at_12_percent.ulg": ["info"],
     "real/logs/px4_default_rates_gps_interference.ulg": ["info", "wind"],
+    "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
     "real/logs/px4_outputs_change_noutputs_0_and_4.ulg": ["info"],
     "real/logs/px4_pwm_1200_1950.ulg": ["info"],
     "real/logs/px4_two_armed_times.ulg": ["info"],
@@ -130,6 +130,8 @@ MORE_SCENARIOS = {
 FLOWN = "flown.tlog"
 FLIGHT_SECONDS, FULL_FLIGHT_SECONDS = 46, 60
 """For how long is flown what other commands then read, s, and with ``--in-full``; a wind needs 30 s of hover."""
+LIVE_SECONDS = 22
+"""For how long a session listens to that flight, s, unless ``--in-full``: a first model comes after about 12 s."""
 TICK = 0.06  # Seconds from one look at the link to the next.
 OPTIONS = {
     "review": ["--out", "out", "--rrd"],
@@ -193,6 +195,7 @@ class RecordedLink:
     """What a log has received, on the clock of its stamps, however busy the machine is."""
 
     now = 0.0
+    longest = inf  # Seconds after which nothing more is received.
     awaits_greeting = False
     dropped_datagrams = 0
     close = send = Mock()
@@ -200,8 +203,10 @@ class RecordedLink:
 
     def __init__(self, name):
         self.name = name
-        self.frames = deque(read_stream(Path(name)).stamped_frames())
-        RecordedLink.now = self.frames[0][0] / 1e6
+        frames = list(read_stream(Path(name)).stamped_frames())
+        RecordedLink.now = frames[0][0] / 1e6
+        end = RecordedLink.now + self.longest
+        self.frames = deque((stamp, frame) for stamp, frame in frames if stamp / 1e6 < end)
 
     def receive(self, timeout):
         RecordedLink.now += TICK
@@ -230,8 +235,9 @@ def replay(session, *_):
         session.step()
 
 
-def by_the_log(monkeypatch):
-    """Lets ``mavdem live`` replay a log."""
+def by_the_log(monkeypatch, seconds):
+    """Lets ``mavdem live`` replay these first seconds of a log."""
+    monkeypatch.setattr(RecordedLink, "longest", seconds)
     clock = SimpleNamespace(monotonic=lambda: RecordedLink.now, time=lambda: RecordedLink.now)
     monkeypatch.setattr("mavdem.live.clock.time", clock)
     monkeypatch.setattr("mavdem.cli.live.Link", RecordedLink)
@@ -268,13 +274,13 @@ def test_the_figures_of_a_flight_are_those_of_before(
         Path(log).symlink_to(sample)  # A command in a next step contains this name.
     elif sample.suffix:
         flights = [shared(name) for name in log.split()]
+    in_full = request.config.getoption("--in-full")
     if "live" in commands:
-        by_the_log(monkeypatch)
+        by_the_log(monkeypatch, inf if in_full else LIVE_SECONDS)
     # Another process would take a second to import what reads logs, and keep nothing for the next command.
     monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: InThisProcess(rows_of_log))
     # A line that wraps would have other words where a figure has a digit more.
     monkeypatch.setattr("mavdem.cli.streams.MAX_COLUMNS", 10_000)
-    in_full = request.config.getoption("--in-full")
     seconds = FULL_FLIGHT_SECONDS if in_full else FLIGHT_SECONDS
     options = OPTIONS | {"fly": [*OPTIONS["fly"], "--duration", seconds]}
     values_by_name = {}
