@@ -86,7 +86,7 @@ class FlightConditions(Document):
     wind_torque: dict[str, AngularAcceleration]
     """standard deviation of the wind torque, by axis"""
     step_sources: dict[str, list[str]]
-    """where overshoot and rise come from, by axis: measured, identified_loop, or both"""
+    """where overshoot and the time from 10 to 90 % come from, by axis: measured, identified_loop, or both"""
 
 
 class Difference(Document):

@@ -91,7 +91,7 @@ class Conditions(NamedTuple):
     """Mean wind speed in each flight in which it is known, the smallest first; that of still air is not."""
 
     step_sources: dict[str, Names]
-    """Where overshoot and rise time of the rate come from, by axis: measured, identified_loop, or both.
+    """Where overshoot of the rate and its time from 10 to 90 % come from, by axis: measured, identified_loop, or both.
 
     The step of an identified loop is computed by a model. A measured step and a computed one may differ although the
     vehicle has not changed.

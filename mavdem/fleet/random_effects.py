@@ -251,7 +251,7 @@ class QuantityChange(NamedTuple):
         return max(abs(end) for end in self.interval)
 
     def detectable_difference(self, significance: float) -> float:
-        """Returns the true difference that a test finds in 90 % of comparisons like this one, in its own unit.
+        """Returns the true ``difference`` that a test finds in 90 % of comparisons like this one, in the same unit.
 
         The test calls a quantity changed if its p-value is at most the significance. An estimate exceeds that limit
         with a probability of 90 % if the true difference is larger by the one-sided 90 % quantile of the error: the
@@ -264,7 +264,9 @@ class QuantityChange(NamedTuple):
         sd = self.tested_half_width / coverage_factor(freedom=self.freedom)
         quantile_of_test = scipy.special.stdtrit(self.freedom, 1 - significance / 2)
         quantile_of_error = scipy.special.stdtrit(self.freedom, CONFIDENCE_LEVEL)
-        return float(sd * (quantile_of_test + quantile_of_error))
+        tested_difference = float(sd * (quantile_of_test + quantile_of_error))
+        # Of a ratio it is an increase; the decrease by the same factor is as detectable, and smaller.
+        return expm1(tested_difference) if self._is_ratio else tested_difference
 
 
 class StateMean(NamedTuple):

@@ -37,7 +37,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 18
+SCHEMA_VERSION = 19
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -236,7 +236,7 @@ class FlightRow:
     rate_overshoot_interval: Number = None
     """half width of the 90 % interval of rate_overshoot"""
     rate_rise: Seconds = None
-    """rise time of the axis's measured rate after a step of its setpoint"""
+    """time of the axis's measured rate from 10 to 90 % of a step of its setpoint"""
     rate_rise_interval: Seconds = None
     """half width of the 90 % interval of rate_rise"""
     rate_step_source: OptionalText = None
@@ -315,6 +315,10 @@ class FlightRow:
     """what speaks for the health, or what is missing to judge it"""
     health_code: OptionalText = None
     """the same as a code"""
+    health_figures: OptionalText = None
+    """JSON object of the figures that health_reason states: value by name"""
+    reference: OptionalInteger = None
+    """1 if it is one of the healthy flights with which others of its vehicle are compared, otherwise 0"""
     warnings: Names = ()
     """what must be known before its figures are used, one sentence each"""
     warning_codes: Names = ()
@@ -387,6 +391,11 @@ class FlightRow:
         if self.inputs == DEMAND:
             return "unit of demand"
         return self.input_unit or "unit of input"
+
+    @property
+    def is_unjudged_reference(self) -> bool:
+        """Whether other flights are compared with it, but it was not judged itself, as too few others are healthy."""
+        return bool(self.reference) and self.health == UNKNOWN
 
     def as_dict(self) -> JsonValues:
         """Returns the columns as plain JSON values, the date as ISO 8601."""

@@ -57,6 +57,7 @@ BRIEF_COLUMNS = (
     "watched_motor",
     "health_reason",
     "health_code",
+    "reference",
     "warnings",
     "status",
     "status_code",

@@ -4,6 +4,7 @@ A vehicle's flights are compared with its healthy ones: by the balance of its mo
 mean acceleration that the models of healthy flights leave unexplained in another flight.
 """
 
+import json
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -34,7 +35,13 @@ from mavdem.motors.healthy_flights import HealthFigures
 ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")
 """Columns that are attributes of the assessment of a flight's motors."""
 
-COMPARISON_COLUMNS = ("health_reason", "health_code", "residual_mean")
+COMPARISON_COLUMNS = (
+    "health_reason",
+    "health_code",
+    "health_figures",
+    "reference",
+    "residual_mean",
+)
 """Further columns that compare a flight with the other flights of its vehicle."""
 
 Progress = Callable[[int, int, JobOutcome | None], None]
@@ -114,6 +121,8 @@ def assess_rows(
                 residual_mean=residual_mean(row, rows_with_model),
                 health_reason=str(assessment.fact),
                 health_code=assessment.fact.code,
+                health_figures=json.dumps(dict(assessment.fact.figures)),
+                reference=int(assessment.is_healthy),
             )
         assessed_rows.append(row)
     return assessed_rows

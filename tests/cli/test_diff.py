@@ -61,7 +61,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     page_text = page_text.replace("&#39;", "'").replace("\N{NO-BREAK SPACE}", " ")
     assert headline == changed_line and f'<p class="headline"><strong>{headline}' in page_text
     assert side_a == (
-        "A: old, alpha, 4 flights (figures are their means), 2026-01-05 to 2026-01-08."
+        "A: old, alpha, 4 flights (figures are their means), flown 2026-01-05 to 2026-01-08."
     )
     assert side_b.endswith("2026-01-09 to 2026-01-12.")
     *_, next_step, page = output.splitlines()

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from math import expm1, log1p
 
 import numpy as np
 import scipy
@@ -495,6 +496,16 @@ def test_flights_are_not_compared_by_a_voltage_that_nothing_measures(ends, volta
     assert mean_conditions([[row]]).voltage == voltage
 
 
+def test_a_detectable_change_of_a_ratio_is_no_logarithm():
+    """A ratio is tested by its logarithm; the change that is found from is the increase that a reader sees."""
+    estimates = [Estimate(0.0, 0.3)]
+    ratio = quantity_change(Quantity(SHARE, motor=1), estimates, estimates, allowance=0.0)
+    logarithm = ratio._replace(quantity=Quantity(PHASE_MARGIN, axis="roll"))
+    tested = logarithm.detectable_difference(SIGNIFICANCE)
+    assert tested > 0.9
+    assert ratio.detectable_difference(SIGNIFICANCE) == approx(expm1(tested))
+
+
 @mark.slow
 def test_a_detectable_change_is_found_in_nine_of_ten_comparisons():
     """Simulated estimates with the assumed spread between flights, and four motors of which one changed."""
@@ -511,7 +522,7 @@ def test_a_detectable_change_is_found_in_nine_of_ten_comparisons():
     found_count = 0
     for _ in range(1000):
         noise = rng.standard_t(changes[0].freedom, 4) * error_sd
-        noise[0] += true_change
+        noise[0] += log1p(true_change)
         compared = []
         for change, log_ratio in zip(changes, noise.tolist(), strict=True):
             p = float(2 * scipy.special.stdtr(change.freedom, -abs(log_ratio) / error_sd))

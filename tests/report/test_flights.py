@@ -303,7 +303,7 @@ def test_wind_battery_and_lean_are_conditions():
     texts = [row.text for row in condition_rows(reviewed_difference(difference))]
     assert {
         "battery 16.0 → 14.0 V",
-        "mean roll and pitch 0 and 0 → +11 and 0 °",
+        "mean roll and pitch 0 and 0 → +11 and 0°",
         "wind torque on roll 46 → 229 °/s²",
     } <= {*texts}
 

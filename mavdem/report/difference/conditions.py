@@ -18,14 +18,20 @@ from mavdem.report.blocks import Sentence, Table
 from mavdem.report.difference.lights import vibrations_of_same_imu
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.side_titles import side_title
-from mavdem.report.numbers import UNKNOWN_FIGURE, estimate_with_interval, rounded
+from mavdem.report.numbers import (
+    UNKNOWN_FIGURE,
+    estimate_with_interval,
+    number_with_unit,
+    rounded,
+)
 from mavdem.report.templates import rounded_up
 
 BATTERY = "battery"
 MOTOR_OUTPUT = "mean motor output"
 OUTPUT_AT_EQUAL_VOLTAGE = "mean output at equal voltage"
 WIND = "wind"
-BRIEF_CONDITIONS = (BATTERY, MOTOR_OUTPUT, OUTPUT_AT_EQUAL_VOLTAGE, WIND)
+LEAN = "mean roll and pitch"
+BRIEF_CONDITIONS = (BATTERY, MOTOR_OUTPUT, OUTPUT_AT_EQUAL_VOLTAGE, WIND, LEAN)
 """Names of the conditions that a terminal has room for: those that change the figures of a vehicle most."""
 
 
@@ -51,12 +57,12 @@ class ConditionRow(NamedTuple):
         """Both values in words, such as "battery 11.3 → 11.5 V" or "wind not known in A, 3.2 m/s in B"."""
         before, after = self.cells
         if before == after:
-            return f"{self.name} {before} {self.unit}"
+            return f"{self.name} {number_with_unit(before, self.unit)}"
         if UNKNOWN_FIGURE not in self.cells:
-            return f"{self.name} {before} → {after} {self.unit}"
+            return f"{self.name} {before} → {number_with_unit(after, self.unit)}"
         values = []
         for side, cell in zip(STATE_NAMES, self.cells, strict=True):
-            value = "not known" if cell == UNKNOWN_FIGURE else f"{cell} {self.unit}"
+            value = "not known" if cell == UNKNOWN_FIGURE else number_with_unit(cell, self.unit)
             values.append(f"{value} in {side}")
         return f"{self.name} {', '.join(values)}"
 
@@ -84,9 +90,9 @@ def condition_table(reviewed: ReviewedDifference) -> list[Table]:
 
 
 def condition_sentence(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns battery, mean motor output and wind as one sentence, for the terminal; empty if none of them is known.
+    """Returns battery, motor output, wind and lean as one sentence, for the terminal; empty if none of them is known.
 
-    An example is "battery 11.3 → 11.5 V; mean motor output 58 → 62 %; wind 3.2 (2.5 to 3.9) → below 2.8 m/s.".
+    An example is "battery 11.3 → 11.5 V; mean motor output 58 → 62 %; mean roll and pitch +1 and 0 → −4 and +1°.".
 
     Args:
         reviewed: comparison of two states.
@@ -112,7 +118,7 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         ConditionRow(MOTOR_OUTPUT, "%", motor_outputs),
         *effort_rows(reviewed),
         *wind_rows(reviewed),
-        ConditionRow("mean roll and pitch", "°", (_lean_cell(before), _lean_cell(after))),
+        ConditionRow(LEAN, "°", (_lean_cell(before), _lean_cell(after))),
     ]
     for axis in AXES:
         # Standard deviation of the wind's angular acceleration, rad/s².

@@ -9,7 +9,12 @@ from mavdem.facts.lights import Light
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Sentence, caution
-from mavdem.report.difference.lights import WARNING_LEVELS
+from mavdem.report.difference.lights import (
+    REFERENCE,
+    STATES_WORST_FIRST,
+    WARNING_LEVELS,
+    states_in_flights,
+)
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section
@@ -24,11 +29,8 @@ class MixedSide(NamedTuple):
     side: str
     """The side, "A" or "B"."""
 
-    good: int
-    """Number of flights with good motors."""
-
-    warned: int
-    """Number of flights whose motors are bad or to be watched."""
+    counts: dict[str, int]
+    """Number of flights by the state of their motors, such as "bad" or "reference", the worst first."""
 
     total: int
     """Number of all flights, also of those whose motors could not be judged."""
@@ -36,11 +38,21 @@ class MixedSide(NamedTuple):
     are_apart_in_days: bool
     """Whether flights with a warning and flights without were flown on different days, so that days can part them."""
 
-    warned_flights: str
-    """Names of the flights with a warning as text; empty where not known."""
+    smaller_group: str
+    """Names of the flights with a warning or of those without, whichever are fewer, as text; empty where not known."""
 
-    other_flights: str
-    """Names of the other flights as text."""
+    has_smaller_group_warning: bool
+    """Whether these are the flights with a warning."""
+
+    @property
+    def has_sound_flights(self) -> bool:
+        """Whether the motors are good in some flight, or taken for healthy: the state surely changed then."""
+        return any(state in self.counts for state in (Level.GOOD, REFERENCE))
+
+    @property
+    def has_unjudged_flights(self) -> bool:
+        """Whether the motors of some flight could not be judged."""
+        return Level.UNKNOWN in self.counts
 
 
 def flight_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
@@ -90,25 +102,25 @@ def mixed_sides(reviewed: ReviewedDifference) -> list[MixedSide]:
 def _mixed_side(reviewed: ReviewedDifference, side: str) -> MixedSide | None:
     """Returns in which flights of a side the motors warn and in which not; None if they warn in all or in none."""
     light = value_at(reviewed.reviews.get(side, {}), f"lights.{Light.MOTORS}") or {}
-    levels = light.get("levels") or []
-    warned_count = sum(levels.count(level) for level in WARNING_LEVELS)
-    if not 0 < warned_count < len(levels):
+    states = states_in_flights(light) if light else []
+    warned_count = sum(states.count(level) for level in WARNING_LEVELS)
+    if not 0 < warned_count < len(states):
         return None
     warned_flights: list[JsonValues] = []
     other_flights: list[JsonValues] = []
-    for level, flight in zip(levels, light.get("flights") or (), strict=False):
-        flights_of_state = warned_flights if level in WARNING_LEVELS else other_flights
+    for state, flight in zip(states, light.get("flights") or (), strict=False):
+        flights_of_state = warned_flights if state in WARNING_LEVELS else other_flights
         flights_of_state.append(flight)
     warned_days = {flight["day"] for flight in warned_flights}
     other_days = {flight["day"] for flight in other_flights}
+    is_warning_rarer = len(warned_flights) <= len(other_flights)
     return MixedSide(
         side,
-        good=levels.count(Level.GOOD),
-        warned=warned_count,
-        total=len(levels),
+        counts={state: states.count(state) for state in STATES_WORST_FIRST if state in states},
+        total=len(states),
         are_apart_in_days="" not in warned_days | other_days and warned_days.isdisjoint(other_days),
-        warned_flights=_flight_names(warned_flights),
-        other_flights=_flight_names(other_flights),
+        smaller_group=_flight_names(warned_flights if is_warning_rarer else other_flights),
+        has_smaller_group_warning=is_warning_rarer,
     )
 
 

@@ -1,6 +1,7 @@
 """The sentences at the head of a comparison of two states: the differences that matter."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
@@ -39,6 +40,7 @@ from mavdem.report.difference.lights import (
     bad_lights,
     compared_levels,
     details_below_heading,
+    later_side,
     light_heading,
     lights_of_both,
     lights_of_worst_level,
@@ -98,8 +100,10 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
     5. The other lights of the vehicle that are to be watched on one side, and good on the other.
 
-    If the gains explain all changed figures, or others are doubtful, the third comes last: nothing else is certain.
-    Gains come before bad lights of which none is bad in B alone: they surely changed, and may be why lights did.
+    If the gains explain all changed figures, or others are doubtful, whether figures changed comes last: nothing else
+    is certain. Lights that became better then come after the effort of the motors, as what became worse is to be
+    repaired. Gains come before bad lights of which none is bad in B alone: they surely changed, and may be why lights
+    did.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
@@ -121,10 +125,10 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     gain_sentences = _sentences_on_gains(
         reviewed, changes, bad_axes | changed_axes, light_sentences
     )
-    watched = sentences_on_watched_lights(reviewed.reviews)
+    worse_lights, better_lights = _sentences_on_worse_and_better_lights(reviewed.reviews)
     effort = effort_sentences(reviewed)
-    has_difference_above = bool(watched or effort)
-    result = effort + result_sentences(reviewed, changes, has_difference_above=has_difference_above)
+    has_difference_above = bool(worse_lights or better_lights or effort)
+    result = result_sentences(reviewed, changes, has_difference_above=has_difference_above)
     result += yaw_trim_sentences(reviewed)
     sentences: list[Sentence] = []
     if reviewed.are_two_vehicles:
@@ -134,9 +138,9 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
         gain_sentences = []
     sentences += light_sentences
     if changes_by_cause(difference, changes).unexplained:
-        return [*sentences, *result, *gain_sentences, *watched]
+        return [*sentences, *effort, *result, *gain_sentences, *worse_lights, *better_lights]
     # The result is then that nothing else changed for sure: it follows all that did.
-    return [*sentences, *gain_sentences, *watched, *result]
+    return [*sentences, *gain_sentences, *worse_lights, *effort, *better_lights, *result]
 
 
 def _stated_evidence_of_weak_motor(reviewed: ReviewedDifference) -> tuple[QuantityChange, ...]:
@@ -569,20 +573,46 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
     """Returns a sentence on each status light that has the level "watch" in one log and "good" in the other.
 
     A status light is the judgement of one subject. Those of wind and log are left out, since they judge the day and the
-    recording and not the vehicle; that of the motors has a sentence of its own (:func:`_sentence_on_motors`).
+    recording and not the vehicle; that of the motors has a sentence of its own (:func:`_sentence_on_motors`). Lights
+    that became worse come first.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B". A document without lights, such as the review of a
             fleet, is compared with nothing.
     """
-    sentences = []
+    worse_lights, better_lights = _sentences_on_worse_and_better_lights(reviews)
+    return [*worse_lights, *better_lights]
+
+
+class _WorseAndBetterLights(NamedTuple):
+    """Sentences on the lights that are to be watched in one log and good in the other, by what they are later."""
+
+    worse: list[Sentence]
+    """On the lights that are to be watched in the later log."""
+
+    better: list[Sentence]
+    """On the lights that are good in the later log."""
+
+
+def _sentences_on_worse_and_better_lights(reviews: Mapping[str, Review]) -> _WorseAndBetterLights:
+    """Returns the sentences of :func:`sentences_on_watched_lights`, those on lights that became worse by themselves.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B". The later one is that of the later date, or "B".
+    """
+    later = later_side(reviews)
+    sentences = _WorseAndBetterLights(worse=[], better=[])
     for name, lights_by_side in lights_of_both(reviews).items():
         if name in (Light.MOTORS, Light.WIND, Light.LOG):
             continue
         levels = {light["level"] for light in lights_by_side.values()}
         if levels != {Level.GOOD, Level.WATCH}:
             continue
-        sentences.append(_sentence_on_watched_light(name, lights_by_side))
+        sentence = _sentence_on_watched_light(name, lights_by_side)
+        if lights_by_side[later]["level"] == Level.WATCH:
+            sentences.worse.append(sentence)
+        else:
+            sentences.better.append(sentence)
     return sentences
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from mavdem.containers import JsonValues, Names
 from mavdem.facts import Level
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import LIKELY_PROBABILITY, MotorsBetween
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
@@ -32,8 +33,11 @@ NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
 WARNING_LEVELS = (Level.BAD, Level.WATCH)
 """Levels of a light that warns, the worse first."""
 
-LEVELS_WORST_FIRST = (*WARNING_LEVELS, Level.GOOD, Level.UNKNOWN)
-"""All levels in the order in which a cell of several flights names them: what was not judged comes last."""
+REFERENCE = "reference"
+"""State of the motors in a flight with which others are compared, and which was not judged itself."""
+
+STATES_WORST_FIRST = (*WARNING_LEVELS, Level.GOOD, REFERENCE, Level.UNKNOWN)
+"""All states of a light in the order in which texts on several flights name them: what was not judged comes last."""
 
 MAX_HEADING_LENGTH = 90
 """Letters from which on a heading omits figures in brackets, and then all after a semicolon: a choice, two lines."""
@@ -97,8 +101,8 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
             fleet, is compared with nothing.
 
     Returns:
-        The bad lights: first those that are the headline of their flight, such as a crash, and then the others, each in
-        the order of the review of A.
+        The bad lights: those that are bad in the later log before those that became better. Of either, first those that
+        are the headline of their flight, such as a crash, and then the others, each in the order of the review of A.
     """
     headlines: list[BadLight] = []
     others: list[BadLight] = []
@@ -111,7 +115,8 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
             headlines.append(bad_light)
         else:
             others.append(bad_light)
-    return [*headlines, *others]
+    later = later_side(reviews)
+    return sorted([*headlines, *others], key=lambda light: later not in light.bad_sides)
 
 
 def _is_headline(light: JsonValues, review: Review) -> bool:
@@ -220,7 +225,7 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
     warning_light = first if first["level"] in WARNING_LEVELS else second
     reasons = [LightReason("", warning_light["sentence"])]
     for side, light in lights_by_side.items():
-        if light["level"] == Level.UNKNOWN:
+        if states_in_flights(light)[-1] == Level.UNKNOWN:
             reasons.append(LightReason(side, light["sentence"]))
     return ComparedLevels(levels, reasons, remark)
 
@@ -235,18 +240,19 @@ def _level_text(side: str, light: JsonValues) -> str:
     Returns:
         A text such as "good in A", "good in all 3 flights of A" or "bad in 2 of 5 flights of A, the last one too".
     """
-    level = light["level"]
-    levels = light.get("levels") or ()
-    if len(levels) < 2:
-        return f"{level} in {side}"
-    if levels.count(level) == len(levels):
-        return f"{level} in all {len(levels)} flights of {side}"
-    worst_level = next((warning for warning in WARNING_LEVELS if warning in levels), level)
-    worst_count = levels.count(worst_level)
-    if level == worst_level:
-        also_last = ", the last one" if worst_count == 1 else ", the last one too"
-        return f"{level} in {worst_count} of {len(levels)} flights of {side}{also_last}"
-    return f"{worst_level} in {worst_count} of {len(levels)} flights of {side}, {level} in the last one"
+    states = states_in_flights(light)
+    state = states[-1]
+    if len(states) == 1:
+        return f"{state} in {side}"
+    if states.count(state) == len(states):
+        all_flights = "both" if len(states) == 2 else f"all {len(states)}"
+        return f"{state} in {all_flights} flights of {side}"
+    worst_state = next(one for one in STATES_WORST_FIRST if one in states)
+    worst_count = states.count(worst_state)
+    text = f"{worst_state} in {worst_count} of {len(states)} flights of {side}"
+    if state == worst_state:
+        return f"{text}, the last one" if worst_count == 1 else f"{text}, the last one too"
+    return f"{text}, {state} in the last one"
 
 
 def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
@@ -260,6 +266,8 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
         A sentence such as "In B: motor 1 lost about 25 % of its thrust with probability 0.87."; two if both logs have
         the same level for different reasons.
     """
+    if len(lights_by_side) == 2 and _is_loss_of_same_motor(*lights_by_side.values()):
+        return _heading_on_same_motor(lights_by_side)
     sides_by_clause = dict[str, list[str]]()
     for side, light in lights_of_worst_level(lights_by_side).items():
         flight = _flight_in_heading(side, light)
@@ -268,6 +276,37 @@ def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
     for clause, sides in sides_by_clause.items():
         headings += render_section("difference_answer", sides=sides, clause=clause)
     return " ".join(heading.text for heading in headings)
+
+
+def _is_loss_of_same_motor(first_light: JsonValues, second_light: JsonValues) -> bool:
+    """Returns whether the same motor probably lost thrust in both logs, so that one clause has both losses.
+
+    Args:
+        first_light, second_light: the same light in the review documents of both logs.
+    """
+    for light in (first_light, second_light):
+        probability = value_at(light, "figures.probability")
+        is_loss = light.get("code") == MotorsBetween.MOTOR_WEAK and light.get("subject")
+        if not is_loss or probability is None or probability < LIKELY_PROBABILITY:
+            return False
+    return lights_are_alike(first_light, second_light)
+
+
+def _heading_on_same_motor(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the heading on a motor that lost thrust in both logs, such as "In A and B: motor 1 lost about 23 % …".
+
+    Args:
+        lights_by_side: the light of the motors in the review document of each log, by side, "A" and "B".
+    """
+    lights = lights_by_side.values()
+    [heading] = render_section(
+        "difference_same_motor",
+        flights=[_flight_in_heading(side, light) for side, light in lights_by_side.items()],
+        motor=next(iter(lights))["subject"],
+        losses=[value_at(light, "figures.loss")[0] for light in lights],
+        probabilities=[value_at(light, "figures.motor_probability") for light in lights],
+    )
+    return heading.text
 
 
 def _flight_in_heading(side: str, light: JsonValues) -> str:
@@ -536,6 +575,23 @@ def lights_of_side(review: Review) -> dict[str, JsonValues]:
     return lights | (review.get("lights") or {})
 
 
+def states_in_flights(light: JsonValues) -> list[str]:
+    """Returns the state of a status light in each flight of a fleet, in order of date; of a log its one level.
+
+    The state is the level, such as "good". The motors of a flight that was not judged, since others are compared with
+    it, are ``REFERENCE``.
+
+    Args:
+        light: the light; that of a fleet's motors says of which of its ``flights`` this holds.
+    """
+    levels = levels_in_flights(light)
+    states = [str(level) for level in levels]
+    for number, flight in enumerate(light.get("flights") or ()):
+        if flight.get("is_reference"):
+            states[number] = REFERENCE
+    return states
+
+
 def levels_in_flights(light: JsonValues) -> Sequence[Level]:
     """Returns the level of a status light in each flight of a fleet, in order of date; of a log its one level."""
     return light.get("levels") or [light["level"]]
@@ -552,7 +608,18 @@ def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
         first_light, second_light: the same light in the review documents of both sides.
     """
     all_levels = {*levels_in_flights(first_light), *levels_in_flights(second_light)}
-    if len(all_levels) > 1:
+    return len(all_levels) == 1 and lights_are_alike(first_light, second_light)
+
+
+def lights_are_alike(first_light: JsonValues, second_light: JsonValues) -> bool:
+    """Returns whether a status light has the same level and, if it warns, the same reason on both sides.
+
+    The flights of a fleet before its last one, whose light it is, do not count.
+
+    Args:
+        first_light, second_light: the same light in the review documents of both sides.
+    """
+    if first_light["level"] != second_light["level"]:
         return False
     is_warning = first_light["level"] in WARNING_LEVELS
     if is_warning:
@@ -601,7 +668,7 @@ def _light_cells(
 def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
     """Returns a table cell with the level of a status light, which also colours it, and an explanation.
 
-    The cell of a log is for example "good", explained by the sentence of the light. A fleet has a level for each of its
+    The cell of a log is for example "good", explained by the sentence of the light. A fleet has a state for each of its
     flights. Its cell has the worst one, for example "bad", explained by "in 2 of 9 flights, good in 7. The last one,
     good: …".
 
@@ -615,17 +682,18 @@ def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
     if sentence and sentence in text_above:
         [reference] = render_section("difference_stated_above")
         sentence = reference.text
-    levels = levels_in_flights(light)
-    if len(levels) == 1:
+    states = states_in_flights(light)
+    if len(states) == 1:
         return Rated(light["level"], Level(light["level"]), sentence + remark)
-    flight_counts = Counter(levels)
-    worst_level, *other_levels = [level for level in LEVELS_WORST_FIRST if level in flight_counts]
+    flight_counts = Counter(states)
+    worst_state, *other_states = [state for state in STATES_WORST_FIRST if state in flight_counts]
     [explanation] = render_section(
         "difference_light_of_flights",
-        worst_count=flight_counts[worst_level],
-        count=len(levels),
-        other_counts={level: flight_counts[level] for level in other_levels},
-        last_level=light["level"],
+        worst_count=flight_counts[worst_state],
+        count=len(states),
+        other_counts={state: flight_counts[state] for state in other_states},
+        last_state=states[-1],
         sentence_on_last=sentence,
     )
-    return Rated(worst_level, worst_level, explanation.text + remark)
+    level = Level.UNKNOWN if worst_state == REFERENCE else Level(worst_state)
+    return Rated(worst_state, level, explanation.text + remark)

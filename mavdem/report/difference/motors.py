@@ -1,16 +1,15 @@
 """The motors of two states: the judgement of their reviews, the compared figures that agree with it, and a table."""
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Level
-from mavdem.facts.ending import Ending
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
-from mavdem.facts.motors import LIKELY_PROBABILITY, MotorWatchFact, motor_number
+from mavdem.facts.motors import LIKELY_PROBABILITY, motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import EFFECT, SHARE
@@ -30,17 +29,12 @@ from mavdem.report.difference.quantity_texts import (
     motor_with_place,
 )
 from mavdem.report.difference.side_titles import last_flight_title
-from mavdem.report.fleet import ANOMALOUS_HEALTHS, BY_LOG_ALONE
-from mavdem.report.templates import render_section, without_full_stop
-
-MOTOR_AT_START = re.compile(r"^[Mm]otor \d+ (\([^()]*\) )?")
-"""The motor at the beginning of a sentence, with its place, such as "Motor 1 (front right) "."""
+from mavdem.report.fleet import ANOMALOUS_HEALTHS
+from mavdem.report.numbers import without_remark
+from mavdem.report.templates import capitalize_first, render_section, without_full_stop
 
 WITHOUT_LEAN = "without lean"
 """Title of the column of relative trims without the part that the vehicle's lean makes, as in wind."""
-
-AFTER_LOST_PERCENT = re.compile(" of its thrust.*", re.DOTALL)
-"""What follows the size of a loss in a sentence; a cell has the size alone, such as "lost about 25 %"."""
 
 MAX_MOTOR_CHARACTERS = 32
 """Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
@@ -212,13 +206,14 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
             motors.update(range(1, len(hover_motors) + 1))
     rows = []
     for motor in sorted(motors):
-        row = [motor_with_place(motor, difference)]
+        motor_name = motor_with_place(motor, difference)
+        row = [motor_name]
         for side in STATE_NAMES:
             warning = warnings_by_side[side].get(motor)
             if warning is None:
                 row.append(_cell_without_warning(reviews[side]))
             else:
-                row.append(_cell_with_warning(warning))
+                row.append(_cell_with_warning(warning, motor_name))
         for changes in columns.values():
             change_of_motor = changes.get(motor)
             row.append("" if change_of_motor is None else change_with_interval(change_of_motor))
@@ -281,7 +276,10 @@ def motor_warnings(review: Review) -> dict[int, JsonValues]:
         "subject" and "sentence". Motors without a warning are left out.
     """
     motor_light = value_at(review, f"lights.{Light.MOTORS}")
-    findings = [] if motor_light is None else [motor_light]
+    findings = []
+    if motor_light is not None:
+        # An anomaly by the vehicle's other flights that names no motor stands before what the log alone shows of one.
+        findings.append(motor_light.get("by_log_alone") or motor_light)
     findings += review.get("events", ())
     warnings: dict[int, JsonValues] = {}
     # The worst level comes first, so that a later and milder warning does not replace the one that is there.
@@ -303,44 +301,64 @@ def _cell_without_warning(review: Review) -> str:
     """
     motors_level = value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN
     are_motors_judged = Level(motors_level) is not Level.UNKNOWN
-    [cell] = render_section(
-        "difference_motor", is_known=are_motors_judged, loss=None, is_control_lost=False
-    )
-    return cell.text
+    return _motor_cell_text(is_known=are_motors_judged)
 
 
-def _cell_with_warning(warning: JsonValues) -> Rated:
+def _cell_with_warning(warning: JsonValues, motor_name: str) -> Rated:
     """Returns the table cell of a motor that a log warns about, such as "lost 19 to 42 % at 47 s" with the level "bad".
 
     Args:
         warning: the worst warning about the motor, as the review document of the log has it
-            (:func:`motor_warnings`). If it is not a loss of thrust found in the flight, the cell quotes its sentence.
+            (:func:`motor_warnings`). If the cell has no words of its own for it, it quotes the sentence.
+        motor_name: the motor with its place, such as "motor 1 (front right)".
     """
-    # Only this fact has the interval of the loss; others that have a loss state its mean first, as a possible one.
-    is_loss_found = warning.get("code") == MotorWatchFact.MOTOR_LOST_THRUST
-    [cell] = render_section(
-        "difference_motor",
-        is_known=True,
-        loss=value_at(warning, "figures.loss") if is_loss_found else None,
-        is_control_lost=warning.get("code") == Ending.CONTROL_LOST,
+    cell_text = _motor_cell_text(
+        code=warning.get("code") or "",
         time=warning.get("time"),
-        sentence=_quotation_for_cell(warning["sentence"]),
+        sentence=_without_motor(warning["sentence"], motor_name),
+        figures=warning.get("figures") or {},
     )
-    text = without_full_stop(shortened(cell.text, MAX_MOTOR_CHARACTERS))
+    text = without_full_stop(shortened(cell_text, MAX_MOTOR_CHARACTERS))
     return Rated(text, Level(warning["level"]))
 
 
-def _quotation_for_cell(warning_sentence: str) -> str:
-    """Returns the part of a warning about a motor that its table cell quotes, such as "lost about 25 %".
-
-    The text is quoted because a warning that comes from a comparison with other flights has no figures: the table of
-    the fleet stores only its sentence.
+def _motor_cell_text(
+    code: str = "",
+    time: float | None = None,
+    sentence: str = "",
+    figures: Mapping[str, JsonValues] = MappingProxyType({}),
+    *,
+    is_known: bool = True,
+) -> str:
+    """Returns what a table says of one motor in one flight, such as "lost about 25 %", "no warning" or "not known".
 
     Args:
-        warning_sentence: for example "Motor 1 (front right) lost about 25 % of its thrust (…; motor or propeller)".
+        code: code of the worst warning about the motor; empty without one.
+        time: when it began, s on the boot clock; None for a warning about the whole flight.
+        sentence: the warning without the motor, which stands in the cell if that has no words of its own for the code.
+        figures: figures of the warning by name, such as the loss of thrust.
+        is_known: whether the motors of the flight were judged.
     """
-    # A finding about all motors from the comparison with other flights may come first; the log's own is about this one.
-    _, _, sentence_on_motor = warning_sentence.rpartition(f"{BY_LOG_ALONE} ")
-    # The row of the table has the name of the motor already.
-    quotation = MOTOR_AT_START.sub("", sentence_on_motor)
-    return AFTER_LOST_PERCENT.sub("", quotation)
+    [cell] = render_section(
+        "difference_motor",
+        code=code,
+        time=time,
+        sentence=sentence,
+        loss=figures.get("loss"),
+        rise=figures.get("rise"),
+        deviation=figures.get("deviation"),
+        probability=figures.get("probability"),
+        is_known=is_known,
+    )
+    return cell.text
+
+
+def _without_motor(sentence: str, motor_name: str) -> str:
+    """Returns a sentence without the motor at its start, which the row of the table has already.
+
+    Args:
+        sentence: for example "Motor 1 was at its upper limit.", or the same with the place of the motor.
+        motor_name: the motor with its place, such as "motor 1 (front right)".
+    """
+    motor = capitalize_first(motor_name)
+    return sentence.removeprefix(motor).removeprefix(without_remark(motor)).strip()

@@ -69,7 +69,7 @@ SHOWN_QUANTITIES = {
     ATTITUDE_PHASE_MARGIN: ShownQuantity("phase margin of the attitude", degrees(1.0), "°"),
     ATTITUDE_GAIN_MARGIN: ShownQuantity("gain margin of the attitude", 1.0, "dB"),
     OVERSHOOT: ShownQuantity("overshoot of the rate", 100.0, "%"),
-    RISE: ShownQuantity("rise time of the rate", 1e3, "ms"),
+    RISE: ShownQuantity("time from 10 to 90 % of a rate step", 1e3, "ms"),
 }
 """How quantities are shown, by their kind."""
 
@@ -280,8 +280,8 @@ def _limit_text(kind: str, limit: float) -> str:
 
     Args:
         kind: kind of quantity, such as ``DAMPING``.
-        limit: the limit, in the unit in which the quantity is compared. A logarithm is shown as a relative change, from
-            3 % on in whole percent and rounded up.
+        limit: the limit, in the unit of the difference: relative for ``LOGARITHMIC_KINDS``, which from 3 % on are shown
+            in whole percent and rounded up.
     """
     percent = 100 * limit
     if kind in LOGARITHMIC_KINDS and percent >= MIN_WHOLE_PERCENT:
@@ -294,8 +294,7 @@ def _amount_text(kind: str, amount: float) -> str:
 
     Args:
         kind: kind of quantity, such as ``DAMPING``.
-        amount: the amount, in the unit in which the quantity is compared. A difference of logarithms, if it is small,
-            is the relative change, and shown in percent.
+        amount: the amount, in the unit of the difference: relative for ``LOGARITHMIC_KINDS``, shown in percent.
     """
     if kind in LOGARITHMIC_KINDS:
         return f"{rounded(100 * amount)} %"

@@ -44,8 +44,8 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
             parts.append(counted(flight_count, "flight") + " (figures are their means)")
             days_text = _days_text(review)
             # A name with the chosen days may have them already.
-            if days_text not in name:
-                parts.append(days_text)
+            if days_text and days_text not in name:
+                parts.append(f"flown {days_text}")
         else:
             date = value_at(review, "identity.date")
             if date:

@@ -33,8 +33,8 @@ def reviews_with_sure_trim(
         difference: comparison of the two states.
 
     Returns:
-        The reviews, that of B with another sentence of the motors' light; the same if no trim surely rose, if B's
-        balance shows a weak motor, or if a side has several flights, whose mean trim is not that of the judged flight.
+        The reviews, that of B with another sentence and rise of the motors' light; the same if no trim surely rose, if
+        B's balance shows a weak motor, or if a side has several flights, whose mean trim is not that of the judged one.
     """
     _, later_name = STATE_NAMES
     review = reviews.get(later_name, {})
@@ -53,7 +53,9 @@ def reviews_with_sure_trim(
         increase=increase_with_interval(trim),
         probability=probability,
     )
-    lights = review["lights"] | {Light.MOTORS: light | {"sentence": sentence.text}}
+    figures = (light.get("figures") or {}) | {"rise": (trim.difference, *trim.interval)}
+    stated_light = light | {"sentence": sentence.text, "figures": figures}
+    lights = review["lights"] | {Light.MOTORS: stated_light}
     return {**reviews, later_name: {**review, "lights": lights}}
 
 

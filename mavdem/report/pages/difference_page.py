@@ -58,12 +58,13 @@ from mavdem.report.difference.headline import (
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import (
     NO_REVIEWS,
+    REFERENCE,
     Review,
-    levels_in_flights,
     light_blocks,
     lights_are_equal,
     lights_of_both,
     lights_of_side,
+    states_in_flights,
     vibrations_of_same_imu,
 )
 from mavdem.report.difference.motors import motor_table, motor_warnings
@@ -82,7 +83,15 @@ from mavdem.report.numbers import (
 )
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
-from mavdem.report.palette import BAD, LIMITED, MEASURED, PHYSICAL, PREDICTED, TRUTH
+from mavdem.report.palette import (
+    BAD,
+    DISTURBANCE,
+    LIMITED,
+    MEASURED,
+    PHYSICAL,
+    PREDICTED,
+    TRUTH,
+)
 from mavdem.report.templates import render_section
 
 Reviews = Mapping[str, Review]
@@ -126,13 +135,14 @@ in order of date, coloured by how the motors of each were judged."""
 MEAN_OFFSET = -0.3
 """Position of the mean in the column of its side, in distances of two columns: left of the flights, a choice."""
 
-LEVEL_COLOURS = {
+STATE_COLOURS = {
     Level.GOOD: PHYSICAL,
     Level.WATCH: LIMITED,
     Level.BAD: BAD,
+    REFERENCE: DISTURBANCE,
     Level.UNKNOWN: MEASURED,
 }
-"""Colour of the dot of a single flight, by the level of its motors."""
+"""Colour of the dot of a single flight, by the state of its motors."""
 
 WARNING_COLOURS = {Level.BAD: BAD, Level.WATCH: LIMITED}
 """Colour of the line at a warning about a motor, by its level, the worse first."""
@@ -739,8 +749,8 @@ def _marks_by_motor_chart(
         flights_by_side: time series of the flights, whose times are in the air.
 
     Returns:
-        Lines with the side and the time on the boot clock, which sentences and tables state. First come motors with a
-        bad level. Warnings without a time in the flight have no line.
+        Lines with the side and the time on both clocks: sentences and tables state that since boot, and the axis of the
+        charts begins at take-off. First come motors with a bad level. Warnings without a time in the flight have none.
     """
     marks_by_title = defaultdict[str, list[Mark]](list)
     for level, colour in WARNING_COLOURS.items():
@@ -751,7 +761,8 @@ def _marks_by_motor_chart(
                 boot_time = warning["time"]
                 time = time_in_flight(series, boot_time, value_at(warning, "figures.boot") or 0)
                 if time is not None:
-                    mark = Mark(time, f"{side}: {boot_time:.0f} s since boot", colour)
+                    name = f"{side}: {boot_time:.0f} s since boot, {time:.0f} s in the air"
+                    mark = Mark(time, name, colour)
                     marks_by_title[MOTOR_OUTPUTS[motor - 1]].append(mark)
     return marks_by_title
 
@@ -1110,10 +1121,10 @@ def _flight_dots(
         side: "A" or "B", which has a column of its own for each motor.
         name: name of the side in the legend.
         trim_changes: the compared trims, with their values in all flights.
-        reviews_by_side: review documents, of a fleet with the level of the motors in each flight.
+        reviews_by_side: review documents, of a fleet with the state of the motors in each flight.
 
     Returns:
-        A line of dots for each level of the motors' light; the dots of a motor are in order of date from left to right.
+        A line of dots for each state of the motors' light; the dots of a motor are in order of date from left to right.
     """
     columns = _columns(side, [change.quantity.motor for change in trim_changes])
     positions: list[Array] = []
@@ -1123,14 +1134,15 @@ def _flight_dots(
         offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, len(values))
         positions.append(column + FLIGHT_DOTS_OFFSET + offsets)
         trims.append(100 * np.array(values))
-    levels = np.array(_motor_levels(reviews_by_side.get(side, {}), len(trims[0])))
+    states = np.array(_motor_states(reviews_by_side.get(side, {}), len(trims[0])))
     lines = []
-    for level, colour in LEVEL_COLOURS.items():
+    for state, colour in STATE_COLOURS.items():
         # Positions and trims have a row for each motor and a column for each flight.
-        x = np.array(positions)[:, levels == level].ravel()
-        y = np.array(trims)[:, levels == level].ravel()
+        x = np.array(positions)[:, states == state].ravel()
+        y = np.array(trims)[:, states == state].ravel()
         if len(x):
-            lines.append(Line(f"{name}, motors {level}", colour, x, y, style=SIDE_SHAPES[side]))
+            state_name = state if state == REFERENCE else f"motors {state}"
+            lines.append(Line(f"{name}, {state_name}", colour, x, y, style=SIDE_SHAPES[side]))
     return lines
 
 
@@ -1151,8 +1163,8 @@ def _has_flight_dots(flight_count: int) -> bool:
     return 1 < flight_count <= MAX_FLIGHT_DOTS
 
 
-def _motor_levels(review: Review, flight_count: int) -> list[Level]:
-    """Returns the level of the motors, such as "good", in each flight of a side, in order of date.
+def _motor_states(review: Review, flight_count: int) -> list[str]:
+    """Returns the state of the motors, such as "good" or "reference", in each flight of a side, in order of date.
 
     Without a judgement of the motors all are unknown.
 
@@ -1163,7 +1175,7 @@ def _motor_levels(review: Review, flight_count: int) -> list[Level]:
     light = lights_of_side(review).get(Light.MOTORS)
     if light is None:
         return [Level.UNKNOWN] * flight_count
-    return [Level(level) for level in levels_in_flights(light)]
+    return states_in_flights(light)
 
 
 def _with_common_abscissae(lines: Sequence[Line]) -> tuple[Line, ...]:

@@ -6,6 +6,7 @@ unless the log alone shows something bad, and the light of the motors (their jud
 bad as the anomaly.
 """
 
+import json
 import re
 from collections.abc import Mapping
 from functools import partial
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues
 from mavdem.facts import Level
+from mavdem.facts.fact import UNITS
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import Flights, group_into_flights, log_row, worst_health, worst_row
@@ -96,6 +98,9 @@ class MotorAnomaly(NamedTuple):
     motor: str
     """Name of the suspected motor, such as "motor 1"; empty where none is."""
 
+    figures: Mapping[str, Any]
+    """Figures of the evidence by name, such as the loss of thrust; empty where they are not known."""
+
     comparison: PageLink | None = None
     """The page that compares the flight with a sound one; None where there is no such page."""
 
@@ -125,7 +130,14 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
         next_step=motor_next_step(row),
         code=row.health_code or "",
         motor=suspected_motor(row),
+        figures=health_figures(row),
     )
+
+
+def health_figures(row: FlightRow) -> Mapping[str, Any]:
+    """Returns the figures that the judgement of a flight's motors states, by name; empty where they are not known."""
+    figures: Mapping[str, Any] = json.loads(row.health_figures or "{}")
+    return figures
 
 
 def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:
@@ -181,20 +193,23 @@ def _fleet_document(flights: Flights) -> Mapping[str, Any]:
 def _fleet_judgement(flights: Flights) -> Mapping[str, Any]:
     """Returns the part of a fleet's document that judges its motors, the only judgement of a fleet as a whole.
 
-    It has one status light, that of the motors in the latest flight, with their level in each flight (``levels``) and
-    the file and day of each (``flights``). If the motors have an anomaly, that is also the headline, with the next
-    step. A bad headline by the log of the latest flight alone, such as a crash, is more urgent: then there is neither.
+    It has one status light, that of the motors in the latest flight, with their level in each flight (``levels``), and
+    the file and day of each and whether it is only a reference (``flights``). If the motors have an anomaly, that is
+    also the headline, with the next step. A bad headline by the log of the latest flight alone, such as a crash, is
+    more urgent: then there is neither.
 
     Args:
         flights: flights of the fleet in order of date, at least one, with the health of their motors.
     """
     latest_row = worst_row(flights[-1])
     motors_light = {
+        "code": latest_row.health_code,
         "level": HEALTH_LEVELS[MotorHealth(latest_row.health)],
         "sentence": latest_row.health_reason,
         "subject": suspected_motor(latest_row),
+        "figures": health_figures(latest_row),
         "levels": [HEALTH_LEVELS[MotorHealth(worst_health(flight))] for flight in flights],
-        "flights": [_flight_document(log_row(flight)) for flight in flights],
+        "flights": [_flight_document(worst_row(flight)) for flight in flights],
     }
     lights = {Light.MOTORS: motors_light}
     if latest_row.headline_level == Level.BAD:
@@ -204,9 +219,18 @@ def _fleet_judgement(flights: Flights) -> Mapping[str, Any]:
 
 
 def _flight_document(row: FlightRow) -> JsonValues:
-    """Returns the file name of a flight and the day on which it began, UTC; the day is empty where it is not known."""
+    """Returns which flight of a fleet it is, and whether its motors are only the reference of others.
+
+    Args:
+        row: row of the flight, for the axis whose motors are in the worst health.
+
+    Returns:
+        The file name as ``file``; the day on which it began, UTC, as ``day``, empty where it is not known; and
+        ``is_reference``, which is true if other flights are compared with it and it was not judged itself.
+    """
     day = "" if row.date is None else row.date.date().isoformat()
-    return {"file": PurePath(row.file).name, "day": day}
+    is_reference = row.is_unjudged_reference
+    return {"file": PurePath(row.file).name, "day": day, "is_reference": is_reference}
 
 
 def _motor_health_document(row: FlightRow) -> JsonValues:
@@ -233,7 +257,7 @@ def review_with_anomaly(
     replaces two parts of it, so that lists and comparisons of flights judge them in the same way as their pages do:
 
     - The status light of the motors, even one of the same level. If the anomaly names no motor, and the light by the
-      log alone names one, the sentence of this light is kept beside the anomaly.
+      log alone names one, the sentence of this light is kept beside the anomaly, and all of it as ``by_log_alone``.
     - The headline with the next step, as :func:`is_headline_replaced` decides.
 
     Args:
@@ -252,7 +276,7 @@ def review_with_anomaly(
         changed_parts["lights"] = lights | {Light.MOTORS: motors_light}
     level_of_log = Level(value_at(review, "headline.level") or Level.UNKNOWN)
     if is_headline_replaced(level_of_log):
-        changed_parts["headline"] = _sentence_document(anomaly, anomaly.reason)
+        changed_parts["headline"] = _anomaly_document(anomaly)
         for step in anomaly.next_step:
             changed_parts["next_step"] = _sentence_document(anomaly, step.text)
     return {**review, **changed_parts}
@@ -267,7 +291,7 @@ def _light_with_anomaly(light: Mapping[str, Any], anomaly: MotorAnomaly) -> Mapp
 
     Returns:
         The light by the log alone if that is bad. Otherwise the light with the anomaly; if the anomaly names no motor,
-        and the log alone warns of one, its sentence is kept beside the anomaly.
+        and the log alone warns of one, the sentence of that light follows, and all of it stands in ``by_log_alone``.
     """
     level_of_log = Level(light.get("level") or Level.UNKNOWN)
     if level_of_log is Level.BAD:
@@ -275,15 +299,28 @@ def _light_with_anomaly(light: Mapping[str, Any], anomaly: MotorAnomaly) -> Mapp
     motor_of_log = light.get("subject") or ""
     if level_of_log is Level.WATCH and motor_of_log and not anomaly.motor:
         sentences = f"{anomaly.reason} {BY_LOG_ALONE} {light['sentence']}"
-        return _sentence_document(anomaly, sentences, subject=motor_of_log)
-    return _sentence_document(anomaly, anomaly.reason, subject=anomaly.motor)
+        document = _sentence_document(anomaly, sentences, subject=motor_of_log)
+        return {**document, "by_log_alone": light}
+    return _anomaly_document(anomaly, subject=anomaly.motor)
+
+
+def _anomaly_document(anomaly: MotorAnomaly, subject: str = "") -> JsonValues:
+    """Returns an anomaly in the form that facts have in a review document, with its figures and their units.
+
+    Args:
+        anomaly: the anomaly.
+        subject: the motor that it is about; empty if it is about the flight as a whole.
+    """
+    document = _sentence_document(anomaly, anomaly.reason, subject)
+    units = {name: UNITS[name] for name in anomaly.figures}
+    return {**document, "figures": anomaly.figures, "units": units}
 
 
 def _sentence_document(anomaly: MotorAnomaly, text: str, subject: str = "") -> JsonValues:
-    """Returns a sentence about an anomaly in the form that sentences have in a review document.
+    """Returns a sentence about an anomaly, without its figures, in the form that facts have in a review document.
 
     Args:
-        anomaly: the anomaly, which has no figures and no time, since the fleet's table stores its sentence alone.
+        anomaly: the anomaly.
         text: the sentence.
         subject: the motor that it is about; empty if it is about the flight as a whole.
     """

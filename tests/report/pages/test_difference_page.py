@@ -45,7 +45,7 @@ from mavdem.report.difference.headline import (
     light_headings,
 )
 from mavdem.report.difference.identity import identity_remarks
-from mavdem.report.difference.lights import light_blocks
+from mavdem.report.difference.lights import light_blocks, light_heading
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameter_rows import parameter_rows
@@ -130,7 +130,7 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     charts = flight_series_charts(flights, LEGEND, SIDE_COLOURS)
     (group,) = _motor_groups(reviewed, flights, [*charts])
     marks = {chart.title: chart.marks for (chart,) in group.columns}
-    assert marks.pop(MOTOR_OUTPUTS[2]) == (Mark(43.0, "B: 47 s since boot", BAD),)
+    assert marks.pop(MOTOR_OUTPUTS[2]) == (Mark(43.0, "B: 47 s since boot, 43 s in the air", BAD),)
     assert not any(marks.values())
     assert group.first_name == MOTOR_OUTPUTS[2] and "take-off (4 s in B)" in group.caption
 
@@ -273,8 +273,10 @@ def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
     )
     tilted = {"level": "bad", "sentence": "It tilted."}
     reviews["B"] = {"lights": {"motors": sound, "tracking": tilted}}
-    _, tracking, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
-    assert tracking.text == "bad in A and B. A: as stated above. B: It tilted."
+    # What is bad in the later flight comes before what became better.
+    tracking, motors, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
+    assert tracking.text == "bad in A and B. A: It crashed. B: It tilted."
+    assert motors.text == "bad in A, good in B, for the cause stated above."
 
 
 def test_still_air_comes_from_nowhere(difference):
@@ -486,7 +488,8 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     assert page.index('id="what-changed"') < page.index('id="motors"')
     assert "lost 19 to 42 % at 47 s" in chapter[: chapter.index("</section>")]
     # A loss by comparison with other flights has its mean before the ends of its interval.
-    reviews = {"A": motor_review("motor 3", loss=[0.20, 0.14, 0.26]), "B": {}}
+    loss = {"loss": [0.20, 0.14, 0.26], "rise": [0.12, 0.08, 0.16], "probability": 0.9}
+    reviews = {"A": motor_review("motor 3", **loss), "B": {}}
     weak = reviews["A"]["lights"]["motors"]
     weak |= {
         "code": "motor_weak",
@@ -495,6 +498,17 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     }
     (table,) = motor_table(reviews, difference)
     assert table.rows[2][1] == "lost about 20 %"
+    # A loss that is as likely as not is stated by what was measured.
+    weak["figures"]["probability"] = 0.5
+    (table,) = motor_table(reviews, difference)
+    assert table.rows[2][1] == "works 12 % harder"
+    # The same motor has one heading for both flights.
+    weak |= {"figures": {**loss, "motor_probability": 0.89}}
+    stronger = {**weak, "figures": {**weak["figures"], "loss": [0.25, 0.2, 0.3]}}
+    heading = light_heading({"A": weak, "B": stronger})
+    assert heading == (
+        "In A and B: motor 3 lost about 20 % and 25 % of its thrust with probability 0.89."
+    )
 
 
 @pytest.mark.parametrize(
@@ -617,10 +631,22 @@ def test_motors_that_all_work_harder_are_stated_for_two_single_flights():
     harder = reviewed(0.5 * 1.086)
     first, *_ = headline_of_comparison(harder)
     assert first.text.startswith(
-        "whether all motors work harder in B. Their output is 8.6 % higher (+3 to +15 %); the "
-        "probability that this is more than the usual variation from flight to flight is 0.28."
+        "output 8.6 % higher in B (+3 to +15 %), at equal voltage. "
+        "Not decided: whether that is more than flights usually vary by (probability 0.28)."
     )
-    assert first.lead == "Not decided:" and "mean output at equal voltage" in first.text
+    assert first.lead == "All motors:"
+    # What may be a damage comes before a light that became better, and after one that became worse.
+    for level, later_level, leads in (
+        ("watch", "good", ["All motors:", "Vibration:"]),
+        ("good", "watch", ["Vibration:", "All motors:"]),
+    ):
+        lights = {"A": level, "B": later_level}
+        reviews = {
+            side: {"lights": {"vibration": {"level": one, "sentence": f"Vibration {one}."}}}
+            for side, one in lights.items()
+        }
+        headline = headline_of_comparison(harder._replace(reviews=reviews))
+        assert [sentence.lead for sentence in headline][:2] == leads
     assert next_blocks(harder)[0].text.startswith("Fly again as in B")
     (table,) = condition_table(harder)
     assert ["mean output at equal voltage (% of A)", "100", "108.6"] in table.rows

@@ -1,5 +1,6 @@
 """The page of a flight says what the vehicle's other flights show, and its light of the motors is as bad as that."""
 
+import json
 import re
 from dataclasses import replace
 from math import log1p
@@ -55,10 +56,9 @@ tabindex="0"><dt><a href="#m">Motors</a></dt><dd class="watch">watch</dd><dd cla
 CRASHED_PAGE = PAGE.replace("blocks assessment", "blocks assessment doubted")
 
 
-def anomaly(health, motor=None, reason="It differs."):
-    return motor_anomaly(
-        flight_row("quad", 1, health=health, health_reason=reason, suspect_motor=motor)
-    )
+def anomaly(health, motor=None, reason="It differs.", **columns):
+    columns |= {"health": health, "health_reason": reason, "suspect_motor": motor}
+    return motor_anomaly(flight_row("quad", 1, **columns))
 
 
 def page_with_anomaly(page, health, motor=None):
@@ -136,7 +136,7 @@ def test_a_drift_without_a_motor_has_the_step_of_its_vehicle_and_of_its_comparis
     assert texts(next_blocks(reviewed)) == [f"Next: {step}"]
     # The table of motors has what the log shows of the motor.
     sentence = "Motor 1 (front right) works 8 % harder."
-    light = {"level": "watch", "subject": "motor 1", "sentence": sentence}
+    light = {"level": "watch", "subject": "motor 1 (front right)", "sentence": sentence}
     watched_review = GOOD_REVIEW | {"lights": {"motors": light}}
     reviews["B"] = review_with_compared_motors(watched_review, [row])
     (table,) = motor_table(reviews, reviewed.difference)
@@ -165,7 +165,10 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
         "headline": {"level": "good", "sentence": "Nothing wrong found."},
         "next_step": {"sentence": "Fly anew."},
     }
-    weak = anomaly(health, 1, "Motor 1 (front right) lost about 22 % of its thrust.")
+    figures = {"loss": (0.22, 0.1, 0.3), "rise": (0.13, 0.06, 0.2), "probability": 0.9}
+    columns = {"health_code": MotorsBetween.MOTOR_WEAK, "health_figures": json.dumps(figures)}
+    reason = "Motor 1 (front right) lost about 22 % of its thrust."
+    weak = anomaly(health, 1, reason, **columns)
     reviews = {"A": review, "B": review_with_anomaly(review, weak)}
     assert review["lights"]["motors"] is motors and review_with_anomaly(review, None) is review
     flights = [[flight_row("quad", number)] for number in (1, 2)]
@@ -187,6 +190,8 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     (table,) = motor_table(reviews, difference)
     assert table.rows[0][:2] == ["motor 1 (front right)", "no warning"]
     assert table.rows[0][2] == "lost about 22 %"
+    light = reviews["B"]["lights"]["motors"]
+    assert light["figures"]["loss"] == [0.22, 0.1, 0.3] and light["units"]["loss"] == "1"
     reviewed = reviewed_difference(difference, reviews)._replace(motors_by_pair="Nothing.")
     page = comparison_page(("a", "b"), reviewed).replace("\N{NO-BREAK SPACE}", " ")
     assert "<strong>By these two alone:</strong> Nothing.</p>" in page
@@ -344,21 +349,30 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     motors, *_ = texts(headline_of_comparison(reviewed))
     assert motors.startswith("Motors: bad in 2 of 4 flights of A, the last one too; good in B.")
     (mixed,) = texts(flight_cautions(reviewed))
-    assert "A is of several states: its motors are good in 2 of 4 flights, and not in 2." in mixed
+    assert "A is of several states: its motors are bad in 2 of 4 flights, good in 2." in mixed
     assert mixed.endswith("Choose flights of one state with `--days-a`.")
     # Flights of one day are named, and those that could not be judged may be of either state.
     unjudged = [replace(row, health="unknown", date=rows[3].date) for row in rows[:2]]
     one_day = compared_states(ComparedState([*unjudged, *rows[2:]], {}, {}), states[1])
     (mixed,) = texts(flight_cautions(one_day))
-    assert "A may be of several states: its motors are not good in 2 of 4 flights" in mixed
-    assert "--days" not in mixed and mixed.count(".ulg") + mixed.count(".bin") == 4, mixed
+    assert "A may be of several states: its motors are bad in 2 of 4 flights, not judged" in mixed
+    assert "--days" not in mixed and "Not good of A: 0003.ulg and 0004.ulg." in mixed, mixed
+    # Flights that others are compared with are named so, in sentences, charts and tables.
+    references = [replace(row, reference=1) for row in unjudged]
+    one_day = compared_states(ComparedState([*references, *rows[2:]], {}, {}), states[1])
+    (mixed,) = texts(flight_cautions(one_day))
+    assert "A is of several states: its motors are bad in 2 of 4 flights, the reference" in mixed
+    page = comparison_page(("fleet", "log"), one_day)
+    assert "A, reference" in page and "motors unknown" not in page
+    lights, _ = light_blocks(one_day.reviews)
+    assert lights.rows[0][1].reason.startswith("in 2 of 4 flights, reference in 2.")
     # A was flown later, so that B does not show that the motor was mended.
     (step,) = texts(next_blocks(reviewed))
     assert step.startswith("Next, by A: Inspect motor 1")
     description = side_descriptions(("fleet", "log"), reviewed)["A"]
-    assert description.endswith("4 flights (figures are their means), 2026-01-06 to 2026-01-09")
+    assert description.endswith("(figures are their means), flown 2026-01-06 to 2026-01-09")
     page = comparison_page(("fleet", "log"), reviewed)
-    assert "its motors are good in 2 of 4 flights" in page
+    assert "its motors are bad in 2 of 4 flights" in page
     titles = ("A, last of 4 flights", "flown with (mean)", "<th>A, 4 flights</th>")
     for part in ("A, motors good", "A, motors bad", "A, mean", *titles):
         assert part in page
