@@ -42,6 +42,8 @@ BRIEF_COLUMNS = (
     "tier",
     "duration",
     "flight_time",
+    "height",
+    "control_parameters",
     "wind_speed",
     "wind_speed_interval",
     "wind_direction",

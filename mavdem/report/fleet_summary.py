@@ -124,6 +124,7 @@ def fleet_blocks(
             Level.WATCH, summaries, vehicles_of_headline
         ),
         simulated_flights=counts.simulated_flights,
+        undecided_flights=_labels_of_undecided_flights(summaries, names),
         bad_names=bad_names,
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
@@ -146,6 +147,18 @@ def fleet_blocks(
         *paragraphs[flown_index:],
         *_unused_blocks(unused_rows),
     ]
+
+
+def _labels_of_undecided_flights(
+    summaries: Sequence[VehicleSummary], names: GivenNames
+) -> list[str]:
+    """Returns names and days of the flights whose logs do not show whether they were simulated.
+
+    Args:
+        summaries: summary of the flights under each name.
+        names: names that were given to flights.
+    """
+    return [flight.label(names) for summary in summaries for flight in summary.undecided_flights]
 
 
 def _urgent_vehicle_lines(
@@ -192,28 +205,31 @@ def _watched_vehicle_lines(
     if len(watched) == 1 and not has_urgent_vehicle:
         return []
     shown = watched[:MAX_VEHICLE_LINES]
-    lines = [_vehicle_line(vehicle, names, has_step=True, remark="to watch, ") for vehicle in shown]
+    lines = [_vehicle_line(vehicle, names, has_step=True) for vehicle in shown]
     further_count = len(watched) - len(shown)
     return [*lines, *render_section("fleet_further", count=further_count, lists_follow=False)]
 
 
-def _vehicle_line(
-    vehicle: _LabelledVehicle, names: GivenNames, *, has_step: bool, remark: str = ""
-) -> Sentence:
-    """Returns the line of a vehicle: its label, the flight that shows what is wrong, what it shows, and what to do.
+def _vehicle_line(vehicle: _LabelledVehicle, names: GivenNames, *, has_step: bool) -> Sentence:
+    """Returns the line of a vehicle: its label, what is wrong, in which flight, and what to do.
+
+    An example of the text: "motor 2 lost about 20 % of its thrust (flight.ulg, 2026-03-09) · Check motor 2."
 
     Args:
         vehicle: the vehicle.
         names: names that were given to flights.
         has_step: whether the line says what to do.
-        remark: words before the name of the flight.
     """
-    flight = vehicle.flights.finding_flight
-    return Sentence(
-        _finding_with_step(vehicle.flights, has_step=has_step),
-        lead=f"{vehicle.label} ({remark}{flight.label(names)}):",
-        address=flight.link,
-    )
+    texts = vehicle.flights.texts
+    finding = as_clause(listed_headline(texts.finding))
+    text = f"{finding} ({vehicle.flights.finding_flight.label(names)})"
+    if has_step and texts.next_step:
+        next_step = shortened(first_sentence(texts.next_step), MAX_STEP_LENGTH)
+        text = f"{text} · {next_step}"
+    else:
+        text += "."
+    is_watched = _is_only_watched(vehicle.flights)
+    return Sentence(text, lead=f"{vehicle.label}, to watch:" if is_watched else f"{vehicle.label}:")
 
 
 def _max_vehicle_lines(urgent_count: int, *, lists_follow: bool) -> int:
@@ -229,18 +245,6 @@ def _max_vehicle_lines(urgent_count: int, *, lists_follow: bool) -> int:
     if not lists_follow:
         return MAX_VEHICLE_LINES
     return urgent_count if urgent_count <= MAX_LINES_BEFORE_LIST else WORST_LINES
-
-
-def _finding_with_step(vehicle: VehicleFlights, *, has_step: bool) -> str:
-    """Returns what is wrong with a vehicle in few words and, with ``has_step``, what to do next.
-
-    An example: "motor 2 lost about 20 % of its thrust · Check motor 2 and its propeller."
-    """
-    finding = as_clause(listed_headline(vehicle.texts.finding))
-    if not has_step or not vehicle.texts.next_step:
-        return f"{finding}."
-    next_step = shortened(first_sentence(vehicle.texts.next_step), MAX_STEP_LENGTH)
-    return f"{finding} · {next_step}"
 
 
 def _lines_on_flights_of_unknown_vehicles(

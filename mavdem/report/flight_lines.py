@@ -64,6 +64,13 @@ class FlightLine(NamedTuple):
     light_levels: str
     """Levels of all lights, in their order, separated by spaces: by them the page's filter finds "motors:good"."""
 
+    height: float | None
+    """Largest height above the take-off, m, by which the page is searched; None where it is not known."""
+
+    parameter_set: int | None
+    """Which of the vehicle's sets of control parameters (``VehicleSummary.parameter_sets``) it flew with; None where
+    its log has none."""
+
     cells: list[str]
     """The cells, one for each of the ``COLUMNS``."""
 
@@ -82,12 +89,15 @@ class FlightLine(NamedTuple):
         return self.cell("health") == Level.WATCH
 
 
-def flight_line(flight: AxisRows, *, is_counted: bool = True) -> FlightLine:
+def flight_line(
+    flight: AxisRows, *, is_counted: bool = True, parameter_set: int | None = None
+) -> FlightLine:
     """Returns the line of one flight in the table of flights, with file and vehicle as the log names them.
 
     Args:
         flight: rows of the flight in the fleet's table, one for each axis.
         is_counted: whether the page includes the flight in its numbers of flights.
+        parameter_set: number of the set of control parameters that it flew with; None where its log has none.
     """
     # Date, page and file are the same in the rows of all axes.
     first_row = log_row(flight)
@@ -106,6 +116,8 @@ def flight_line(flight: AxisRows, *, is_counted: bool = True) -> FlightLine:
         is_counted=is_counted,
         urgency=_urgency(flight),
         light_levels=" ".join(light_level(flight, light) for light in Light),
+        height=first_row.height,
+        parameter_set=parameter_set,
         cells=cells,
     )
 
@@ -323,7 +335,7 @@ COLUMNS = {
     "flight": Column("text", file_name, "13.5rem", "flight"),
     "vehicle": Column("text", _vehicle, "9.5rem", "vehicle"),
     "date": Column("text", _date, "6.5rem", "date"),
-    "health": Column("health", _badge, "4.6rem", "health"),
+    "health": Column("health", _badge, "5.4rem", "health"),
     "lights": Column("lights", _warning_lights, "7.5rem", "lights"),
     "motor": Column("text", _suspect_motors, "3.6rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),

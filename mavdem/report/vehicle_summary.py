@@ -196,7 +196,7 @@ class VehicleFlights(NamedTuple):
     """Its latest flight."""
 
     finding_flight: NamedFlight
-    """The flight that shows what is wrong with it; its latest flight if nothing is."""
+    """The flight that shows its faults; its latest flight if it has none."""
 
     @property
     def needs_look(self) -> bool:
@@ -237,6 +237,12 @@ class VehicleSummary:
 
     lines: list[FlightLine]
     """The lines of its flights and logs in the table, by date, those without one last."""
+
+    parameter_sets: list[str]
+    """The different sets of control parameters that it flew with, each a JSON object: value by name."""
+
+    undecided_flights: list[NamedFlight]
+    """Flights that count as flown, but whose logs have nothing by which a simulation would show."""
 
     unused: list[UnusedRow]
     """The rows of logs without a flight."""
@@ -280,9 +286,15 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     counts_simulated = _counts_simulated_flights(vehicle, real_flights)
     lines = []
     counted_logs = []
+    # The number of each set of control parameters: most flights of a vehicle have the same.
+    parameter_sets: dict[str, int] = {}
     for log in logs:
         is_counted = counts_simulated or not log_row(log).simulated
-        lines.append(flight_line(log, is_counted=is_counted))
+        parameters = log_row(log).control_parameters
+        parameter_set = None
+        if _has_parameters(log_row(log)):
+            parameter_set = parameter_sets.setdefault(parameters or "", len(parameter_sets))
+        lines.append(flight_line(log, is_counted=is_counted, parameter_set=parameter_set))
         if is_counted:
             counted_logs.append(log)
     flights_by_level = Counter(badge_level([flight]) for flight in real_flights)
@@ -297,8 +309,31 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         light_counts=_light_counts(counted_logs),
         winds=_mean_winds(counted_logs),
         lines=lines,
+        parameter_sets=[*parameter_sets],
+        undecided_flights=_undecided_flights(real_flights),
         unused=_unused_rows(rows),
     )
+
+
+def _has_parameters(row: FlightRow) -> bool:
+    """Returns whether the log of a row has control parameters of its autopilot."""
+    return row.control_parameters not in (None, "", "{}")
+
+
+def _undecided_flights(flights: Flights) -> list[NamedFlight]:
+    """Returns the flights whose logs have nothing by which a simulation would show, so that they count as flown.
+
+    A simulator shows by its parameters, or by the kind of its board. Some logs of ground stations have neither.
+
+    Args:
+        flights: rows of each flight of which no log shows that it was simulated.
+    """
+    undecided = []
+    for flight in flights:
+        row = log_row(flight)
+        if not row.has_own_name and not _has_parameters(row):
+            undecided.append(_named_flight(row))
+    return undecided
 
 
 def _vehicle_of_flights(

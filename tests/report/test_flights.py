@@ -85,12 +85,12 @@ def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     headline, alpha, beta, *rest = fleet_blocks([grounded, weak])
     assert headline.lead == "2 of 2 vehicles need a look."
     assert (alpha.lead, alpha.text) == (
-        "alpha (0000.ulg, 2026-01-05):",
-        "oscillates · Do not fly: lower the gains first.",
+        "alpha:",
+        "oscillates (0000.ulg, 2026-01-05) · Do not fly: lower the gains first.",
     )
     assert (beta.lead, beta.text) == (
-        "beta (0000.ulg, 2026-01-05):",
-        f"motor 2: fault · {inspect}",
+        "beta:",
+        f"motor 2: fault (0000.ulg, 2026-01-05) · {inspect}",
     )
     assert "Next:" not in plain_text(rest)
     assert vehicle_texts([[rows[0]]]).next_step == "Lower the gains."
@@ -117,11 +117,11 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     assert headline.lead == "4 of 5 vehicles need a look."
     findings = [f"{line.lead} {line.text.partition(' · ')[0]}" for line in lines[:4]]
     assert findings == [
-        "board (0001.ulg, 2026-01-06): oscillates.",
-        "beta (0000.ulg, 2026-01-05): motor 2: fault",
-        "newer (0003.ulg, 2026-01-08): drift",
+        "board: oscillates (0001.ulg, 2026-01-06).",
+        "beta: motor 2: fault (0000.ulg, 2026-01-05)",
+        "newer: drift (0003.ulg, 2026-01-08)",
         # The latest flight was not judged.
-        "alpha (0001.ulg, 2026-01-06): drift",
+        "alpha: drift (0001.ulg, 2026-01-06)",
     ]
     # Several vehicles may have flown under no name, or under one system id.
     unnamed = [
@@ -188,7 +188,7 @@ def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_l
     text = plain_text(fleet_blocks(rows))
     assert "1 of 3 vehicles needs a look: lost (it fell); 2 more are to be watched." in text
     # A terminal has no list of all vehicles, in which these would be found.
-    watched_line = "changed (to watch, 0000.ulg, 2026-01-05): it drifts."
+    watched_line = "changed, to watch: it drifts (0000.ulg, 2026-01-05)."
     assert text.index("Seen in:") < text.index(watched_line) < text.index("Flown:")
     assert "to watch" not in plain_text(fleet_blocks(rows, lists_follow=True))
     assert "Motors not compared between flights: 3 vehicles." in text
@@ -199,9 +199,8 @@ def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_l
     assert plain_text(fleet_blocks(rows[1:])).startswith(
         "2 vehicles are to be watched: changed (it drifts) and other."
     )
-    assert "other (to watch, 0000.ulg, 2026-01-05): it drifts." in plain_text(
-        fleet_blocks(rows[1:])
-    )
+    watched_line = "other, to watch: it drifts (0000.ulg, 2026-01-05)."
+    assert watched_line in plain_text(fleet_blocks(rows[1:]))
     # A vehicle that flew with the same fault from the first flight on shows no drift.
     motors = {"headline": "Motor 1 is weak.", "headline_level": "watch", "light_motors": "watch"}
     same = flight_row("same", 0, **motors, next_step="Compare its propeller.")
@@ -484,19 +483,26 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     assert headline.lead.endswith("not known; 1 flight of an unnamed vehicle is to be watched.")
     # Each of up to five vehicles has a line above the list, and so has the flight to be watched, with its page.
     _, *lines = fleet_blocks(rows, lists_follow=True)
-    leads = [f"quad {number} (0000.ulg, 2026-01-05):" for number in range(3)]
-    leads.append("quad 3 (fourth.bin, 2026-01-05):")
+    leads = [f"quad {number}:" for number in range(4)]
     watched = "0003.ulg (unnamed PX4 quadrotor):"
     assert [line.lead for line in lines[:6]] == [*leads, watched, "Flown:"]
-    assert lines[0].text == "fell 0." and lines[4][0::3] == ("low.", "pages/px4-2-3.html")
+    assert lines[0].text == "fell 0 (0000.ulg, 2026-01-05)." and lines[4][0::3] == (
+        "low.",
+        "pages/px4-2-3.html",
+    )
     # The list says what to do; a terminal has none, and says it here.
     rows[0] = replace(rows[0], next_step="Do not fly.")
     texts = [fleet_blocks(rows, lists_follow=follows)[1].text for follows in (True, False)]
-    assert texts == ["fell 0.", "fell 0 · Do not fly."]
+    assert texts == [
+        "fell 0 (0000.ulg, 2026-01-05).",
+        "fell 0 (0000.ulg, 2026-01-05) · Do not fly.",
+    ]
     # A crash comes before a drift of the motors.
     drift = {"health": "drift", "health_reason": "The load shifted. More."}
     drifted = replace(rows[0], **drift, flight_time=12.6, status="Too short.")
-    assert fleet_blocks([drifted, rows[1]])[1].text == "fell 0. The load shifted · Do not fly."
+    assert fleet_blocks([drifted, rows[1]])[1].text == (
+        "fell 0. The load shifted (0000.ulg, 2026-01-05) · Do not fly."
+    )
     assert flight_line([drifted]).cell("time") == "0:13"
     assert "13 s in the air" in plain_text(fleet_blocks([drifted]))
     # A vehicle that is no multirotor has lights and a page, and is no flight to look at.
@@ -521,7 +527,7 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     # So have two vehicles: what is wrong stands at the top of the page.
     headline, *lines = fleet_blocks(rows[:2], lists_follow=True)
     assert headline.lead == "2 of 2 vehicles need a look."
-    assert [line.lead for line in lines[:2]] == leads[:2]
+    assert [line.lead for line in lines[:2]] == ["quad 0:", "quad 1:"]
 
 
 def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():
@@ -536,3 +542,9 @@ def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():
     text = plain_text(fleet_blocks([simulated, real]))
     assert "1 bad flight" in text
     assert "Flown: 1 flight, " in text and "; 1 simulated besides. Their logs" in text
+    # The log has neither parameters nor a serial number, by which a simulator would show.
+    undecided = "Counted as flown: 1 flight whose log has neither parameters nor a board's number"
+    assert undecided in text and "would show: 0001.ulg, 2026-01-06." in text
+    for columns in ({"control_parameters": '{"ATC_RAT_RLL_P": 0.1}'}, {"vehicle_basis": "board"}):
+        decided = replace(real, **columns)
+        assert "Counted as flown" not in plain_text(fleet_blocks([simulated, decided]))

@@ -17,7 +17,9 @@ from mavdem.facts.urgency import Urgency
 from mavdem.facts.vehicle import is_calibration_name
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
+from mavdem.fleet.parameter_changes import parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRows
+from mavdem.ingest.telemetry import Parameters
 from mavdem.report.blocks import Block, Rated, Sentence, Table
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, rose_of_flights, wind_dots_of_flights
@@ -36,7 +38,7 @@ from mavdem.report.fleet_summary import (
     vehicles_with_section,
 )
 from mavdem.report.flight_lines import COLUMNS, FlightLine, flight_line
-from mavdem.report.numbers import listed
+from mavdem.report.numbers import counted, listed
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.vehicle_summary import LastFlight, VehicleFlights, VehicleSummary
 
@@ -132,7 +134,9 @@ def fleet_page(
         widths=[column.width for column in COLUMNS.values()],
         areas={name: column.area for name, column in COLUMNS.items()},
         first=_table_without_scripts(cells),
-        table=_table_of_scripts(lines, cells, serial_labels),
+        all_flights=_count_words(lines),
+        table=_table_of_scripts(lines, cells, serial_labels)
+        | _searched_parameters(lines, summaries),
     )
 
 
@@ -189,6 +193,45 @@ def _table_of_scripts(
         # In JSON the keys of an object come in the order of the alphabet, and not in that of urgency.
         "healths": [*BADGE_LEVELS],
         "labels": serial_labels,
+    }
+
+
+def _count_words(lines: Sequence[FlightLine]) -> str:
+    """Returns how many flights and other logs the table has, such as "12 flights and 6 logs not used"."""
+    unused_count = sum(_is_unused(line) for line in lines)
+    words = counted(len(lines) - unused_count, "flight")
+    if not unused_count:
+        return words
+    return f"{words} and {counted(unused_count, 'log')} not used"
+
+
+def _searched_parameters(
+    lines: Sequence[FlightLine], summaries: Sequence[VehicleSummary]
+) -> JsonValues:
+    """Returns what the page's script searches beside the table: control parameters and heights of the flights.
+
+    Args:
+        lines: lines of the flights, in the order of the table.
+        summaries: summary of the flights under each name, with the vehicle's sets of parameters.
+
+    Returns:
+        Plain JSON values: ``parameters``, all sets, each a value by name; ``parameter_sets``, the number of each
+        flight's set, and ``heights``, m, both None where they are not known.
+    """
+    sets: list[Parameters] = []
+    first_numbers = {}
+    for summary in summaries:
+        first_numbers[summary.name] = len(sets)
+        # A damaged set counts as empty.
+        sets += [parse_parameters(text) or {} for text in summary.parameter_sets]
+    numbers = []
+    for line in lines:
+        number = line.parameter_set
+        numbers.append(None if number is None else first_numbers[line.vehicle] + number)
+    return {
+        "parameters": sets,
+        "parameter_sets": numbers,
+        "heights": [line.height for line in lines],
     }
 
 

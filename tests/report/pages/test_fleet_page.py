@@ -448,7 +448,7 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     unused_count = 10 * len(logs) - flight_count
     assert min(map(seconds_of, shown_by_browser["longest"])) > 280
     assert "Not understood: colour>45, atc_rat_rll_p>0.1." in shown_by_browser["unknown"]
-    assert shown_by_browser["unknown"].endswith("mavdem serve also searches gains")
+    assert shown_by_browser["unknown"].endswith("control as ATC_RAT_RLL_P>0.1")
     assert shown_by_browser["motor"] and shown_by_browser["otherMotor"] == 0
     assert all("motor 3 works harder" in line for line in shown_by_browser["motor"])
     seconds = [log[0].flight_time for log in logs if log[0].is_read]
@@ -501,6 +501,9 @@ const search = words => {
 const click = part => { part.click(); return found().length; };
 const counts = [...document.querySelectorAll('.counts [data-find]')];
 return {
+  gain: search('atc_rat_rll_p>0.1'),
+  height: search('height>=12.5 height<20'),
+  unknownGain: search('ATC_RAT_PIT_P>0.1').length,
   dates: Object.fromEntries(SEARCHES.map(words => [words, search(words)])),
   clicks: Object.fromEntries(counts.map(part => [part.dataset.find, click(part)])),
 };
@@ -515,6 +518,8 @@ def test_a_date_is_an_interval_and_a_bar_finds_the_flights_that_it_counts(tmp_pa
     for number, (date, level) in enumerate(zip(FLIGHT_DATES, levels, strict=True)):
         columns = {"date": datetime.fromisoformat(f"{date}+00:00") if date else None}
         columns |= {"light_motors": level, "headline": "The motors are fine."}
+        columns["height"] = 12.5 + 10 * number
+        columns["control_parameters"] = json.dumps({"ATC_RAT_RLL_P": 0.05 * number})
         flights.append(flight_row("quad", number, **columns))
     flights.append(
         flight_row(
@@ -532,6 +537,10 @@ def test_a_date_is_an_interval_and_a_bar_finds_the_flights_that_it_counts(tmp_pa
     for search, numbers in FOUND_BY_DATE.items():
         files = {flights[number].file for number in numbers}
         assert set(shown_by_browser["dates"][search]) - {flights[-1].file} == files, search
+    # Gains and heights are no columns, and are searched all the same.
+    assert set(shown_by_browser["gain"]) == {flight.file for flight in flights[3:-1]}
+    assert shown_by_browser["height"] == [flights[0].file]
+    assert shown_by_browser["unknownGain"] == 0
     clicks = shown_by_browser["clicks"]
     assert clicks["motors:bad counted:yes"] == 3 and clicks["motors:watch counted:yes"] == 1
     assert clicks["motors:bad,watch counted:yes"] == 4
