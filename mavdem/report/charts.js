@@ -421,9 +421,9 @@
       const values = line.right ? [] : [...line.y].filter(value => value != null && (value < low || value > high));
       if (!values.length) continue;
       const farthest = values.reduce((one, other) => Math.max(low - one, one - high) > Math.max(low - other, other - high) ? one : other);
-      words.push(`${line.name} to ${digits(Math.round(farthest))}`);
+      words.push(`${line.name} ${farthest < low ? "down" : "up"} to ${digits(Math.round(farthest))}`);
     }
-    if (words.length) figure.querySelector("header > h3").after(Object.assign(element("span", "cut"), { textContent: words.join(", ") }));
+    if (words.length) figure.querySelector("header > h3").after(Object.assign(element("span", "cut"), { textContent: `off the scale: ${words.join(", ")}` }));
   };
   // Decides for a span of time whether a chart is cut, and writes it beside its title. Its next scale has that range.
   const cutPeaks = (figure, data, span) => {

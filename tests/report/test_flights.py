@@ -26,6 +26,7 @@ from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.fleet import badge, vehicle_health, vehicle_label, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
 from mavdem.report.pages.fleet_page import _named_cells
+from mavdem.report.pages.library_page import vehicles_page
 from mavdem.report.vehicle_summary import vehicle_summaries
 
 
@@ -517,6 +518,11 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     line = flight_line([submarine])
     assert line.finding == "Submarine: lights alone, no model and no motors. It was in a failsafe."
     assert line.urgency is Urgency.UNKNOWN and has_page([submarine])
+    # Nor is it without a word among the vehicles of a library.
+    values = {"given": NO_NAMES, "frames": {}, "unnamed_groups": ()}
+    page = vehicles_page([replace(submarine, vehicle="Nemo"), rows[0]], **values)
+    assert page.index(">quad 0<") < page.index(">Nemo<")
+    assert '<span class="said watch">Submarine: lights alone, no model and no motors.' in page
     board = "3063313364663764343766363439613462_submarine"
     assert vehicle_label(board, "", NO_NAMES) == "Submarine 3063…613462"
     # Of more vehicles the worst have a line.

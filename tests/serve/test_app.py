@@ -268,6 +268,7 @@ def test_a_flight_is_changed_found_and_deleted(served):
     assert served.get("/flights").headers["Location"] == "/"
     # With an interval, the whole of it is above or below, and a speed within it is equal, whatever the light.
     served.library.change(id, wind="unknown", wind_low=3.3, wind_high=5.7)
+    assert 'title="wind: unknown, but for the bounds 3.3 to 5.7 m/s"' in served.get("/").text
     searches = ("wind>3", "wind>4", "wind<5", "wind<6", "wind:5", "wind:6")
     assert [total(served, search_term) for search_term in searches] == [1, 0, 0, 1, 1, 0]
     served.library.change(id, motor=None, headline="Motor 12 (rear left) lost 4 to 12 %.")

@@ -17,12 +17,19 @@ from jinja2 import Environment
 from markupsafe import escape
 
 from mavdem.assessment.time_history import TimeHistory
-from mavdem.containers import Names
+from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Level
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason
 from mavdem.files import load_adjacent_toml
-from mavdem.fleet.flights import AxisRows, Flights, group_by_vehicle, log_row
+from mavdem.fleet.flights import (
+    AxisRows,
+    Flights,
+    group_by_vehicle,
+    group_into_flights,
+    log_row,
+)
 from mavdem.fleet.names import NO_NAMES, content_hash
 from mavdem.fleet.row import FlightRow
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
@@ -40,7 +47,7 @@ from mavdem.report.fleet import (
     vehicle_label,
     vehicle_texts,
 )
-from mavdem.report.flight_lines import minutes_text, wind_speed_text
+from mavdem.report.flight_lines import flight_line, minutes_text, wind_speed_text
 from mavdem.report.heading import listed_headline
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.motor_anomaly import MotorAnomaly, with_motor_anomaly
@@ -422,10 +429,10 @@ class VehicleLine(NamedTuple):
     """Its faults, the most serious first; without any, what its latest judged flight shows."""
 
     flight_count: int
-    """Number of its flights."""
+    """Number of its flights; 0 if none can be analysed."""
 
     last_date: datetime | None
-    """When the latest flight began, UTC; None where that is not known."""
+    """When the latest flight, or log, began, UTC; None where that is not known."""
 
     next_step: str
     """What to do next; empty where nothing is wrong."""
@@ -445,9 +452,35 @@ def vehicles_page(rows: Iterable[FlightRow], **values: Any) -> str:
     flights_by_vehicle = group_by_vehicle(rows)
     most_urgent_first = sorted(flights_by_vehicle.values(), key=urgency_and_age)
     lines = [_vehicle_line(flights) for flights in most_urgent_first]
-    without_flight = {row.vehicle for row in rows} - flights_by_vehicle.keys()
-    return render_server_page(
-        "vehicles", lines=lines, without_flight=sorted(without_flight), **values
+    other_rows = [row for row in rows if row.vehicle not in flights_by_vehicle]
+    rows_without_flight = group_by(other_rows, lambda row: row.vehicle)
+    for name in sorted(rows_without_flight):
+        logs = group_into_flights(rows_without_flight[name])
+        lines.append(_line_without_flight(logs))
+    return render_server_page("vehicles", lines=lines, **values)
+
+
+def _line_without_flight(logs: Flights) -> VehicleLine:
+    """Returns the line of a vehicle without a flight that can be analysed: what its latest log shows.
+
+    A submarine or an aeroplane has lights without a model. Of any other log the line says why it has no flight.
+
+    Args:
+        logs: rows of each of its logs, in the order of date; at least one log.
+    """
+    last_row = log_row(logs[-1])
+    level = Level.UNKNOWN
+    next_step = ""
+    if last_row.status_code == NotLearnableReason.NO_MULTIROTOR:
+        level = Level(last_row.headline_level or Level.UNKNOWN)
+        next_step = last_row.next_step or ""
+    return VehicleLine(
+        name=last_row.vehicle,
+        level=level,
+        finding=flight_line(logs[-1]).finding,
+        flight_count=0,
+        last_date=last_row.past_date,
+        next_step=next_step,
     )
 
 

@@ -431,7 +431,7 @@ for (const isShown of [false, true]) {
   tops.push(chart.scales.y.max);
   notes.push(document.querySelector("button.cut").textContent);
 }
-return { tops, notes };
+return { tops, notes, outside: document.querySelector("span.cut").textContent };
 })()"""
 
 
@@ -440,9 +440,12 @@ def test_a_peak_that_would_flatten_a_plot_is_left_out_until_it_is_asked_for(tmp_
     time = np.linspace(0.0, 10.0, 501)
     rate = np.where(time == 5.0, 1875.0, 50.0 * np.sin(time))
     chart = over_time("Pitch rate", "°/s", [Line("rate", "#1f7ad6", time, rate)])
-    chapter = Chapter("Three axes", groups=[Group(((chart,),))])
+    # A chart whose axis has limits says which lines leave it.
+    limited = chart._replace(y=chart.y._replace(limits=(-60.0, 60.0)))
+    chapter = Chapter("Three axes", groups=[Group(((chart, limited),))])
     page = render_document("x", "", [], [chapter])
     _, shown = browser.shown(page, PEAK, tmp_path, 1200)
+    assert shown["outside"] == "off the scale: rate up to 1875"
     assert shown["tops"][0] < 100 and shown["tops"][1] > 1875
     assert shown["notes"] == ["show peak 1875", "cut peaks"]
 
