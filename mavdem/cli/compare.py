@@ -21,7 +21,7 @@ from mavdem.cli.sources import map_flights, sources_by_flight_name
 from mavdem.cli.streams import print_to_stderr, stderr_is_terminal
 from mavdem.containers import Names
 from mavdem.dem.parallel import workers_for
-from mavdem.experiments.compared_methods import METHODS, Method
+from mavdem.experiments.compared_methods import METHODS, STANDARD_METHODS, Method
 from mavdem.experiments.comparison import (
     WindowOutcomes,
     comparison_of_outcomes,
@@ -29,10 +29,19 @@ from mavdem.experiments.comparison import (
 )
 from mavdem.experiments.outcomes import Outcome
 from mavdem.experiments.run_time import RunTimeEstimate
-from mavdem.experiments.window import TRAIN_SECONDS, Length, Window, required_windows
+from mavdem.experiments.window import (
+    MAX_WINDOWS,
+    TRAIN_SECONDS,
+    Length,
+    Window,
+    required_windows,
+)
 from mavdem.report.comparison import comparison_report, plan_report
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section
+
+ALL_METHODS = "all"
+"""What --methods takes in the place of names for all methods."""
 
 SECONDS_BETWEEN_LINES = 10.0
 """Time between two lines of progress in a file or a pipe, s; a choice. A shorter run prints none."""
@@ -46,12 +55,14 @@ def _methods_from_text(
     Args:
         context: Click's context of the command that is parsed.
         parameter: The option.
-        text: Names of methods between commas, in capital or small letters; None for all methods.
+        text: Names of methods between commas, in capital or small letters, or "all"; None for the usual methods.
 
     Raises:
         click.BadParameter: A name is that of no method, or there are not two methods to compare.
     """
     if text is None:
+        return STANDARD_METHODS
+    if text.strip().lower() == ALL_METHODS:
         return METHODS
     methods_by_name = {method.name.lower(): method for method in METHODS}
     chosen_methods: list[Method] = []
@@ -76,7 +87,7 @@ def _unknown_method_text(name: str) -> str:
     names_in_small_letters = {known_name.lower(): known_name for known_name in names}
     similar = get_close_matches(name.lower(), names_in_small_letters, n=1)
     suggestion = f" Did you mean {names_in_small_letters[similar[0]]}?" if similar else ""
-    return f"'{name}' is none of {listed(names)}.{suggestion}"
+    return f"'{name}' is none of {listed(names)}, nor '{ALL_METHODS}'.{suggestion}"
 
 
 @click.command("compare")
@@ -86,14 +97,16 @@ def _unknown_method_text(name: str) -> str:
 @click.option(
     "--hop",
     type=WholeNumberRange(1),
-    help="Samples from one window to the next. [default: half of --train and --test]",
+    help="Samples from one window to the next. [default: half of --train and --test; in a long flight more, "
+    f"for {MAX_WINDOWS} windows]",
 )
 @click.option(
     "--methods",
     metavar="NAME,...",
     callback=_methods_from_text,
-    help="Methods by their names in the tables; the first is compared with the others. Fewer are faster. "
-    "[default: all]",
+    help=f"Methods by their names in the tables, the first of which is compared with the others; or '{ALL_METHODS}', "
+    "which takes three times as long. "
+    f"[default: {', '.join(method.name for method in STANDARD_METHODS)}]",
 )
 def compare_command(
     sources: Names,
@@ -113,17 +126,18 @@ def compare_command(
 
     Each SOURCE is a log. Its longest settled flight is cut into windows. In each window every method is trained on
     --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
-    methods that can. The report begins with how far ahead the first method is useful, and its error ratio (squared
-    error over that of a constant forecast). Then come the methods that it loses to, the best other model and the
-    baselines, with the p-values of paired tests. Tables have RMSE and error ratios by horizon. A run that is stopped,
-    as by Ctrl-C, reports the windows that are done.
+    methods that can. The report begins with the methods that have smaller errors than DEM's model and than the first
+    method, with the p-values of paired tests. A table sums up RMSE, error ratio (squared error over that of a constant
+    forecast) and p; then come how far ahead forecasts are useful, and error ratios at all horizons. What each figure
+    is stands before its table. A run that is stopped, as by Ctrl-C, reports the windows that are done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
     \b
     Examples:
       mavdem compare flight.tlog
-      mavdem compare flight.tlog --methods "joint VAR (Bayesian),PEM(4),hold last"
+      mavdem compare flight.tlog --methods "DEM plant,PEM(4),hold last"
+      mavdem compare flight.tlog --methods all
       mavdem compare one.tlog two.ulg --json > comparison.json
 
     A SOURCE that cannot be compared is reported, and the others are compared. Exit code: 0 if a flight was compared,
@@ -210,10 +224,9 @@ def _exit_code(stop: KeyboardInterrupt | SystemExit) -> int:
 
 
 class _ComparisonProgress:
-    """Shows how far a comparison is and, once a window is done, how long the rest will take.
+    """Shows how far a comparison is, which method is in work in which window, and how long the rest will take.
 
-    A terminal has a bar with a title. A file or a pipe gets a line after the first window and then every
-    ``SECONDS_BETWEEN_LINES``, unless all takes less than that.
+    A terminal has a bar with a title. A file or a pipe gets a line after ``SECONDS_BETWEEN_LINES``, and then as often.
     """
 
     def __init__(
@@ -229,15 +242,13 @@ class _ComparisonProgress:
             windows: windows to compare.
             show_bar: function that shows a bar, filled by a fraction from 0 to 1, with a title beside it.
         """
-        self._method_count = len(methods)
+        self._methods = methods
         self._window_count = len(windows)
         self._trial_count = len(methods) * len(windows)
         self._done_count = 0
         self._show_bar = show_bar
-        workers = workers_for(self._trial_count)
-        self._run_time = RunTimeEstimate(methods, windows, workers)
+        self._run_time = RunTimeEstimate(methods, windows, workers_for(self._trial_count))
         self._last_line_time = perf_counter()
-        self._is_first_estimate = True
         # Start of the first trial; the time before it is that in which the workers start.
         self._start_time: float | None = None
 
@@ -252,35 +263,24 @@ class _ComparisonProgress:
         self._run_time.add(outcome)
         if self._start_time is None:
             self._start_time = time - outcome.elapsed_seconds
+        if self._done_count == self._trial_count:
+            return
         elapsed_seconds = time - self._start_time
-        is_done = self._done_count == self._trial_count
-        share = self._done_count / self._trial_count
-        seconds_left = None
-        # The methods take very different times, so that the time of a whole window must be known first.
-        if self._done_count >= self._method_count:
-            seconds_left = self._run_time.seconds_left(elapsed_seconds)
-            share = elapsed_seconds / (elapsed_seconds + seconds_left)
+        seconds_left = self._run_time.seconds_left(elapsed_seconds)
+        share = elapsed_seconds / (elapsed_seconds + seconds_left)
+        # Outcomes come in the order of the trials: the next one is in work, and perhaps later ones on other cores.
+        window_index, method_index = divmod(self._done_count, len(self._methods))
         (progress,) = render_section(
             "comparison_progress",
-            methods=self._method_count,
+            method=self._methods[method_index].name,
+            window=window_index + 1,
             windows=self._window_count,
             share=share,
             seconds_left=seconds_left,
             slow_method=self._run_time.slow_method(),
         )
         self._show_bar(share, progress.text)
-        if not is_done and not stderr_is_terminal() and self._is_line_due(time, seconds_left):
+        is_line_due = time - self._last_line_time >= SECONDS_BETWEEN_LINES
+        if is_line_due and not stderr_is_terminal():
             print_to_stderr(f"{progress.text}.")
             self._last_line_time = time
-
-    def _is_line_due(self, time: float, seconds_left: float | None) -> bool:
-        """Returns whether the next line of progress is to be printed.
-
-        Args:
-            time: time now, s, on the clock of ``perf_counter``.
-            seconds_left: expected time until the end, s; None before the first window is done.
-        """
-        if seconds_left is not None and self._is_first_estimate:
-            self._is_first_estimate = False
-            return seconds_left > SECONDS_BETWEEN_LINES
-        return time - self._last_line_time >= SECONDS_BETWEEN_LINES

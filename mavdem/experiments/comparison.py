@@ -171,6 +171,19 @@ class Comparison:
                 outcomes.append(window_outcomes)
         return Comparison(tuple(windows), self.methods, tuple(outcomes))
 
+    def with_reference(self, method: str) -> Comparison:
+        """Returns the same outcomes with another first method, with which the others are compared.
+
+        Args:
+            method: name of the method that becomes the first; the others keep their order.
+        """
+        index = self.methods.index(method)
+        methods = (method, *self.methods[:index], *self.methods[index + 1 :])
+        outcomes = []
+        for of_window in self.outcomes:
+            outcomes.append((of_window[index], *of_window[:index], *of_window[index + 1 :]))
+        return Comparison(self.windows, methods, tuple(outcomes))
+
     def summaries(self, flight: str, kind: ForecastKind = KNOWN_INPUTS) -> tuple[JsonValues, ...]:
         """Returns a summary of each method over the windows of one flight, the lowest median error ratio first.
 

@@ -17,6 +17,12 @@ from mavdem.flight import Flight
 TRAIN_SECONDS = 7.0
 """Default length of a training part, s: the paper's 700 samples at 100 Hz."""
 
+MAX_WINDOWS = 24
+"""Windows of a flight that methods are compared on unless --hop is given, at most; a choice.
+
+Four times the pairs from which a test can find a difference, and half a minute for the usual methods on two cores.
+"""
+
 SHORT_TEST_FRACTION = 6
 """Ratio of a flight to the test part that is offered where the flight is too short for the window.
 
@@ -203,14 +209,15 @@ def windows(
 def required_windows(
     name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
 ) -> tuple[Window, ...]:
-    """Cuts a flight into windows (:func:`windows`), and requires at least one.
+    """Cuts a flight into windows (:func:`windows`), evenly over all of it, and requires at least one.
 
     Args:
         name: name of the flight.
         flight: uniformly sampled inputs and outputs of one segment of flight.
         train: length of each training part; None for 7 s.
         test: length of each test part; None for 1.5 s.
-        hop: samples from the start of a window to the start of the next; None for half a window.
+        hop: samples from the start of a window to the start of the next; None for half a window, or more where that
+            would be more windows than ``MAX_WINDOWS``.
 
     Returns:
         The windows, at least one.
@@ -223,6 +230,10 @@ def required_windows(
         raise TooFewSamples(
             ForecastFact.TRAINING_TOO_SHORT, samples=train_samples, least_samples=MIN_SAMPLES
         )
+    window_length = train_samples + test_samples
+    if hop is None:
+        spread_hop = ceil((len(flight) - window_length) / (MAX_WINDOWS - 1))
+        hop = max(ceil(window_length / 2), spread_hop)
     fitting_windows = windows(name, flight, train_samples, test_samples, hop)
     if not fitting_windows:
         raise too_short(flight, 0.0, train_samples, test_samples, MIN_SAMPLES)

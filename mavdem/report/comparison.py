@@ -1,7 +1,8 @@
 """Comparisons in sentences and tables: of forecasting methods by paired tests, and of model orders by free energy."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from math import isfinite, sqrt
+from collections.abc import Iterator, Sequence
+from math import isclose, isfinite, sqrt
+from statistics import median
 from typing import NamedTuple
 
 from mavdem.assessment.axis.findings import PREDICTION_LIMITS
@@ -10,10 +11,10 @@ from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.experiments.compared_methods import (
     DEFAULT_METHOD,
-    QUICK_METHODS,
+    QUICK_METHOD_NAMES,
     Method,
 )
-from mavdem.experiments.comparison import Comparison
+from mavdem.experiments.comparison import HORIZON_TOLERANCE, Comparison
 from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
 from mavdem.experiments.run_time import RunTimeEstimate
@@ -25,7 +26,7 @@ from mavdem.experiments.useful_horizons import (
     horizon_uses,
 )
 from mavdem.experiments.window import Window, disjoint_windows
-from mavdem.facts.forecasts import TestResult
+from mavdem.facts.forecasts import MethodName, TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
 from mavdem.report.numbers import display_unit, number_with_unit, rounded, with_unit
 from mavdem.report.templates import render_section
@@ -35,6 +36,9 @@ LONG_RUN = 10.0
 
 MIN_DECIMAL, MAX_DECIMAL = 0.001, 1000.0
 """Limits of printed errors and p-values: beyond them only the limit is printed, since nothing depends on how far."""
+
+SUMMARY_HORIZONS = (0.1, 0.5)
+"""Horizons of the summary beside the whole test part, s: a choice, for a table of 80 columns."""
 
 TRIVIAL_METHODS = (HOLD_LAST, CONSTANT_MEAN, "zero")
 """Names of the methods without a model."""
@@ -46,17 +50,23 @@ STANDARD_ORDER = 3
 """Order of the model of ``mavdem learn``: angle, rate, and the lag of the motors."""
 
 
-class _TestedMethod(NamedTuple):
-    """A method in a sentence that compares the first method's error with its own."""
+class _MethodRank(NamedTuple):
+    """How the error of one method over the whole test parts compares with that of the others."""
 
-    name: str
+    method: str
     """Name of the method."""
 
-    error_ratio: str
-    """Its error ratio over the whole test part, as in the table."""
+    has_failed: bool
+    """Whether it made no forecast in any window; then it is not compared."""
 
-    p_value: str
-    """p-value of the paired test with its sign, such as "= 0.04"."""
+    losses: list[str]
+    """Methods with a significantly smaller error, each with the p-value of the paired test."""
+
+    smaller: list[str]
+    """Further methods with a smaller error ratio in the table, which is not significant."""
+
+    wins: list[str]
+    """Methods with a significantly larger error."""
 
 
 class _UselessHorizon(NamedTuple):
@@ -72,26 +82,30 @@ class _UselessHorizon(NamedTuple):
     """How the forecasts compare with the trivial ones there."""
 
 
-class _LongestUsefulHorizon(NamedTuple):
-    """How far ahead forecasts are useful, and their root mean squared errors (RMSE) there."""
+class _UsefulHorizon(NamedTuple):
+    """How far ahead the forecasts of one method are useful, and their root mean squared errors (RMSE) there."""
+
+    method: str
+    """Name of the method."""
 
     seconds: str
-    """The longest horizon, of those that were tried, up to which they are useful, with its unit."""
+    """The longest horizon, of those that were tried, up to which they are useful, with its unit; empty for none."""
+
+    errors: Sequence[str]
+    """RMSE of the first output in each flight; of more than ``MAX_LISTED_FLIGHTS`` the least and the largest."""
 
     first_useless: "_UselessHorizon | None"
     """The next horizon that was tried, at which they are not useful; None if they are useful at all."""
 
-    output: str
-    """Name of the first output, which the errors are of."""
 
-    errors: Sequence[str]
-    """RMSE of the output in each flight, in ``unit``; of more than ``MAX_LISTED_FLIGHTS`` the least and the largest."""
+class _Horizon(NamedTuple):
+    """A horizon of forecasts."""
 
-    unit: str
-    """Unit of the errors as it stands behind a number, such as "°" or " m"."""
+    seconds: float
+    """Its length, s."""
 
-    is_range: bool
-    """Whether the errors are the least and the largest of more flights."""
+    label: str
+    """Its length as text, s; of flights with test parts of several lengths the shortest to the longest."""
 
 
 class _Rmse(NamedTuple):
@@ -116,7 +130,7 @@ def plan_report(
     """
     run_time = RunTimeEstimate(methods, windows, workers)
     seconds = run_time.seconds_left(elapsed_seconds=0.0)
-    quick_methods = [method for method in methods if method.name in QUICK_METHODS]
+    quick_methods = [method for method in methods if method.name in QUICK_METHOD_NAMES]
     quick_run_time = RunTimeEstimate(quick_methods, windows, workers)
     sentences = render_section(
         "comparison_plan",
@@ -130,7 +144,7 @@ def plan_report(
         quick_names=",".join(method.name for method in quick_methods),
         quick_seconds=quick_run_time.seconds_left(elapsed_seconds=0.0),
         is_long=seconds >= LONG_RUN,
-        are_fewer_quick=len(quick_methods) == len(QUICK_METHODS) < len(methods),
+        are_fewer_quick=len(quick_methods) == len(QUICK_METHOD_NAMES) < len(methods),
     )
     return sentences + _advice_on_pairs(windows)
 
@@ -138,10 +152,10 @@ def plan_report(
 def comparison_report(
     comparison: Comparison, planned_windows: int | None = None
 ) -> Iterator[Block]:
-    """Yields the report of a comparison of forecasting methods: the result, tables of errors, failures, and a legend.
+    """Yields the report of a comparison of forecasting methods: who loses to whom, a summary, then the details.
 
     All methods forecast with the recorded inputs of the test data, and some can also predict without them. Each of
-    these two kinds of forecast has its own result and tables.
+    these two kinds of forecast has its own sentences and tables. What the columns are stands before the tables.
 
     Args:
         comparison: errors and paired tests of all methods; the first method is the one that the others are compared
@@ -154,28 +168,15 @@ def comparison_report(
     yield from render_section(
         "comparison_stopped", windows=len(comparison.windows), planned_windows=planned_windows
     )
-    results = [_method_results(comparison, kind) for kind in kinds]
-    summary = _summary_of_kinds(comparison, results)
-    for sentence in summary:
-        yield headline_sentence(sentence.text)
-    for result in results:
-        yield from _result_paragraphs(comparison, result, has_headline=bool(summary))
-    yield _rmse_table(comparison, kinds)
+    for kind in kinds:
+        yield headline_sentence(_ranking_text(comparison, kind))
+    yield _definitions("comparison_legend", comparison)
+    for kind in kinds:
+        yield _summary_table(comparison, kind)
+    yield from _use_sentences(comparison, kinds)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
-    # The key of the tables comes before them.
-    yield from render_section(
-        "comparison_legend",
-        reference=comparison.methods[0],
-        has_default=DEFAULT_METHOD in comparison.methods,
-        are_flights_pairs=_are_flights_pairs(comparison),
-        several=len(comparison.flights) > 1,
-        significance=SIGNIFICANCE,
-        is_use_stated=comparison.methods[0] not in TRIVIAL_METHODS,
-        has_hold=HOLD_LAST in comparison.methods,
-        better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
-        max_ratio=MAX_USEFUL_RATIO,
-    )
+    yield _definitions("comparison_details_legend", comparison)
     for kind in kinds:
         yield from _error_blocks(comparison, kind)
     if len(comparison.flights) > 1:
@@ -184,6 +185,38 @@ def comparison_report(
         yield from _failure_sentences(comparison, flight)
     if planned_windows is None and len(comparison.methods) > 1:
         yield from _advice_on_pairs(comparison.windows)
+
+
+def _definitions(section: str, comparison: Comparison) -> Table:
+    """Returns a table of what the figures of the tables below it are.
+
+    Args:
+        section: name of the section with a paragraph for each figure.
+        comparison: errors of all methods.
+    """
+    definitions = render_section(
+        section,
+        reference=comparison.methods[0],
+        seconds=_test_length(comparison),
+        can_predict=bool(comparison.methods_of(UNKNOWN_INPUTS)),
+        are_flights_pairs=_are_flights_pairs(comparison),
+        pair_count=_pair_count(comparison),
+        several=len(comparison.flights) > 1,
+        significance=SIGNIFICANCE,
+        is_use_stated=bool(set(_subjects(comparison, KNOWN_INPUTS)) - set(TRIVIAL_METHODS)),
+        has_hold=HOLD_LAST in comparison.methods,
+        better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
+        max_ratio=MAX_USEFUL_RATIO,
+    )
+    rows = [[definition.lead, definition.text] for definition in definitions]
+    return Table(["figure", "what it is"], rows, words=True)
+
+
+def _pair_count(comparison: Comparison) -> int:
+    """Returns the number of pairs of the paired tests: the flights, or the windows that do not overlap."""
+    if _are_flights_pairs(comparison):
+        return len(comparison.flights)
+    return len(disjoint_windows(comparison.windows))
 
 
 def _advice_on_pairs(windows: Sequence[Window]) -> list[Sentence]:
@@ -221,108 +254,193 @@ def _advice_on_pairs(windows: Sequence[Window]) -> list[Sentence]:
     )
 
 
-class _MethodResults(NamedTuple):
-    """Error ratios of all methods that make forecasts of a kind, and how each compares with the first one's."""
-
-    kind: ForecastKind
-    """Kind of forecast, by the data that it may use."""
-
-    reference: str
-    """The first method, with which the others are compared."""
-
-    error_ratios: dict[str, float]
-    """Error ratio of each method over the whole test part."""
-
-    tests: dict[str, Paired]
-    """Paired test of the first method against each other one; none of a method that failed in all windows."""
-
-    failed_methods: list[str]
-    """Methods that made no forecast in any window."""
-
-    def methods_with(self, result: TestResult) -> list[str]:
-        """Returns the methods whose error differs from the first method's in one way, such as significantly higher.
-
-        Args:
-            result: result of the paired test; ``TestResult.HIGHER`` says that the first method's error is higher.
-        """
-        return [method for method, test in self.tests.items() if test.result is result]
-
-    @property
-    def better_methods(self) -> list[str]:
-        """Methods whose error is significantly lower than the first one's."""
-        return self.methods_with(TestResult.HIGHER)
-
-
-def _method_results(comparison: Comparison, kind: ForecastKind) -> _MethodResults:
-    """Returns the error ratios of all methods, and how each compares with the first one's.
+def _ranking_text(comparison: Comparison, kind: ForecastKind) -> str:
+    """Returns in one paragraph which methods have smaller errors than DEM and than the first method, losses first.
 
     Args:
         comparison: errors and tests of all methods.
         kind: kind of forecast, by the data that it may use.
     """
-    reference = comparison.methods_of(kind)[0]
-    failed_methods = []
+    methods = comparison.methods_of(kind)
+    ranks = [_rank(comparison, method, kind) for method in _subjects(comparison, kind)]
+    (paragraph,) = render_section(
+        "comparison_ranking",
+        forecasts=_forecasts_text(comparison, kind),
+        ranks=ranks,
+        model=MethodName.PLANT,
+        default=DEFAULT_METHOD,
+        pair_count=_pair_count(comparison),
+        min_pairs=MIN_PAIRS,
+        has_result=not all(rank.has_failed for rank in ranks),
+        other_count=len(methods) - 1,
+        absent_methods=[method for method in comparison.methods if method not in methods],
+    )
+    return paragraph.text
+
+
+def _subjects(comparison: Comparison, kind: ForecastKind) -> list[str]:
+    """Returns the methods that the report is about: the model that DEM learns, if it is compared, and the first one.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    methods = comparison.methods_of(kind)
+    subjects = [str(MethodName.PLANT), methods[0]]
+    return [method for method in dict.fromkeys(subjects) if method in methods]
+
+
+def _rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRank:
+    """Returns how the error of a method compares with that of each other one.
+
+    Args:
+        comparison: errors of all methods.
+        method: name of the method.
+        kind: kind of forecast, by the data that it may use.
+    """
     error_ratios = {}
+    failed_methods = []
     for summary in comparison.over_flights(kind):
         error_ratios[summary["method"]] = summary["relative"]
         if summary["failed"] == summary["windows"]:
             failed_methods.append(summary["method"])
-    tests = {}
-    for method, test in comparison.tests(kind).items():
-        if method not in failed_methods and reference not in failed_methods:
-            tests[method] = test
-    return _MethodResults(kind, reference, error_ratios, tests, failed_methods)
+    losses = []
+    smaller = []
+    wins = []
+    tests = comparison.with_reference(method).tests(kind)
+    # The method with the smallest error comes first.
+    for other in sorted(tests, key=lambda name: error_ratios[name]):
+        test = tests[other]
+        if other in failed_methods:
+            continue
+        if test.result is TestResult.HIGHER:
+            losses.append(f"{other} (p {_p_value_text(test)})")
+        elif test.result is TestResult.LOWER:
+            wins.append(other)
+        elif error_ratios[other] < error_ratios[method]:
+            smaller.append(other)
+    return _MethodRank(method, method in failed_methods, losses, smaller, wins)
 
 
-def _summary_of_kinds(comparison: Comparison, results: Sequence[_MethodResults]) -> list[Sentence]:
-    """Returns one headline on both kinds of forecasts, with and without knowledge of the inputs.
+def _p_value_text(test: Paired) -> str:
+    """Returns the p-value of a paired test with its sign: "= 0.04", or "< 0.001"."""
+    return f"< {MIN_DECIMAL:g}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}"
 
-    It is about the first method, which the others are compared with, if that made forecasts of both kinds. Otherwise
-    each kind of forecast has a headline of its own.
+
+def _are_flights_pairs(comparison: Comparison) -> bool:
+    """Returns whether the pairs of the test are flights, of which there are enough; otherwise they are windows."""
+    return len(comparison.flights) >= MIN_PAIRS
+
+
+def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
+    """Returns the table with a row for each method: its RMSE at some horizons, its error ratio, and the test's p-value.
+
+    The method with the lowest error ratio comes first. The horizons are 0.1 and 0.5 s, in which a controller acts, and
+    the whole test part.
 
     Args:
-        comparison: errors and tests of all methods.
-        results: the results of each kind of forecast.
-
-    Returns:
-        A list with the sentence, which has the error ratio of each kind and the methods that are better; or empty.
+        comparison: errors and tests of all methods; the first method is the one that the others are compared with.
+        kind: kind of forecast, by the data that it may use.
     """
-    reference = comparison.methods[0]
-    for result in results:
-        if result.reference != reference or reference in result.failed_methods:
-            return []
-    if len(results) == 1:
-        return []
-    return render_section(
-        "comparison_summary",
-        seconds=_test_length(comparison),
-        reference=reference,
-        is_default=reference == DEFAULT_METHOD,
-        results=results,
-        error_ratios=[_short_number(result.error_ratios[reference]) for result in results],
-        is_trivial=reference in TRIVIAL_METHODS,
-        useful_horizons=[_longest_useful_horizon(comparison, result.kind) for result in results],
-    )
+    reference = comparison.methods_of(kind)[0]
+    tests = comparison.tests(kind)
+    train = comparison.windows[0].train
+    horizons = _summary_horizons(comparison, kind)
+    header = [f"inputs {kind}: RMSE to (s)"]
+    for output, unit in zip(train.output_names, train.output_units, strict=True):
+        unit_name = display_unit(unit).name
+        title = f"{output} ({unit_name})" if unit_name else output
+        for horizon in horizons:
+            header.append(f"{title} {horizon.label}")
+    header += ["error ratio", "p"]
+    rows = []
+    for summary in comparison.over_flights(kind):
+        method = summary["method"]
+        row = [f"{method} *" if method == reference else method]
+        for index, unit in enumerate(train.output_units):
+            for horizon in horizons:
+                error = _median_rmse(comparison, method, kind, horizon.seconds, index)
+                row.append(_short_number(display_unit(unit).scale * error))
+        row.append(_short_number(summary["relative"]))
+        row.append(_short_number(tests[method].p_value) if method in tests else "")
+        rows.append(row)
+    return Table(header, rows)
 
 
-def _longest_useful_horizon(
-    comparison: Comparison, kind: ForecastKind
-) -> _LongestUsefulHorizon | None:
-    """Returns how far ahead forecasts of the first method are useful, and their error there in each flight.
+def _summary_horizons(comparison: Comparison, kind: ForecastKind) -> list[_Horizon]:
+    """Returns the horizons of the summary: those of ``SUMMARY_HORIZONS`` that were evaluated, and the whole test part.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    *shorter, longest = comparison.over_flights(kind)[0]["horizon_seconds"]
+    horizons = []
+    for seconds in shorter:
+        if any(isclose(seconds, wanted, rel_tol=HORIZON_TOLERANCE) for wanted in SUMMARY_HORIZONS):
+            horizons.append(_Horizon(seconds, f"{seconds:.2g}"))
+    return [*horizons, _Horizon(longest, _test_length(comparison))]
+
+
+def _median_rmse(
+    comparison: Comparison, method: str, kind: ForecastKind, seconds: float, output: int
+) -> float:
+    """Returns the RMSE of a method's forecasts of one output, in the output's unit; of several flights the median.
+
+    Args:
+        comparison: errors of all methods.
+        method: name of the method.
+        kind: kind of forecast, by the data that it may use.
+        seconds: length of the forecasts, s.
+        output: index of the output.
+    """
+    errors = []
+    for flight in comparison.flights:
+        squared_errors = _mean_squared_errors(comparison, flight, method, kind, seconds)
+        errors.append(sqrt(squared_errors[output]))
+    return median(errors)
+
+
+def _use_sentences(comparison: Comparison, kinds: Sequence[ForecastKind]) -> list[Sentence]:
+    """Returns a sentence for each kind of forecast on how far ahead it is useful, and why not farther.
+
+    Args:
+        comparison: errors of all methods.
+        kinds: kinds of forecasts, by the inputs that they may use.
+    """
+    train = comparison.windows[0].train
+    sentences = []
+    for kind in kinds:
+        useful_horizons = []
+        for method in _subjects(comparison, kind):
+            if method not in TRIVIAL_METHODS:
+                useful_horizons.append(_useful_horizon(comparison, method, kind))
+        sentences += render_section(
+            "comparison_use",
+            kind=kind,
+            useful_horizons=useful_horizons,
+            output=train.output_names[0],
+            unit=number_with_unit("", display_unit(train.output_units[0]).name),
+            is_range=len(comparison.flights) > MAX_LISTED_FLIGHTS,
+            reference=comparison.methods_of(kind)[0],
+            best_at_horizons=_better_at_shorter_horizons(comparison, kind),
+        )
+    return sentences
+
+
+def _useful_horizon(comparison: Comparison, method: str, kind: ForecastKind) -> _UsefulHorizon:
+    """Returns how far ahead forecasts of a method are useful, and their error there in each flight.
 
     A horizon counts only if the method is useful at all shorter ones, too.
 
     Args:
         comparison: errors of all methods.
+        method: name of the method.
         kind: kind of forecast, by the data that it may use.
-
-    Returns:
-        The horizon; None if the method is not useful at the shortest horizon.
     """
-    reference = comparison.methods_of(kind)[0]
     longest_useful = None
     first_useless = None
-    for use in horizon_uses(comparison, reference, kind):
+    for use in horizon_uses(comparison, method, kind):
         if not use.is_useful:
             first_useless = _UselessHorizon(
                 _seconds_text(use.seconds), _short_number(use.error_ratio), use
@@ -330,26 +448,38 @@ def _longest_useful_horizon(
             break
         longest_useful = use
     if longest_useful is None:
-        return None
-    train = comparison.windows[0].train
-    # The first output is the angle, which pilots compare with their own.
-    unit = display_unit(train.output_units[0])
+        return _UsefulHorizon(method, "", (), first_useless)
+    errors = _angle_errors(comparison, method, kind, longest_useful.seconds)
+    return _UsefulHorizon(method, _seconds_text(longest_useful.seconds), errors, first_useless)
+
+
+def _angle_errors(
+    comparison: Comparison, method: str, kind: ForecastKind, seconds: float
+) -> list[str]:
+    """Returns the RMSE of the first output in each flight, as text in the unit in which it is shown.
+
+    The first output is the angle, which pilots compare with their own. Of more flights than ``MAX_LISTED_FLIGHTS`` the
+    least and the largest are returned.
+
+    Args:
+        comparison: errors of all methods.
+        method: name of the method.
+        kind: kind of forecast, by the data that it may use.
+        seconds: length of the forecasts, s.
+    """
+    unit = display_unit(comparison.windows[0].train.output_units[0])
     errors = []
     for flight in comparison.flights:
-        squared_error, *_ = _mean_squared_errors(
-            comparison, flight, reference, kind, longest_useful.seconds
-        )
+        squared_error, *_ = _mean_squared_errors(comparison, flight, method, kind, seconds)
         errors.append(rounded(unit.scale * sqrt(squared_error)))
     if len(errors) > MAX_LISTED_FLIGHTS:
-        errors = [min(errors, key=float), max(errors, key=float)]
-    return _LongestUsefulHorizon(
-        seconds=_seconds_text(longest_useful.seconds),
-        first_useless=first_useless,
-        output=train.output_names[0],
-        errors=errors,
-        unit=number_with_unit("", unit.name),
-        is_range=len(comparison.flights) > MAX_LISTED_FLIGHTS,
-    )
+        return [min(errors, key=float), max(errors, key=float)]
+    return errors
+
+
+def _seconds_text(seconds: float) -> str:
+    """Returns a horizon with its unit: "0.25 s"."""
+    return f"{seconds:.2g} s"
 
 
 def _mean_squared_errors(
@@ -369,229 +499,6 @@ def _mean_squared_errors(
     nearest = min(horizons, key=lambda horizon: abs(horizon["seconds"] - seconds))
     squared_errors: Sequence[float] = nearest["mspe"]
     return squared_errors
-
-
-def _result_paragraphs(
-    comparison: Comparison, result: _MethodResults, *, has_headline: bool
-) -> list[Sentence]:
-    """Returns how the first method compares with the others, and where it is not useful.
-
-    Args:
-        comparison: errors and tests of all methods.
-        result: the results of a kind of forecast.
-        has_headline: whether a headline on both kinds of forecasts stands above.
-
-    Returns:
-        One paragraph below such a headline; without one, the first sentence is the headline and the rest a paragraph.
-    """
-    first_sentence, *details = _result_sentences(comparison, result, is_detail=has_headline)
-    details += _use_sentences(comparison, result.kind, is_in_headline=has_headline)
-    detail_text = " ".join(sentence.text for sentence in details)
-    if has_headline:
-        return [Sentence(f"{first_sentence.text} {detail_text}".strip(), first_sentence.lead)]
-    headline = headline_sentence(first_sentence.text)
-    return [headline, Sentence(detail_text)] if detail_text else [headline]
-
-
-def _result_sentences(
-    comparison: Comparison, result: _MethodResults, *, is_detail: bool
-) -> list[Sentence]:
-    """Returns sentences on how the error of the first method compares with the others', the headline first.
-
-    The headline has the error ratios of the first method, of those that are better beyond chance, of the baselines, and
-    of the best other method, as they stand in the table, with the p-values of the tests. The others are grouped by the
-    result of their test. Methods that failed in all windows cannot be tested, and are named apart, as are those that
-    make no forecasts of the kind.
-
-    Args:
-        comparison: errors and tests of all methods.
-        result: the results of a kind of forecast.
-        is_detail: whether these sentences follow a headline on both kinds, and so do not repeat it.
-    """
-    reference = result.reference
-    all_benchmarks = _benchmarks(comparison, result.kind)
-    # The headline names methods that are better already, and methods that failed have no test.
-    benchmarks = [
-        method
-        for method in all_benchmarks
-        if method in result.tests and method not in result.better_methods
-    ]
-    benchmarks.sort(key=lambda method: result.error_ratios[method])
-    best_other = all_benchmarks[-1] if all_benchmarks else None
-    return render_section(
-        "comparison_result",
-        is_detail=is_detail,
-        kind=result.kind,
-        forecasts=_forecasts_text(comparison, result.kind),
-        reference=reference,
-        is_default=reference == DEFAULT_METHOD,
-        error_ratio=_short_number(result.error_ratios[reference]),
-        are_flights_pairs=_are_flights_pairs(comparison),
-        pair_count=min([test.tested for test in result.tests.values()], default=0),
-        min_pairs=MIN_PAIRS,
-        method_count=len(result.tests),
-        losses=_tested_methods(result, result.better_methods),
-        benchmarks=_tested_methods(result, benchmarks),
-        best_other=best_other,
-        # The error ratio of a constant is 1.
-        is_best_other_worse=best_other is not None and result.error_ratios[best_other] > 1,
-        trivial_methods=TRIVIAL_METHODS,
-        lower=result.methods_with(TestResult.LOWER),
-        similar=result.methods_with(TestResult.NOT_DISTINGUISHABLE),
-        failed_methods=result.failed_methods,
-        absent_methods=[
-            method for method in comparison.methods if method not in result.error_ratios
-        ],
-        best_at_horizons=_better_at_shorter_horizons(comparison, result.kind),
-    )
-
-
-def _tested_methods(result: _MethodResults, names: Iterable[str]) -> list[_TestedMethod]:
-    """Returns methods with their error ratio and the p-value of the test against the first method, both as text.
-
-    Args:
-        result: the results of a kind of forecast.
-        names: names of methods that were tested.
-    """
-    methods = []
-    for name in names:
-        error_ratio = _short_number(result.error_ratios[name])
-        methods.append(_TestedMethod(name, error_ratio, _p_value_text(result.tests[name])))
-    return methods
-
-
-def _benchmarks(comparison: Comparison, kind: ForecastKind) -> list[str]:
-    """Returns the methods whose error a headline states: the baselines, and the best of all other methods.
-
-    Args:
-        comparison: errors of all methods; the first one is compared with the others.
-        kind: kind of forecast, by the data that it may use.
-    """
-    reference, *others = comparison.methods_of(kind)
-    benchmarks = [str(baseline) for baseline in (HOLD_LAST, CONSTANT_MEAN) if baseline in others]
-    for summary in comparison.over_flights(kind):
-        method = summary["method"]
-        if method != reference and method not in benchmarks:
-            return [*benchmarks, method]
-    return benchmarks
-
-
-def _p_value_text(test: Paired) -> str:
-    """Returns the p-value of a paired test with its sign: "= 0.04", or "< 0.001"."""
-    return f"< {MIN_DECIMAL:g}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}"
-
-
-def _are_flights_pairs(comparison: Comparison) -> bool:
-    """Returns whether the pairs of the test are flights, of which there are enough; otherwise they are windows."""
-    return len(comparison.flights) >= MIN_PAIRS
-
-
-def _use_sentences(
-    comparison: Comparison, kind: ForecastKind, *, is_in_headline: bool
-) -> list[Sentence]:
-    """Returns a sentence on how far ahead the first method is useful, and why not farther; none for a trivial method.
-
-    Args:
-        comparison: errors of all methods.
-        kind: kind of forecast, by the data that it may use.
-        is_in_headline: whether a headline says how far, so that only the reasons are left.
-    """
-    reference = comparison.methods_of(kind)[0]
-    if reference in TRIVIAL_METHODS:
-        return []
-    uses = horizon_uses(comparison, reference, kind)
-    useful = [use for use in uses if use.is_useful]
-    return render_section(
-        "comparison_use",
-        useful=[_seconds_text(use.seconds) for use in useful],
-        # Without an exception between them, the longest useful horizon says it all.
-        is_useful_up_to_last=useful == uses[: len(useful)],
-        first_useless="" if useful == uses else _seconds_text(uses[len(useful)].seconds),
-        is_always_useful=useful == uses,
-        is_in_headline=is_in_headline,
-        # The error ratio over the whole test part, the last horizon, is stated before.
-        inaccurate=[
-            (_seconds_text(use.seconds), _short_number(use.error_ratio))
-            for use in uses[:-1]
-            if use.is_inaccurate
-        ],
-        hold_better=[_seconds_text(use.seconds) for use in uses if use.is_hold_better],
-        often_worse=[
-            (_seconds_text(use.seconds), use.worse_than_constant)
-            for use in uses
-            if use.is_often_worse_than_constant
-        ],
-        windows=uses[0].windows,
-    )
-
-
-def _seconds_text(seconds: float) -> str:
-    """Returns a horizon with its unit: "0.25 s"."""
-    return f"{seconds:.2g} s"
-
-
-def _rmse_table(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
-    """Returns a table of the forecast errors of the first method: rows of figures, a column for each horizon.
-
-    For each kind of forecast it has the RMSE of each output, and the number of windows in which a constant forecast has
-    the smaller error. For comparison, the last rows have the RMSE of holding the last value. It uses no inputs, so that
-    it is the same for all kinds.
-
-    Args:
-        comparison: errors of all methods.
-        kinds: kinds of forecasts, by the inputs that they may use.
-    """
-    method = comparison.methods[0]
-    rows = []
-    for kind in kinds:
-        summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
-        if method not in summaries:
-            # The method makes no forecasts of this kind.
-            continue
-        summary = summaries[method]
-        rows += _rmse_rows(f"inputs {kind}", comparison, method, kind)
-        worse_counts = [str(count) for count in summary["horizons_worse"]]
-        worse_label = f"inputs {kind}: worse than constant, of {summary['windows']}"
-        rows.append([worse_label, *worse_counts])
-    if method != HOLD_LAST and HOLD_LAST in comparison.methods_of(KNOWN_INPUTS):
-        rows += _rmse_rows(HOLD_LAST, comparison, HOLD_LAST, KNOWN_INPUTS)
-    return Table([f"{method}, by horizon (s)", *_horizon_header(comparison, kinds[0])], rows)
-
-
-def _rmse_rows(
-    label: str, comparison: Comparison, method: str, kind: ForecastKind
-) -> list[list[str]]:
-    """Returns the rows of a table with the RMSE of one method by horizon, one for each output.
-
-    Args:
-        label: what the rows begin with: the kind of forecast, or the method.
-        comparison: errors of all methods.
-        method: name of the method.
-        kind: kind of forecast, by the data that it may use.
-
-    Returns:
-        The rows; a cell has the RMSE of the flight or, of several, the least to the largest, such as "1.1–2.3".
-    """
-    train = comparison.windows[0].train
-    horizons = comparison.over_flights(kind)[0]["horizon_seconds"]
-    rows = []
-    for index, output in enumerate(train.output_names):
-        unit = display_unit(train.output_units[index])
-        row = [f"{label}: RMSE of {output} ({unit.name})"]
-        for seconds in horizons:
-            errors = []
-            for flight in comparison.flights:
-                squared_errors = _mean_squared_errors(comparison, flight, method, kind, seconds)
-                errors.append(unit.scale * sqrt(squared_errors[index]))
-            row.append(_range_text(errors))
-        rows.append(row)
-    return rows
-
-
-def _range_text(numbers: Sequence[float]) -> str:
-    """Returns the least to the largest of some numbers, such as "1.1–2.3"; one number where both are shown alike."""
-    least, largest = _short_number(min(numbers)), _short_number(max(numbers))
-    return least if least == largest else f"{least}–{largest}"
 
 
 def _horizon_header(comparison: Comparison, kind: ForecastKind) -> list[str]:
@@ -648,10 +555,9 @@ def _test_length(comparison: Comparison) -> str:
 
 
 def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
-    """Returns the table with the errors of all forecasting methods.
+    """Returns the table with the error ratio of each method at all horizons, and how often it is no use.
 
-    The first method is the reference, with which each other one is compared by a paired test. A caution stands before
-    the table if the 90 % band of the reference holds too few of the samples.
+    A caution stands before the table if the 90 % band of the first method holds too few of the samples.
 
     Args:
         comparison: errors and tests of all methods.
@@ -668,11 +574,10 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
             text = f"the 90 % band of {reference} holds {_coverage(summary)} of the samples: it is too narrow."
             blocks.append(caution(text))
     header = [
-        f"error ratio, inputs {kind}",
+        f"inputs {kind}: error ratio to (s)",
         *_horizon_header(comparison, kind),
         ">1",
         "lower in",
-        "p",
         "unstable",
         "band",
     ]
@@ -697,35 +602,28 @@ def _table_by_flight(comparison: Comparison, kinds: Sequence[ForecastKind]) -> T
             cells = [ratios.get(method, "") for method in methods]
             rows.append([f"{flight}, inputs {kind}", *cells])
     title = f"error ratio over {_test_length(comparison)} s"
-    return Table([title, *map(_marked_name, methods)], rows)
+    return Table([title, *methods], rows)
 
 
 def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
-    """Returns the row of one forecasting method in the table of errors.
+    """Returns the row of one forecasting method in the table of error ratios.
 
     Args:
         summary: figures of the method over all flights, by key (``Comparison.over_flights``).
-        test: paired test of the reference method against this one; None for the reference itself.
+        test: paired test of the first method against this one; None for the first method itself.
 
     Returns:
-        The name; the error ratio (NMSE) at each horizon; the number of windows with an error ratio above 1; the number
-        of pairs in which the reference has the lower error, such as "9/13"; the p-value of the test; the number of
-        windows with an unstable model; and the percentage of samples in the 90 % band.
+        The name, with a mark behind that of the first method; the error ratio (NMSE) at each horizon; the number of
+        windows with an error ratio above 1; the number of pairs in which the first method has the lower error, such as
+        "9/13"; the number of windows with an unstable model; and the percentage of samples in the 90 % band.
     """
-    row = [_marked_name(summary["method"])]
+    name = summary["method"] if test is not None else f"{summary['method']} *"
+    row = [name]
     for error_ratio in summary["horizons"]:
         row.append(_short_number(error_ratio))
     row.append(str(summary["worse_than_constant"]))
-    if test is None:
-        row += ["", ""]
-    else:
-        row += [f"{test.less}/{test.windows}", _short_number(test.p_value)]
+    row.append("" if test is None else f"{test.less}/{test.windows}")
     return [*row, str(summary["unstable"]), _coverage(summary)]
-
-
-def _marked_name(method: str) -> str:
-    """Returns the name of a method in a table, with a mark behind that of mavdem's default."""
-    return f"{method} *" if method == DEFAULT_METHOD else method
 
 
 def _short_number(number: float) -> str:

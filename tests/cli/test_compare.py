@@ -28,6 +28,7 @@ FEW = (
 def quick(monkeypatch):
     """Methods that take no time."""
     monkeypatch.setattr("mavdem.cli.compare.METHODS", FEW)
+    monkeypatch.setattr("mavdem.cli.compare.STANDARD_METHODS", FEW[:2])
 
 
 def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, tmp_path, capsys):
@@ -52,6 +53,13 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     assert f"{copy} is the same log as {FLIGHT}: each flight counts once." in error_text
 
 
+def test_all_methods_are_compared_where_that_is_asked_for(quick, capsys):
+    document = document_of(capsys, "compare", FLIGHT, "--hop", "5000")
+    assert document["methods"] == ["hold last", "constant mean"]
+    document = document_of(capsys, "compare", FLIGHT, "--hop", "5000", "--methods", "All")
+    assert document["methods"] == ["hold last", "constant mean", "subspace(2)"]
+
+
 def test_a_flight_too_short_says_what_fits(quick, capsys):
     error_text = refused(capsys, 1, "compare", FLIGHT, "--train", "5900")
     assert "5900 training and 150 test samples were asked for" in error_text
@@ -73,17 +81,20 @@ def test_named_methods_are_compared_on_lines_of_80_columns(quick, monkeypatch, c
     assert "Next: `--hop 850` cuts 6 windows that do not overlap." in lines
     assert [line for line in lines if line.startswith("constant mean")]
     assert not [line for line in lines if line.startswith("subspace")]
-    header = next(line for line in lines if line.startswith("error ratio, inputs known "))
-    assert header.split()[4:10] == ["0.01", "0.05", "0.1", "0.25", "0.5", "1.5"]
-    # The key of the columns comes before the tables.
-    assert captured.out.index("“band”") < captured.out.index(header)
+    summary = next(line for line in lines if line.startswith("inputs known: RMSE to (s) "))
+    header = next(line for line in lines if line.startswith("inputs known: error ratio to (s) "))
+    assert header.split()[6:12] == ["0.01", "0.05", "0.1", "0.25", "0.5", "1.5"]
+    # What the columns are comes before their table, and the summary before the details.
+    places = [captured.out.index(text) for text in ("\nRMSE to", summary, "\nband ", header)]
+    assert places == sorted(places)
     errors = captured.err.replace("\n", " ")
     assert "Comparing 2 methods on 3 windows, 3 of them independent (not overlapping);" in errors
     assert errors.index("Next: `--hop 850` cuts") < errors.index("% done")
-    assert re.search(r"Comparing 2 methods on 3 windows: \d+ % done, about 0 s left", errors)
+    assert re.search(r"Window 2 of 3, hold last: \d+ % done, about [01] s left", errors)
     monkeypatch.delenv("COLUMNS")
     message = refused(capsys, 2, "compare", FLIGHT, "--methods", "foo")
     assert "'foo' is none of hold last, constant mean" in message and "Did you" not in message
+    assert "nor 'all'" in message
     message = refused(capsys, 2, "compare", FLIGHT, "--methods", "hold last,subspace2")
     assert "Did you mean subspace(2)?" in message
     assert "two methods" in refused(capsys, 2, "compare", FLIGHT, "--methods", "hold last")
@@ -100,7 +111,7 @@ def test_a_run_that_is_stopped_reports_the_windows_that_are_done(signal, code, m
         return baselines.hold(train)
 
     methods = (FEW[1], Method("hold last", stops_in_the_third_window))
-    monkeypatch.setattr("mavdem.cli.compare.METHODS", methods)
+    monkeypatch.setattr("mavdem.cli.compare.STANDARD_METHODS", methods)
     assert run("compare", FLIGHT, "--hop", "2500") == code
     assert capsys.readouterr().out.startswith("Stopped: 2 of 3 windows are compared.")
     trainings.clear()

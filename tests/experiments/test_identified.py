@@ -157,6 +157,20 @@ def freedom(order):
     return order * (2 + 2 * 2) + 2
 
 
+def test_derivatives_of_the_prediction_errors_of_pem_are_those_of_differences():
+    """Each parameter is changed a little, also the first state of each of two segments."""
+    record = Record.from_flights([TRAIN[:60], TRAIN[80:120]])
+    segments = NormalizedUnits.of(record).normalized_segments(record)
+    start = subspace_identification.subspace_fit(segments, 1)
+    likelihood = maximum_likelihood.PredictionErrorLikelihood(start.model, start.starts, segments)
+    point = likelihood.parameters
+    differences = [
+        (likelihood.errors(point + step) - likelihood.errors(point - step)) / 2e-6
+        for step in 1e-6 * np.eye(len(point))
+    ]
+    assert_allclose(likelihood.error_derivatives(point), differences, atol=1e-6)
+
+
 METHODS = {
     "subspace": baselines.subspace,
     "pem": partial(baselines.pem, order=2),

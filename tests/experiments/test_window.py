@@ -2,12 +2,22 @@
 
 from dataclasses import replace
 
+import numpy as np
 from pytest import mark
 from refusals import refused
 from simulated import simulated
 
+from mavdem import Flight
 from mavdem.assessment.axis.training import flights_after_start
-from mavdem.experiments.window import disjoint_windows, no_test_window, too_short, windows
+from mavdem.experiments.window import (
+    MAX_WINDOWS,
+    Length,
+    disjoint_windows,
+    no_test_window,
+    required_windows,
+    too_short,
+    windows,
+)
 from mavdem.facts.forecasts import ForecastFact
 
 FLIGHT = replace(simulated(samples=600), provenance={"segment": {"boot": 0}})
@@ -33,6 +43,18 @@ def test_every_second_window_overlaps_none_also_where_their_length_is_odd():
     parts = windows("flight", FLIGHT, 100, 25)
     assert [part.start for part in parts[:3]] == [0, 63, 126]
     assert len(disjoint_windows(parts)) == 4
+
+
+def test_windows_of_a_long_flight_are_few_and_reach_over_all_of_it():
+    train, test = Length(50, in_seconds=False), Length(10, in_seconds=False)
+    parts = required_windows("short", FLIGHT, train, test, None)
+    assert [part.start for part in parts[:3]] == [0, 30, 60] and len(parts) == 19
+    time = 0.01 * np.arange(3000)
+    long = Flight(time, np.tile(FLIGHT.inputs, (5, 1)), np.tile(FLIGHT.outputs, (5, 1)))
+    parts = required_windows("long", long, train, test, None)
+    assert MAX_WINDOWS - 2 < len(parts) <= MAX_WINDOWS
+    assert len(long) - parts[-1].stop < parts[1].start
+    assert len(required_windows("long", long, train, test, 30)) == 99
 
 
 def test_a_window_that_fits_into_no_part_is_refused_with_one_that_does():

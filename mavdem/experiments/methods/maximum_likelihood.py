@@ -11,7 +11,6 @@ from numpy.linalg import LinAlgError
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.gauss_newton import (
     CONVERGED_STEP_NATS,
-    FINITE_DIFFERENCE_STEP,
     Damping,
     QuadraticExpansion,
     gauss_newton,
@@ -151,6 +150,26 @@ class PredictionErrorLikelihood(NamedTuple):
         measured_outputs = np.concatenate([outputs for _, outputs in segments])
         return measured_outputs - np.concatenate(predictions)
 
+    def error_derivatives(self, parameters: Array) -> Array:
+        """Returns the derivatives of all one-step prediction errors with respect to the parameters.
+
+        The predictor is x⁺ = (A − K C) x + B u + K y + offset, e = y − C x. So the sensitivity S = ∂x/∂θ of the state
+        follows S⁺ = (A − K C) S + G, where G has the direct effect of each parameter on the next state, and
+        ∂e/∂θ = −C S − (∂C/∂θ) x (Ljung, System Identification, 2nd ed., sec. 10.3).
+
+        Args:
+            parameters: parameter vector (f,), in the order of :attr:`parameters`.
+
+        Returns:
+            Derivatives (f, T, m) in normalized units, segments one after the other.
+        """
+        model, starts, segments = self.with_parameters(parameters)
+        derivatives = []
+        for index, (inputs, outputs) in enumerate(segments):
+            states = model.predicted_states(starts[index], inputs, outputs)[:-1]
+            derivatives.append(_segment_derivatives(model, states, inputs, outputs, index, starts))
+        return np.concatenate(derivatives).transpose(2, 0, 1)
+
     def value(self, parameters: Array) -> float:
         """Returns the log likelihood of the training data, up to a constant, for one vector of the parameters.
 
@@ -170,8 +189,8 @@ class PredictionErrorLikelihood(NamedTuple):
         """Expands the log likelihood to second order around parameters, for a Gauss-Newton step.
 
         With errors e and their covariance Σ at these parameters, the log likelihood is −½ Σₜ eₜᵀ Σ⁻¹ eₜ, up to a
-        constant. Its gradient is −Jᵀ Σ⁻¹ e and its curvature Jᵀ Σ⁻¹ J, where the derivatives J = ∂e/∂θ come from finite
-        differences: one run of the predictor for each parameter.
+        constant. Its gradient is −Jᵀ Σ⁻¹ e and its curvature Jᵀ Σ⁻¹ J, with the derivatives J = ∂e/∂θ
+        (:meth:`error_derivatives`).
 
         Args:
             parameters: (f,) parameter vector, in the order of :attr:`parameters`.
@@ -180,10 +199,7 @@ class PredictionErrorLikelihood(NamedTuple):
             Value (nats), gradient (f,) and curvature (f, f).
         """
         errors = self.errors(parameters)
-        # Steps are relative for large parameters and absolute for small ones.
-        steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(parameters))
-        errors_after_steps = np.array([self.errors(parameters + step) for step in np.diag(steps)])
-        derivatives = (errors_after_steps - errors) / steps[:, None, None]
+        derivatives = self.error_derivatives(parameters)
         precision = np.linalg.inv(error_covariance(errors))
         # Σ⁻¹ = L Lᵀ: derivatives and errors times L have unit weight, so that plain products of them suffice.
         precision_root = np.linalg.cholesky(precision)
@@ -195,6 +211,67 @@ class PredictionErrorLikelihood(NamedTuple):
         gradient = -weighted_derivatives @ (errors @ precision_root).ravel()
         value = concentrated_log_likelihood(errors)
         return QuadraticExpansion(parameters, value, gradient, curvature)
+
+
+def _segment_derivatives(
+    model: StateSpace, states: Array, inputs: Array, outputs: Array, index: int, starts: Array
+) -> Array:
+    """Returns the derivatives of the one-step prediction errors of one segment with respect to all parameters of PEM.
+
+    Args:
+        model: the model in innovation form, n states, k inputs and m outputs, without feedthrough.
+        states: (T, n) predicted states.
+        inputs: (T, k).
+        outputs: (T, m).
+        index: number of the segment, from 0.
+        starts: (segments, n) first states of all segments; those of other segments have no effect.
+
+    Returns:
+        Derivatives (T, m, f), in the order of ``PredictionErrorLikelihood.parameters``.
+    """
+    samples, n = states.shape
+    m = outputs.shape[1]
+    innovations = outputs - model.noise_free_outputs(states, inputs)
+    ones = np.ones((samples, 1))
+    identity = np.eye(n)
+    # What each parameter adds to the next state: entry (i, j) of a matrix adds signal j to state i, but one of C adds
+    # its change of the prediction, times the gain. The first states add nothing later.
+    effects_on_next_state = np.concatenate(
+        [
+            _effects(identity, states),
+            _effects(identity, inputs - model.input_trim),
+            _effects(-model.K, states),
+            _effects(identity, innovations),
+            _effects(identity, ones),
+            np.zeros((samples, n, starts.size)),
+        ],
+        axis=2,
+    )
+    first_of_C = n * n + model.B.size
+    first_of_starts = effects_on_next_state.shape[2] - starts.size
+    transition = model.A - model.K @ model.C
+    sensitivities = np.zeros_like(effects_on_next_state)
+    own_start = first_of_starts + n * index
+    sensitivities[0, :, own_start : own_start + n] = identity
+    for t in range(samples - 1):
+        sensitivities[t + 1] = transition @ sensitivities[t] + effects_on_next_state[t]
+    derivatives = -model.C @ sensitivities
+    derivatives[:, :, first_of_C : first_of_C + model.C.size] -= _effects(np.eye(m), states)
+    return derivatives
+
+
+def _effects(directions: Array, signals: Array) -> Array:
+    """Returns what each entry of a matrix adds to its product with signals, when it grows by 1.
+
+    Args:
+        directions: (n, p) column i is the effect of row i of the product.
+        signals: (T, q) signals that the matrix (p, q) multiplies.
+
+    Returns:
+        Effects (T, n, p · q), the entries of the matrix row by row.
+    """
+    effects = np.einsum("ni,tq->tniq", directions, signals)
+    return effects.reshape(len(signals), len(directions), -1)
 
 
 def concentrated_log_likelihood(errors: Array) -> float:
