@@ -83,7 +83,7 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, here, mon
     )
     # One that nobody asked for is left out.
     dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, address=None, connect=None)
-    assert dashboard.advice.endswith(INSTALL)
+    assert dashboard.advice == ""
     assert dashboard.open(None) is None and dashboard.view is None
     dashboard.close()
 

@@ -69,8 +69,8 @@ class PageAddress:
 class Dashboard:
     """Shows a live flight in a viewer, in browsers, and in an .rrd file.
 
-    It shows nothing if Rerun is not installed, and where there is neither a screen nor a recording or browser to show
-    it in. Browsers get the page of the session, which needs no Rerun.
+    It shows nothing, and says nothing of it, if Rerun is not installed. Nor does it where there is neither a screen nor
+    a recording or browser to show it in. Browsers get the page of the session, which needs no Rerun.
 
     Attributes:
         view: What shows the flight; None if nothing does.
@@ -121,10 +121,8 @@ class Dashboard:
         )
         if address is not None and missing_server is not None and not can_serve_rerun:
             require_extra("serve", "The page of a live session")
-        if missing_view is not None:
-            if needs_view:
-                require_extra("view", "The dashboard")
-            self.advice = str(missing_view)
+        if needs_view:
+            require_extra("view", "The dashboard")
         shows_nothing = missing_view is None and not (rrd or address or connect or has_screen())
         if shows_nothing and not is_plain:
             self.advice = NO_SCREEN_ADVICE

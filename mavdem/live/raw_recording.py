@@ -51,7 +51,9 @@ class RawRecording:
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:
-            raise Unreadable(LinkFact.STREAM_FILE_EXISTS, path=path) from None
+            raise Unreadable(
+                LinkFact.STREAM_FILE_EXISTS, path=path, free_path=_free_path(Path(path))
+            ) from None
         except OSError as error:
             raise Unreadable(
                 LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
@@ -355,3 +357,11 @@ def _stamped_records(records: bytes) -> list[_StampedRecord]:
         seconds = int.from_bytes(stamp_bytes, "big") / 1e6
         stamped_records.append(_StampedRecord(seconds, start, end, sender))
     return stamped_records
+
+
+def _free_path(path: Path) -> Path:
+    """Returns the first path of no file for a further recording, such as "flight-2.tlog" beside "flight.tlog"."""
+    number = 2
+    while path.with_stem(f"{path.stem}-{number}").exists():
+        number += 1
+    return path.with_stem(f"{path.stem}-{number}")

@@ -80,7 +80,11 @@ def test_a_recording_tells_whether_its_user_ended_the_record(tmp_path, form, sil
 
 def test_it_replaces_nothing(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"dear")
-    assert unreadable(RawRecording, tmp_path / "flight.tlog").code is LinkFact.STREAM_FILE_EXISTS
+    (tmp_path / "flight-2.tlog").touch()
+    exists = unreadable(RawRecording, tmp_path / "flight.tlog")
+    assert exists.code is LinkFact.STREAM_FILE_EXISTS
+    # The third flight of the day has a name to copy.
+    assert exists.remedy.endswith("`--record {}`.".format(tmp_path / "flight-3.tlog"))
     assert (tmp_path / "flight.tlog").read_bytes() == b"dear"
     assert (
         unreadable(RawRecording, tmp_path / "none" / "flight.tlog").code
