@@ -479,10 +479,9 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     adviser = Mock(
         is_due=False, facts=(written,), judgement=by_recording, **{"update.return_value": ()}
     )
-    session, _, reported_facts = session_of(batches(9.0), gain_adviser=adviser)
+    session, _, reported_facts = session_of(batches(7.0), gain_adviser=adviser)
     run(session)
-    record = session.flight.learning.learner._memory.record()
-    learned = mavdem.learn(record, COMPLETE)
+    learned = mavdem.learn(simulated(samples=300, wind=1.0), COMPLETE)
     # Models of other flights, which their seeds tell apart.
     early, late, next_flight, climbing = (
         replace(learned, settings=replace(learned.settings, seed=seed), model=copy(learned.model))
@@ -804,32 +803,30 @@ def test_a_silence_is_reported_at_once_by_a_computer_that_is_still_analysing(now
 @mark.slow
 @mark.usefixtures("without_learning")
 def test_the_end_of_a_silence_says_for_how_long_motion_was_missing_if_that_was_longer(now):
-    """Nothing arrives for 60 s, twice; the second time only heartbeats came in the 30 s before."""
+    """Nothing arrives for 60 s, after 30 s in which only heartbeats came."""
     session, _, reported_facts = session_of([*batches(9.0)])
     run(session)
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
-    for heartbeat_seconds, end_of_motion in ((0, 9.0), (30, 12.0)):
-        reported_facts.clear()
-        for _ in range(heartbeat_seconds):
-            session.link.script = [[(FIRST + end_of_motion, heartbeat)]]
-            now[0] += 1.0
-            session.step(0.0)
-        now[0] += 60.0
-        # What is received now may have come at any time since the step before.
+    reported_facts.clear()
+    for _ in range(30):
+        session.link.script = [[(FIRST + 9.0, heartbeat)]]
+        now[0] += 1.0
         session.step(0.0)
-        # A heartbeat comes before the first attitude.
-        first_batch = [(FIRST + end_of_motion + 0.9, heartbeat)]
-        session.link.script = [first_batch, *batches(2.0, start=end_of_motion + 1.0)]
-        run(session)
-        durations = {
-            fact.subject: fact.figures["duration"]
-            for fact in reported_facts
-            if fact.code is RowsFact.MESSAGES_RESUMED
-        }
-        expected = {MissingMessages.MESSAGES: approx(60.0, abs=1.0)}
-        if heartbeat_seconds:
-            expected[MissingMessages.MOTION] = approx(60.0 + heartbeat_seconds, abs=1.0)
-        assert durations == expected
+    now[0] += 60.0
+    # What is received now may have come at any time since the step before.
+    session.step(0.0)
+    # A heartbeat comes before the first attitude.
+    session.link.script = [[(FIRST + 9.9, heartbeat)], *batches(2.0, start=10.0)]
+    run(session)
+    durations = {
+        fact.subject: fact.figures["duration"]
+        for fact in reported_facts
+        if fact.code is RowsFact.MESSAGES_RESUMED
+    }
+    assert durations == {
+        MissingMessages.MESSAGES: approx(60.0, abs=1.0),
+        MissingMessages.MOTION: approx(90.0, abs=1.0),
+    }
 
 
 @mark.slow
@@ -923,16 +920,16 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
 
 @mark.slow
 def test_a_recording_that_fails_ends_alone():
-    """The disk is full: that is reported, and the session goes on learning."""
+    """The disk is full: that is reported, and the session goes on with all that comes."""
     full = Mock(**{"add.side_effect": OSError(28, "No space left on device")})
-    session, screen, reported_facts = session_of(batches(9.0), recording=full)
+    session, _, reported_facts = session_of(batches(4.0), recording=full)
     run(session)
     (ended,) = (fact for fact in reported_facts if fact.code is LinkFact.STREAM_RECORDING_ENDED)
     assert ended.figures["error"] == "No space left on device" and not ended.figures["finishing"]
-    assert screen.rows[-1][2].model is not None
+    assert session.stream.sample_count > 100
 
 
-SHORT = {"duration": 34.0, "flights": 2, "height": 5.0}
+SHORT = {"duration": 40.0, "flights": 1, "height": 5.0}
 FAULTS = {
     "reboot": 13.0,
     "outage": 20.0,
@@ -952,24 +949,23 @@ def test_a_session_with_all_faults_ends_with_a_good_model(monkeypatch):
     monkeypatch.setattr("live_faults.RATE", 50.0)
     long = load("ardupilot_faults").model_dump(mode="json")
     slower = {"SCHED_LOOP_RATE": 100.0}
-    weak = {**long["vehicle"], "weak_from": 37.0, "parameters": slower}  # The whole second flight.
-    scenario = scenario_from_table({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
+    vehicle = {"model": long["vehicle"]["model"], "parameters": slower}
+    scenario = scenario_from_table({**long, **SHORT, "faults": FAULTS, "vehicle": vehicle})
     session, account = run_session(scenario)
     reported_facts = {event.fact.code for event in session.history.events}
     happened = {
         VehicleFact.VEHICLE_REBOOTED,
         VehicleFact.CLOCK_JUMPED,
         RowsFact.MESSAGES_RESUMED,
-        RateFact.RATES_CONTESTED,
     }
     assert happened <= reported_facts
     assert RowsFact.MOTOR_ORDER_ASSUMED not in reported_facts, (
         "parameters say where the motors are, and come when they are asked for"
     )
-    assert sum(account.values()) == approx(74.0, abs=0.5)
-    # Learned from is the time that the samples span, 0.02 s each by the vehicle's clock, not that in which some
-    # came. Those of the flight before the landing count too.
-    assert account["learned"] > max(session.status.learned_rows / 50.0, 26.0), account
+    assert sum(account.values()) == approx(43.0, abs=0.5)
+    # Learned from is the time that the samples span, 0.02 s each by the vehicle's clock, not that in which some came.
+    assert account["learned"] == approx(session.status.learned_rows / 50.0, abs=0.05)
+    assert account["learned"] > 13.0
     assert account["silent"] > 2.5 and account["waiting"] < 25.0, account
     assert session.stream.followed_vehicle.message_counts[83] > 500, (
         "by setpoints loops are identified"
@@ -978,7 +974,6 @@ def test_a_session_with_all_faults_ends_with_a_good_model(monkeypatch):
     test, train = (undisturbed(scenario, seed) for seed in (1001, 1002))
     ratios = error_ratios(kept, test)
     offline = error_ratios(mavdem.learn(train), test)
-    # Of the samples that are kept, a fifth are of the first flight, whose motors were sound.
     assert np.all(ratios < 2 * offline) and ratios[0] < 0.1, (ratios, offline)
 
 
@@ -997,23 +992,7 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
     session.end()
 
 
-@mark.slow
-def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
-    """The learner marks all samples from 82 s to 84 s as unusual."""
-    unknown = np.zeros((1, 2))
-
-    def update(_, time, outputs, *_sample):
-        estimate = Estimate(time, outputs, outputs, np.array([time]), unknown, unknown, unknown)
-        return estimate._replace(unusual=82 < time < 84, window_center=time)
-
-    monkeypatch.setattr("mavdem.dem.OnlineLearner.update", update)
-    session, _, reported_facts = session_of(batches(16.0))
-    run(session)
-    reports = [row for row in reported_facts if row.code is SessionFact.MOTION_UNEXPECTED]
-    assert len(reports) == 1 and reports[0].level is Level.WATCH
-
-
-def test_unexpected_motion_that_a_weak_motor_explains_is_no_second_news():
+def test_unexpected_motion_is_one_event_while_it_lasts_and_none_where_a_weak_motor_explains_it():
     unknown = np.zeros((1, 2))
     usual = Estimate(0.0, unknown, unknown, np.zeros(1), unknown, unknown, unknown)
     for seconds_to_alarm, report_count in ((2.0, 0), (9.0, 1)):
@@ -1023,10 +1002,12 @@ def test_unexpected_motion_that_a_weak_motor_explains_is_no_second_news():
         learning._are_motors_at_idle = Mock(return_value=False)
         for time in range(80, 100):
             learning._is_motor_weak = time >= 88.0 + seconds_to_alarm
-            # It lasts for a second at 88 s, and again while the alarm lasts.
-            estimate = usual._replace(unusual=time in (88, 98), window_center=float(time))
+            # It lasts for two seconds from 88 s on, and comes again while the alarm lasts.
+            estimate = usual._replace(unusual=time in (88, 89, 98), window_center=float(time))
             learning.note_estimate(estimate, Mock(time=float(time)), {})
         assert [report.figures["clock"] for report in reports] == [88.0] * report_count
+        for report in reports:
+            assert (report.code, report.level) == (SessionFact.MOTION_UNEXPECTED, Level.WATCH)
 
 
 def test_bytes_without_a_message_are_noise_and_no_silence(now):
