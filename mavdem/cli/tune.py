@@ -104,7 +104,8 @@ def tune_command(
     --verbose it prints all margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of
     each stage for QGroundControl (.params) and Mission Planner (.param), and the present ones beside them (.before).
 
-    Exit code: 1 if gains are neither computed nor kept; the report and the page then say why, and what to fly.
+    Exit code: 0 if gains of any axis are to be set, lowered or kept; 1 if not: report and page then say why, and what to
+    fly.
 
     \b
     Examples:
@@ -138,7 +139,7 @@ def tune_command(
     if file_names:
         # What was found comes before the files in which it is kept.
         print_to_stderr(f"Written: {', '.join(file_names)}. Nothing was sent to the vehicle.")
-    if tuning.refusal:
+    if tuning.failure:
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 
 

@@ -234,7 +234,7 @@ def tune_document(source: str, margins: str, tuning: Tuning, flights: Facts = ()
         flights: verdicts on the flights of a recording, if they are judged each by itself.
 
     Returns:
-        The document. Its key ``error`` is there only if gains are neither computed nor kept.
+        The document. Its key ``error`` is there only if gains are neither computed, lowered nor kept.
     """
     axes = {}
     for axis, advice in tuning.axes.items():
@@ -242,8 +242,8 @@ def tune_document(source: str, margins: str, tuning: Tuning, flights: Facts = ()
         axes[axis] = _axis_document(advice, None if decision is None else decision.fact)
     # Without an error its key is not passed at all: a value of None would stand in the JSON as null.
     optional_keys = {}
-    if tuning.refusal:
-        refusal = tuning.refusal
+    refusal = tuning.failure
+    if refusal is not None:
         optional_keys["error"] = {"reason": refusal, "remedy": refusal.remedy, "fact": refusal}
     return Tune.from_results(
         tuning,

@@ -384,19 +384,59 @@ def _measured_step_response(
         The step response; or the reason why there is none: messages are too slow or too few, the setpoint hardly
         varies, or it follows the vehicle, or the response is not certain enough.
     """
+    subject = f"{signals.axis} {loop}"
     signals_on_grid = _signals_on_grid(signals, loop, series, segments, min_rate)
     if isinstance(signals_on_grid, Fact):
         return signals_on_grid
     sampling_rate = signals_on_grid.rate
-    seconds = STEP_SECONDS[loop]
-    # Pieces whose setpoint, the first row, is constant show no response to it. The others must have samples for
-    # MIN_WINDOWS windows, each of two durations of the response.
+    moving_pieces = _pieces_with_moving_setpoint(signals_on_grid, subject, STEP_SECONDS[loop])
+    if isinstance(moving_pieces, Fact):
+        return moving_pieces
+    angle_gain = 0.0
+    if loop == "rate":
+        angle_gain = _angle_gain_around_rate_loop(signals)
+        pieces = _with_angle_and_correction(sampling_rate, moving_pieces, angle_gain)
+    else:
+        pieces = _corrected_attitude_pieces(
+            signals.axis, sampling_rate, moving_pieces, attitude_controller
+        )
+    spectra = welch_spectra_of_pieces(sampling_rate, pieces)
+    if spectra is None:
+        return Fact(StepResponseFact.NO_RESPONSE_WINDOW, subject=subject)
+    if attitude_controller is not None and _setpoint_follows_angle(spectra, attitude_controller):
+        return Fact(StepResponseFact.SETPOINT_FOLLOWS, subject=subject)
+    decimation = _decimation_factor(sampling_rate, min_rate, spectra)
+    impulse_response = estimate_impulse_response(
+        sampling_rate / decimation,
+        decimated_pieces(pieces, decimation),
+        angle_gain,
+        STEP_SECONDS[loop],
+        1 / MAX_SAMPLING_RATES[loop],
+    )
+    if impulse_response is None:
+        return Fact(StepResponseFact.NO_RESPONSE_WINDOW, subject=subject)
+    estimate = _EstimatedResponse(
+        signals.axis, loop, impulse_response, spectra, message_interval=1 / sampling_rate
+    )
+    return _described_response(estimate, rate_loop)
+
+
+def _pieces_with_moving_setpoint(
+    signals_on_grid: ResampledSignals, subject: str, response_duration: float
+) -> list[Array] | Fact:
+    """Returns the pieces of flight in which the setpoint of a loop varies: the others show no response to it.
+
+    Args:
+        signals_on_grid: pieces with the setpoint in their first row.
+        subject: the loop, such as "roll rate".
+        response_duration: length of the step response to be measured, s.
+
+    Returns:
+        The pieces; or the fact that they are too short for ``MIN_WINDOWS`` windows of two such lengths each.
+    """
     pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[_SETPOINT]) != 0]
-    sample_count = sum(piece.shape[1] for piece in pieces)
-    subject = f"{signals.axis} {loop}"
-    no_response_window = Fact(StepResponseFact.NO_RESPONSE_WINDOW, subject=subject)
-    moving_duration = sample_count / sampling_rate
-    least_duration = 2 * MIN_WINDOWS * seconds
+    moving_duration = sum(piece.shape[1] for piece in pieces) / signals_on_grid.rate
+    least_duration = 2 * MIN_WINDOWS * response_duration
     if moving_duration < least_duration:
         return Fact(
             StepResponseFact.TOO_LITTLE_ASKED,
@@ -404,32 +444,17 @@ def _measured_step_response(
             moving_duration=moving_duration,
             least_duration=least_duration,
         )
-    angle_gain = 0.0
-    if loop == "rate":
-        # The rate loop is inside an attitude loop, whose controller feeds the angle back to the setpoint.
-        controller = controller_if_known(signals)
-        angle_gain = DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
-        pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
-    else:
-        pieces = _corrected_attitude_pieces(
-            signals.axis, sampling_rate, pieces, attitude_controller
-        )
-    timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
-    spectra = welch_spectra_of_pieces(sampling_rate, pieces)
-    if spectra is None:
-        return no_response_window
-    if attitude_controller is not None and _setpoint_follows_angle(spectra, attitude_controller):
-        return Fact(StepResponseFact.SETPOINT_FOLLOWS, subject=subject)
-    decimation = _decimation_factor(sampling_rate, min_rate, spectra)
-    pieces = decimated_pieces(pieces, decimation)
-    impulse_response = estimate_impulse_response(
-        sampling_rate / decimation, pieces, angle_gain, seconds, 1 / MAX_SAMPLING_RATES[loop]
-    )
-    if impulse_response is None:
-        return no_response_window
-    return _described_response(
-        signals.axis, loop, impulse_response, timing_error, spectra, rate_loop
-    )
+    return pieces
+
+
+def _angle_gain_around_rate_loop(signals: Signals) -> float:
+    """Returns the gain, 1/s, by which the attitude controller around a rate loop feeds the angle back to its setpoint.
+
+    Args:
+        signals: logged time series of the vehicle for the axis, with the autopilot's parameters if they are known.
+    """
+    controller = controller_if_known(signals)
+    return DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
 
 
 def _signals_on_grid(
@@ -674,6 +699,36 @@ def _contains_correction(sampling_rate: float, pieces: Sequence[Array], angle_ga
     return rate_setpoint_parts(sampling_rate, attitude_pieces, angle_gain).has_correction
 
 
+class _EstimatedResponse(NamedTuple):
+    """What flight shows of one loop: the estimate that its step and frequency response are computed from."""
+
+    axis: str
+    """"roll", "pitch" or "yaw"."""
+    loop: str
+    """"rate" or "attitude"."""
+    impulse_response: ImpulseResponse
+    """Response to an impulse of the setpoint, with the covariance of its values."""
+    spectra: WelchSpectra
+    """Cross-spectra of setpoint and response."""
+    message_interval: float
+    """Time between two messages, s."""
+
+    @property
+    def subject(self) -> str:
+        """The loop as the subject of facts, such as "roll rate"."""
+        return f"{self.axis} {self.loop}"
+
+    @property
+    def max_frequency(self) -> float:
+        """Highest frequency at which the response may be known, Hz.
+
+        Angle setpoints may not have their own time stamps, so that only the lower half of the usual band is used.
+        """
+        nyquist_frequency = self.impulse_response.sampling_rate / 2
+        usable_frequency = nyquist_frequency if self.loop == "rate" else nyquist_frequency / 2
+        return MAX_FREQUENCY_RATIO * usable_frequency
+
+
 class _Responses(NamedTuple):
     """Step and frequency responses of N impulse responses: of the estimate, and then of draws."""
 
@@ -687,128 +742,164 @@ class _Responses(NamedTuple):
     """Frequency responses (N, F)."""
 
 
-def _step_and_frequency_responses(
-    estimate: ImpulseResponse, timing_error: float, max_frequency: float
-) -> _Responses:
+def _step_and_frequency_responses(estimate: _EstimatedResponse) -> _Responses:
     """Computes step and frequency responses of an estimated impulse response, and of draws of its values.
 
     It is not known when between two messages a setpoint changed, so that the whole response may be earlier or later. To
     include this uncertainty, the steps of the draws are shifted by random times.
 
-    Args:
-        estimate: the impulse response, with the covariance of its values.
-        timing_error: largest shift of the setpoint to either side, s.
-        max_frequency: highest frequency of the frequency responses, Hz.
-
     Returns:
         Responses in rows: of the estimate first, then of ``RESPONSE_DRAWS`` draws.
     """
-    taps = estimate.knots[-1]
-    time = np.linspace(0.0, taps / estimate.sampling_rate, STEP_POINTS + 1)
-    frequency = np.linspace(MIN_FREQUENCY, max_frequency, STEP_POINTS)
-    draws = normal_draws(estimate.values, estimate.covariance, RESPONSE_DRAWS, DRAWS_SEED)
-    values = np.vstack([estimate.values, draws])
-    steps = estimate.step_responses(values, time)
+    impulse_response = estimate.impulse_response
+    taps = impulse_response.knots[-1]
+    time = np.linspace(0.0, taps / impulse_response.sampling_rate, STEP_POINTS + 1)
+    frequency = np.linspace(MIN_FREQUENCY, estimate.max_frequency, STEP_POINTS)
+    draws = normal_draws(
+        impulse_response.values, impulse_response.covariance, RESPONSE_DRAWS, DRAWS_SEED
+    )
+    values = np.vstack([impulse_response.values, draws])
+    steps = impulse_response.step_responses(values, time)
+    # The largest shift of the setpoint to either side, s.
+    timing_error = MAX_TIMING_ERROR_STEPS * estimate.message_interval
     shifts = default_rng(DRAWS_SEED).uniform(-timing_error, timing_error, RESPONSE_DRAWS)
     # Row 0 is the estimate, which is not shifted.
     for row, shift in enumerate(shifts.tolist(), start=1):
         steps[row] = np.interp(time - shift, time, steps[row])
-    responses = estimate.frequency_responses(values, frequency)
+    responses = impulse_response.frequency_responses(values, frequency)
     return _Responses(time, steps, frequency, responses)
 
 
+class _KnownBand(NamedTuple):
+    """How well the flight shows a response: up to which frequency, and with which 90 % intervals."""
+
+    coherence: Array
+    """Coherence of setpoint and response at the frequencies of their spectra; 0 where the setpoint hardly varies."""
+    coherent_count: int
+    """Number of the response's frequencies below the highest at which setpoint and response are coherent."""
+    certain_count: int
+    """Number of its frequencies below the first at which the gain |T| is uncertain."""
+    gain_half_width: Array
+    """Half widths of the 90 % interval of |T| (F,)."""
+    step_half_width: Array
+    """Half widths of the 90 % interval of the step (K,)."""
+
+
 def _described_response(
-    axis: str,
-    loop: str,
-    estimate: ImpulseResponse,
-    timing_error: float,
-    spectra: WelchSpectra,
-    rate_loop: Loop | None,
+    estimate: _EstimatedResponse, rate_loop: Loop | None
 ) -> StepResponse | Fact:
     """Describes an estimated impulse response by its step and frequency response, with 90 % intervals.
 
-    Both responses are computed for the estimate and for random draws from its normal distribution. A half width is the
-    standard deviation of the draws times a factor. The frequency response ends at the highest frequency at which the
-    setpoint varies enough. The identified loop is used only for the step, so that the measured frequency response
-    remains a test of the loop.
+    The frequency response ends at the highest frequency at which the flight shows it. The identified loop is used only
+    for the step, so that the measured frequency response remains a test of the loop.
 
     Args:
-        axis: "roll", "pitch" or "yaw".
-        loop: "rate" or "attitude".
-        estimate: the impulse response.
-        timing_error: largest shift of the setpoint to either side, s.
-        spectra: cross-spectra of setpoint and response, for their coherence.
+        estimate: the impulse response of the loop.
         rate_loop: the identified loop, whose step is used if the rate is too fast for its messages; ``None`` if it is
             not known.
 
     Returns:
-        The step response. If fewer than two frequencies are known or the interval of the step is too wide, the fact
-        (coded finding) which of them it is.
+        The step response; or the fact (coded finding) why it is not known (:func:`_reason_for_no_response`).
     """
-    # Angle setpoints may not have their own time stamps, so that only the lower half of the usual band is used.
-    nyquist_frequency = estimate.sampling_rate / 2
-    usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
-    responses = _step_and_frequency_responses(
-        estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency
+    deconvolved = _step_and_frequency_responses(estimate)
+    steps_of_fast_loop = _steps_of_fast_loop(
+        rate_loop, deconvolved.time, estimate.message_interval
     )
-    message_interval = timing_error / MAX_TIMING_ERROR_STEPS
-    steps_of_fast_loop = _steps_of_fast_loop(rate_loop, responses.time, message_interval)
     is_identified = steps_of_fast_loop is not None
-    steps = responses.steps if steps_of_fast_loop is None else steps_of_fast_loop
-    gains = np.abs(responses.responses)
-    coherence = _coherence_where_driven(spectra)
-    coherent_count = _coherent_frequency_count(responses.frequency, spectra.frequency, coherence)
-    gain_deviation = gains[DRAWS].std(axis=0)
-    certain_count = _certain_frequency_count(gain_deviation)
-    subject = f"{axis} {loop}"
-    if coherent_count < MIN_KNOWN_FREQUENCIES:
-        # All of these are too little: one that is coherent would have made a second frequency known.
-        is_above_lowest = spectra.frequency > responses.frequency[MIN_KNOWN_FREQUENCIES - 1]
-        return Fact(
-            StepResponseFact.NOT_COHERENT,
-            subject=subject,
-            frequency=MIN_FREQUENCY,
-            coherence=coherence[is_above_lowest].max(initial=0.0),
-            least_coherence=MIN_COHERENCE,
-        )
-    gain_half_width = coverage_factor() * gain_deviation
-    if certain_count < MIN_KNOWN_FREQUENCIES:
-        return Fact(
-            StepResponseFact.GAIN_UNCERTAIN,
-            subject=subject,
-            frequency=MIN_FREQUENCY,
-            band_half_width=gain_half_width[:MIN_KNOWN_FREQUENCIES].max(),
-        )
-    step_half_width = coverage_factor() * steps[DRAWS].std(axis=0)
-    if step_half_width.max() >= MAX_STEP_HALF_WIDTH:
-        return Fact(
-            StepResponseFact.STEP_UNCERTAIN,
-            subject=subject,
-            band_half_width=step_half_width.max(),
-            largest_half_width=MAX_STEP_HALF_WIDTH,
-            sampling_rate=1 / message_interval,
-        )
-    known_count = min(coherent_count, certain_count)
+    responses = deconvolved
+    if steps_of_fast_loop is not None:
+        responses = deconvolved._replace(steps=steps_of_fast_loop)
+    band = _known_band(responses, estimate.spectra)
+    reason = _reason_for_no_response(estimate, responses.frequency, band)
+    if reason is not None:
+        return reason
+    known_count = min(band.coherent_count, band.certain_count)
     frequency = responses.frequency[:known_count]
-    gains = gains[:, :known_count]
-    characteristics = step_characteristics(responses.time, steps, frequency, gains)
+    known_responses = responses.responses[:, :known_count]
+    characteristics = step_characteristics(
+        responses.time, responses.steps, frequency, np.abs(known_responses)
+    )
     peak_frequency = characteristics["peak_frequency"].value
     return StepResponse(
-        axis=axis,
-        loop=loop,
+        axis=estimate.axis,
+        loop=estimate.loop,
         time=responses.time,
-        step=steps[ESTIMATE],
-        step_half=step_half_width,
+        step=responses.steps[ESTIMATE],
+        step_half=band.step_half_width,
         frequency=frequency,
-        response=responses.responses[ESTIMATE, :known_count],
-        gain_half=gain_half_width[:known_count],
+        response=known_responses[ESTIMATE],
+        gain_half=band.gain_half_width[:known_count],
         max_frequency=frequency[-1],
-        windows=estimate.windows,
-        coherence=np.interp(peak_frequency, spectra.frequency, coherence),
+        windows=estimate.impulse_response.windows,
+        coherence=np.interp(peak_frequency, estimate.spectra.frequency, band.coherence),
         is_identified=is_identified,
-        unseen_part=_unseen_part(estimate, responses, frequency[-1]),
+        unseen_part=_unseen_part(estimate.impulse_response, deconvolved, frequency[-1]),
         **characteristics,
     )
+
+
+def _known_band(responses: _Responses, spectra: WelchSpectra) -> _KnownBand:
+    """Returns how well the flight shows a response, by its draws and by the coherence of setpoint and response.
+
+    A half width is the standard deviation of the draws times the factor of a 90 % interval.
+
+    Args:
+        responses: step and frequency responses of the estimate, and of draws.
+        spectra: cross-spectra of setpoint and response.
+    """
+    coherence = _coherence_where_driven(spectra)
+    gain_deviation = np.abs(responses.responses[DRAWS]).std(axis=0)
+    return _KnownBand(
+        coherence,
+        coherent_count=_coherent_frequency_count(
+            responses.frequency, spectra.frequency, coherence
+        ),
+        certain_count=_certain_frequency_count(gain_deviation),
+        gain_half_width=coverage_factor() * gain_deviation,
+        step_half_width=coverage_factor() * responses.steps[DRAWS].std(axis=0),
+    )
+
+
+def _reason_for_no_response(
+    estimate: _EstimatedResponse, frequency: Array, band: _KnownBand
+) -> Fact | None:
+    """Returns why a flight does not show the response of a loop well enough for it to be reported.
+
+    Args:
+        estimate: the loop, and the spectra of its setpoint and response.
+        frequency: frequencies of the response (F,), Hz.
+        band: how well the flight shows the response.
+
+    Returns:
+        The fact (coded finding) that setpoint and response are incoherent, or that the gain or the step is too
+        uncertain; None if the response is known.
+    """
+    if band.coherent_count < MIN_KNOWN_FREQUENCIES:
+        # All of these are too little: one that is coherent would have made a second frequency known.
+        is_above_lowest = estimate.spectra.frequency > frequency[MIN_KNOWN_FREQUENCIES - 1]
+        return Fact(
+            StepResponseFact.NOT_COHERENT,
+            subject=estimate.subject,
+            frequency=MIN_FREQUENCY,
+            coherence=band.coherence[is_above_lowest].max(initial=0.0),
+            least_coherence=MIN_COHERENCE,
+        )
+    if band.certain_count < MIN_KNOWN_FREQUENCIES:
+        return Fact(
+            StepResponseFact.GAIN_UNCERTAIN,
+            subject=estimate.subject,
+            frequency=MIN_FREQUENCY,
+            band_half_width=band.gain_half_width[:MIN_KNOWN_FREQUENCIES].max(),
+        )
+    if band.step_half_width.max() >= MAX_STEP_HALF_WIDTH:
+        return Fact(
+            StepResponseFact.STEP_UNCERTAIN,
+            subject=estimate.subject,
+            band_half_width=band.step_half_width.max(),
+            largest_half_width=MAX_STEP_HALF_WIDTH,
+            sampling_rate=1 / estimate.message_interval,
+        )
+    return None
 
 
 def _unseen_part(estimate: ImpulseResponse, responses: _Responses, max_frequency: float) -> float:
@@ -892,21 +983,20 @@ def _steps_of_fast_loop(
     if rate_loop is None:
         return None
     steps = identified_steps(rate_loop, time, RESPONSE_DRAWS)
-    if steps is None or not _is_too_fast(time, steps, message_interval):
+    if steps is None:
         return None
-    return steps
+    rise_time_of_estimate = rise_times(time, steps[:1])[0]
+    is_too_fast = rise_time_of_estimate < least_rise_time(1 / message_interval)
+    return steps if is_too_fast else None
 
 
-def _is_too_fast(time: Array, steps: Array, message_interval: float) -> bool:
-    """Returns whether a rate loop rises within so few messages that deconvolution would blur it.
+def least_rise_time(message_rate: float) -> float:
+    """Returns the shortest rise of a body rate from 10 to 90 % of a step, s, that its messages suffice to measure.
+
+    Deconvolution blurs a loop that rises faster, within fewer than ``MIN_RISE_MESSAGES`` intervals.
 
     Args:
-        time: times after the step (K,), s.
-        steps: step responses of the identified loop (N, K), of the estimate first, then of draws.
-        message_interval: time between two messages, s.
-
-    Returns:
-        Whether the estimate's rise from 10 to 90 % takes fewer than ``MIN_RISE_MESSAGES`` intervals.
+        message_rate: rate of the messages, Hz. Faster ones are reduced to the highest rate of the samples that a step
+            is estimated from.
     """
-    rise_time = rise_times(time, steps[:1])[0]
-    return bool(rise_time < MIN_RISE_MESSAGES * message_interval)
+    return MIN_RISE_MESSAGES / min(message_rate, MAX_SAMPLING_RATES["rate"])

@@ -36,6 +36,7 @@ from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
     MAX_GAIN_STEP,
     MIN_GAIN_CHANGE,
+    SURE_SHARE,
     round_gain,
 )
 from mavdem.loops.identified_step import STEP_SECONDS, PredictedStep, predicted_step
@@ -127,14 +128,19 @@ class GainOutcome(StrEnum):
     """Gains are lowered, since the axis oscillates or lacks margin by a measurement, and none can be computed."""
     LOWER_ON_TRIAL = "lower_on_trial"
     """Gains are lowered for one hover, which shows whether little margin is the cause of a peak of the rate."""
+    REPAIR_FIRST = "repair_first"
+    """The margins are known, and the vehicle must be repaired before any gains are advised."""
     DOUBTFUL = "doubtful"
     """The margins of the identified loop may be wrong, and no gains are advised."""
     UNKNOWN = "unknown"
     """No loop was identified."""
 
 
-OUTCOMES_WITHOUT_GAINS = (GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN)
+OUTCOMES_WITHOUT_MARGINS = (GainOutcome.DOUBTFUL, GainOutcome.UNKNOWN)
 """Outcomes of axes whose gains are neither set nor kept, since their margins are not known, or may be wrong."""
+
+OUTCOMES_WITHOUT_GAINS = (GainOutcome.REPAIR_FIRST, *OUTCOMES_WITHOUT_MARGINS)
+"""Outcomes of axes whose gains are neither set nor kept, for any reason."""
 
 
 def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
@@ -198,45 +204,58 @@ def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> lis
 
 
 def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
-    """Returns what to do besides a flight so that the next log gives gains for the axes that get none now.
-
-    What the next step says already is not repeated.
+    """Returns what to do on the ground, such as a parameter to set, so that the next log gives gains for more axes.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
 
     Returns:
-        By axis, the sentences on what to do; an axis without any is left out.
+        By axis, the sentences on what to do that the next step does not state. Left out is an axis without any, and one
+        that gets gains from this log.
     """
-    steps = {}
-    for axis, advice in tuning.axes.items():
-        # Gains of a controller that is not known cannot be computed from any flight.
-        advises_only_flight = _conclusion_on_gains(advice).advises_only_flight
-        is_useless_flight = axis in tuning.controller_faults and advises_only_flight
-        if _gain_outcome(tuning, axis) in OUTCOMES_WITHOUT_GAINS and not is_useless_flight:
-            steps_of_axis = _steps_towards_gains_of_axis(tuning, axis)
-            if steps_of_axis:
-                steps[axis] = steps_of_axis
-    return steps
+    steps_by_axis = {}
+    for axis in tuning.axes:
+        gets_gains = _gain_outcome(tuning, axis) not in OUTCOMES_WITHOUT_GAINS
+        if gets_gains or _needs_useless_flight(tuning, axis):
+            continue
+        steps = _steps_besides_next_step(tuning, _remedies_besides_flight(tuning, axis))
+        if steps:
+            steps_by_axis[axis] = steps
+    return steps_by_axis
 
 
-def _steps_towards_gains_of_axis(tuning: Tuning, axis: str) -> list[str]:
-    """Returns what to do besides a flight so that the next log gives gains for one axis, unless the next step says it.
+def _needs_useless_flight(tuning: Tuning, axis: str) -> bool:
+    """Returns whether all that is advised for an axis is a flight, although no flight can lead to its gains.
+
+    Gains of a controller that the log does not describe cannot be computed from any flight.
 
     Args:
-        tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
+        tuning: advice on the gains of each axis, and the faults of controllers.
         axis: "roll", "pitch" or "yaw".
     """
-    remedies = _remedies_besides_flight(tuning, axis)
+    advises_only_flight = _conclusion_on_gains(tuning.axes[axis]).advises_only_flight
+    return axis in tuning.controller_faults and advises_only_flight
+
+
+def _steps_besides_next_step(tuning: Tuning, remedies: Iterable[str]) -> list[str]:
+    """Returns those of some remedies that the next step does not state, without what the report says of the flight.
+
+    Args:
+        tuning: the judgement of the flight, with its next step and with faults that are not about loops.
+        remedies: what to do, one or several sentences each; a remedy that another one contains is left out.
+    """
     texts_in_next_step = _texts_in_next_step(tuning)
     next_step = str(tuning.judgement.next_step).lower()
     remedies_of_flight = [fault.remedy for fault in faults_besides_loops(tuning.judgement)]
     steps = []
     for remedy in _without_contained_texts([*dict.fromkeys(remedies)]):
-        is_contained = remedy.removesuffix(".").lower() in next_step
-        if remedy not in texts_in_next_step and not is_contained:
-            steps.append(_without_texts(remedy, remedies_of_flight))
-    return [step for step in steps if step]
+        is_in_next_step = remedy.removesuffix(".").lower() in next_step
+        if is_in_next_step or remedy in texts_in_next_step:
+            continue
+        step = _without_texts(remedy, remedies_of_flight)
+        if step:
+            steps.append(step)
+    return steps
 
 
 def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
@@ -341,16 +360,16 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
 
     Returns:
-        A list with the sentence. If no gains are set or kept, it says only that no axis has reliable margins.
+        A list with the sentence. If the margins of no axis are known, it says only that.
     """
     axes_by_outcome = group_by(tuning.axes, lambda axis: _gain_outcome(tuning, axis))
-    outcomes_with_gains = axes_by_outcome.keys() - set(OUTCOMES_WITHOUT_GAINS)
+    outcomes_with_margins = axes_by_outcome.keys() - set(OUTCOMES_WITHOUT_MARGINS)
     return render_section(
         "tune_axes",
         axes=[*tuning.axes],
         axes_by_outcome=axes_by_outcome,
         outcomes=[*GainOutcome],
-        has_gains=bool(outcomes_with_gains),
+        has_outcomes=bool(outcomes_with_margins),
         sluggish_axes=_sluggish_axes(tuning),
     )
 
@@ -388,7 +407,7 @@ def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
             axes=[axis],
             axes_by_outcome={outcome: [axis]},
             outcomes=[outcome],
-            has_gains=True,
+            has_outcomes=True,
             sluggish_axes=_sluggish_axes(tuning),
         )
         _, _, words_of_axis = sentence.lead.partition(": ")
@@ -396,73 +415,54 @@ def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
     return words
 
 
-def margins_at_a_glance(tuning: Tuning, result: Fact) -> list[Table]:
-    """Returns tables of the margins now and with gains to load, such as "29 (23 to 35) → 44", for the top of a page.
+def margin_overview(tuning: Tuning, *, names_axis: bool) -> list[Table]:
+    """Returns tables of the margins now and with gains to load, such as "29 (23 to 35) → 44", below their goal.
 
-    Each loop of an axis whose gains are to be loaded or kept has a row. So has each axis of the headline, whose figures
-    a reader looks for here; if its margins are doubtful, in a table that says so. A phone has each interval below its
-    figure.
+    Each loop of an axis has a row, with a second line for its intervals on a phone. Axes of which something else is to
+    be done with the gains have a table of their own (:func:`_overview_header`); doubtful margins come last.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
-        result: the most important result (:func:`tuning_result`), which is the headline.
+        names_axis: whether both rows of an axis name it, as on a page, whose rows may be read alone.
 
     Returns:
-        The tables; empty if no gains are to be loaded or kept, and the headline is about no identified loop.
+        The tables; empty if no loop is known.
     """
-    outcomes_shown = (GainOutcome.NEW, GainOutcome.KEEP, GainOutcome.KEEP_UNSURE)
-    shown_advice: list[Advice] = []
-    headline_advice_by_header = dict[str, list[Advice]]()
-    has_new_gains = False
+    advice_by_header = dict[str, list[Advice]]()
     for axis, advice in tuning.axes.items():
-        if not isinstance(advice, Advice):
-            continue
-        outcome = _gain_outcome(tuning, axis)
-        if outcome in outcomes_shown and not tuning.waits(advice):
-            has_new_gains |= outcome is GainOutcome.NEW
-            shown_advice.append(advice)
-        elif axis in _axes_of_headline(result):
-            header = _overview_header(tuning, axis)
-            headline_advice_by_header.setdefault(header, []).append(advice)
+        if isinstance(advice, Advice):
+            advice_by_header.setdefault(_overview_header(tuning, axis), []).append(advice)
+    doubtful_advice = advice_by_header.pop(DOUBTFUL_HEADER, None)
+    if doubtful_advice is not None:
+        advice_by_header[DOUBTFUL_HEADER] = doubtful_advice
     tables = []
-    if shown_advice:
-        tables.append(_margins_table("now → new" if has_new_gains else "now", shown_advice))
-    for header, advice_of_axes in headline_advice_by_header.items():
-        tables.append(_margins_table(header, advice_of_axes))
+    for header, advice_of_axes in advice_by_header.items():
+        tables.append(_margins_table(header, advice_of_axes, names_axis=names_axis))
     return tables
 
 
-def _axes_of_headline(result: Fact) -> Names:
-    """Returns the axes that the headline of a tuning is about; empty if it is not about axes.
-
-    Args:
-        result: the headline, a coded finding. Its figure ``alike`` has the findings on other axes that it names, too.
-    """
-    axes = []
-    for fact in (result, *result.figures.get("alike", ())):
-        if "axis" in fact.figures:
-            axes.append(fact.figures["axis"])
-    return tuple(axes)
-
-
-def _margins_table(first_header: str, advice_of_axes: Sequence[Advice]) -> Table:
+def _margins_table(
+    first_header: str, advice_of_axes: Sequence[Advice], *, names_axis: bool
+) -> Table:
     """Returns a table of the margins of some axes, with a row for each loop, and a narrower one for a phone.
 
     Args:
         first_header: header of the first column, such as "now → new".
         advice_of_axes: advice on each axis, with its identified loops; all have the same goal.
+        names_axis: whether both rows of an axis name it.
     """
-    rows = []
-    rows_on_phone = []
     goal = _goal_row(advice_of_axes[0].target)
+    rows = [goal]
+    # Without its space no goal breaks in the narrow columns of a phone.
+    rows_on_phone = [[cell.replace(" ", "") for cell in goal]]
     for advice in advice_of_axes:
-        rows_with_intervals = _overview_rows(advice, names_axis=True)
+        rows_with_intervals = _overview_rows(advice, names_axis=names_axis)
         values = _overview_rows(advice, has_intervals=False, names_axis=True)
         rows += rows_with_intervals
         for row, row_of_values in zip(rows_with_intervals, values, strict=True):
             rows_on_phone.append(_cells_on_phone(row, row_of_values))
     headers = [first_header, *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
-    return Table(headers, [goal, *rows], phone_tables=[Table(headers, [goal, *rows_on_phone])])
+    return Table(headers, rows, phone_tables=[Table(headers, rows_on_phone)])
 
 
 def _goal_row(target: MarginTarget) -> list[str]:
@@ -527,10 +527,7 @@ def level_of_summary(tuning: Tuning, result: Fact) -> Level:
 
 
 def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
-    """Returns what becomes of each axis at a glance: in a sentence, and in a table of margins now and with new gains.
-
-    Each loop has a row below the goal. Loops with doubtful margins, and those with gains that another flight is to
-    confirm, have tables of their own.
+    """Returns what becomes of each axis at a glance: in a sentence, and in tables (:func:`margin_overview`).
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
@@ -540,23 +537,10 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
     Returns:
         The sentence and the tables; empty if no loop is known.
     """
-    rows_by_header = dict[str, list[list[str]]]()
-    for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice):
-            # All axes have the same goal, which each table begins with.
-            goal = _goal_row(advice.target)
-            rows = rows_by_header.setdefault(_overview_header(tuning, axis), [goal])
-            rows += _overview_rows(advice)
-    blocks = Blocks()
-    if rows_by_header and is_headline_of_tuning(tuning, result):
-        blocks += outcome_sentences(tuning)
-    if DOUBTFUL_HEADER in rows_by_header:
-        # The table of doubtful loops comes last.
-        rows_by_header[DOUBTFUL_HEADER] = rows_by_header.pop(DOUBTFUL_HEADER)
-    figure_headers = [OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]
-    for header, rows in rows_by_header.items():
-        blocks.append(Table([header, *figure_headers], rows))
-    return blocks
+    tables = margin_overview(tuning, names_axis=False)
+    if not tables or not is_headline_of_tuning(tuning, result):
+        return [*tables]
+    return [*outcome_sentences(tuning), *tables]
 
 
 def _overview_header(tuning: Tuning, axis: str) -> str:
@@ -569,16 +553,24 @@ def _overview_header(tuning: Tuning, axis: str) -> str:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        "now → new", or "now" if no axis has new gains; "now → tried" if another flight is to confirm the new gains of
-        this axis; ``DOUBTFUL_HEADER`` if its margins may be wrong.
+        "now → new", or "now" if no axis has gains to load; "now → tried" if another flight is to confirm the new gains of
+        this axis; "now → stage 2" if they wait for a flight with those of another axis; "as flown" if the vehicle must
+        be repaired first, which changes the margins; ``DOUBTFUL_HEADER`` if they may be wrong.
     """
+    advice = tuning.axes[axis]
+    # An axis has a fact instead of advice only if its loop is not identified.
+    assert isinstance(advice, Advice)
     if _has_doubtful_margins(tuning, axis):
         return DOUBTFUL_HEADER
-    if _gain_outcome(tuning, axis) is GainOutcome.FLY_FIRST:
+    outcome = _gain_outcome(tuning, axis)
+    if outcome is GainOutcome.FLY_FIRST:
         return "now → tried"
-    if tuning.has_computed_gains:
-        return "now → new"
-    return "now"
+    if outcome is GainOutcome.REPAIR_FIRST:
+        return "as flown"
+    if tuning.waits(advice):
+        return f"now → stage {advice.stage:d}"
+    outcomes = [_gain_outcome(tuning, other_axis) for other_axis in tuning.axes]
+    return "now → new" if GainOutcome.NEW in outcomes else "now"
 
 
 def _overview_rows(
@@ -642,6 +634,8 @@ def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         return GainOutcome.UNKNOWN
     if _has_doubtful_margins(tuning, axis):
         return GainOutcome.DOUBTFUL
+    if advice.refusals:
+        return GainOutcome.REPAIR_FIRST
     if advice.parameters:
         return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
     return GainOutcome.KEEP if advice.rating.is_good else GainOutcome.KEEP_UNSURE
@@ -687,7 +681,7 @@ def tune_blocks(
         # The gains of axes with the same advice were described together, above.
         if axis not in axes_in_shared_sentences:
             facts += _facts_on_new_gains(tuning, axis)
-        facts = [_without_reason_above(fact, headline_above) for fact in facts]
+        facts = _facts_besides_headline(tuning, axis, facts, headline_above)
         report = _joined_sentences(facts, headline_above)
         remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
         shown_remedies.update(remedies)
@@ -696,25 +690,38 @@ def tune_blocks(
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
+    outcomes = [_gain_outcome(tuning, axis) for axis in tuning.axes]
+    if GainOutcome.REPAIR_FIRST in outcomes:
+        blocks += render_section("tune_as_flown")
     if is_full:
         blocks += _warning_of_unchecked_effects(tuning)
     return blocks
 
 
-def _without_reason_above(fact: Fact, headline_above: str) -> Fact:
-    """Marks the fact that no gains are advised if the reason it states is the headline, which its sentence then omits.
+def _facts_besides_headline(
+    tuning: Tuning, axis: str, facts: Iterable[Fact], headline_above: str
+) -> list[Fact]:
+    """Returns facts on the gains of an axis without the reason for no gains that the headline above them states.
 
-    Its sentence states the first and the last of its reasons.
+    The sentence that no gains are advised states the first and the last of its reasons. If the headline has both, it
+    says "for the reason above". It is left out if that is a repair, since the overview above says so already.
 
     Args:
-        fact: any fact (a coded finding) on an axis; others are returned unchanged.
+        tuning: advice on the gains of each axis.
+        axis: "roll", "pitch" or "yaw".
+        facts: coded findings on the axis.
         headline_above: sentence at the top of the page or of the terminal's report; empty without one.
     """
-    if fact.code is not GainFact.NO_GAINS_ADVISED:
-        return fact
-    reasons = fact.figures["reasons"]
-    is_above = all(str(reason) == headline_above for reason in (reasons[0], reasons[-1]))
-    return fact.replace(is_reason_above=is_above)
+    stated_facts = []
+    for fact in facts:
+        if fact.code is GainFact.NO_GAINS_ADVISED:
+            reasons = fact.figures["reasons"]
+            is_above = all(str(reason) == headline_above for reason in (reasons[0], reasons[-1]))
+            if is_above and _gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
+                continue
+            fact = fact.replace(is_reason_above=is_above)
+        stated_facts.append(fact)
+    return stated_facts
 
 
 def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
@@ -748,7 +755,8 @@ def _sentences_on_gains(
     if conclusion.remedy not in shown_remedies:
         remedies.append(conclusion.remedy)
         shown_remedies.add(conclusion.remedy)
-    report = " ".join(str(_without_reason_above(fact, headline_above)) for fact in facts)
+    stated_facts = _facts_besides_headline(tuning, axes[0], facts, headline_above)
+    report = " ".join(str(fact) for fact in stated_facts)
     return _sentences_on_axes(axes, report, remedies)
 
 
@@ -1003,30 +1011,50 @@ def goal_reached_sentences(tuning: Tuning) -> list[Sentence]:
 
 
 def sentences_on_reached_goal(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
-    """Returns how many models of the vehicle reach the goal of the margins with the gains to set or to keep.
+    """Returns whether each axis reaches the goal of the margins with the gains to set or to keep, and in how many models.
 
-    The models are those that agree with the flight. Axes with the same numbers share a clause of the sentence.
+    The models are those of the vehicle that agree with the flight. Axes with the same numbers share a clause of the
+    sentence.
 
     Args:
         advice_by_axis: advice on the gains of each axis whose margins are known.
     """
     shares_of_axes = {axis: _shares_with_goal(advice) for axis, advice in advice_by_axis.items()}
     axes_by_shares = group_by(shares_of_axes, shares_of_axes.__getitem__)
+    expects_another_step = any(
+        shares.prospect is _GoalProspect.IMPROBABLE for shares in shares_of_axes.values()
+    )
     return render_section(
         "tune_goal_reached",
         deviation=_largest_checked_thrust_change(),
+        expects_another_step=expects_another_step,
         axes_by_shares=axes_by_shares,
         has_new_gains=any(advice.parameters for advice in advice_by_axis.values()),
     )
 
 
-class _SharesWithGoal(NamedTuple):
-    """How many of the models of the vehicle reach the goal of the margins on an axis, as texts such as "84 %"."""
+class _GoalProspect(StrEnum):
+    """Whether an axis reaches the goal of the margins, by the vehicle models that agree with its flight."""
 
+    SURE = "sure"
+    """Nearly all models reach it, with more and with less thrust, too."""
+    SURE_AS_FLOWN = "sure_as_flown"
+    """Nearly all models reach it with the thrust of the flight, but not with more or less, as of another battery."""
+    PROBABLE = "probable"
+    """Most models reach it with the thrust of the flight."""
+    IMPROBABLE = "improbable"
+    """Most models miss it even with the thrust of the flight."""
+
+
+class _SharesWithGoal(NamedTuple):
+    """How many of the models of the vehicle reach the goal of the margins on an axis."""
+
+    prospect: _GoalProspect
+    """What these shares mean for the pilot."""
     as_flown: str
-    """With the thrust of the flight."""
+    """Share with the thrust of the flight, as a text such as "84 %"."""
     at_all_thrusts: str
-    """With more and with less thrust, too."""
+    """Share with more and with less thrust, too, as a text."""
 
 
 def _shares_with_goal(advice: Advice) -> _SharesWithGoal:
@@ -1036,7 +1064,24 @@ def _shares_with_goal(advice: Advice) -> _SharesWithGoal:
         advice: advice on the axis.
     """
     share_as_flown = advice.after.share_meeting(advice.target)
-    return _SharesWithGoal(model_share(share_as_flown), model_share(advice.sure))
+    prospect = _goal_prospect(share_as_flown, advice.sure)
+    return _SharesWithGoal(prospect, model_share(share_as_flown), model_share(advice.sure))
+
+
+def _goal_prospect(share_as_flown: float, share_at_all_thrusts: float) -> _GoalProspect:
+    """Returns whether an axis reaches the goal of the margins.
+
+    Args:
+        share_as_flown: fraction of the models that reach it with the thrust of the flight.
+        share_at_all_thrusts: fraction of those that also reach it with more and with less thrust.
+    """
+    if share_at_all_thrusts >= SURE_SHARE:
+        return _GoalProspect.SURE
+    if share_as_flown >= SURE_SHARE:
+        return _GoalProspect.SURE_AS_FLOWN
+    if share_as_flown >= 1 / 2:
+        return _GoalProspect.PROBABLE
+    return _GoalProspect.IMPROBABLE
 
 
 def field_sentences(tuning: Tuning) -> list[Sentence]:
@@ -2027,19 +2072,23 @@ def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
 def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
     """Returns whether the stability margins of an identified loop may be wrong.
 
-    They may be if a measured response contradicts the loop, or if there are reasons to advise no gains for the axis:
-    all of these also make the margins uncertain.
+    They may be if a measured response contradicts the loop, or if there are reasons on the loop to advise no gains: all
+    of these also make the margins uncertain. A repair, such as that of a weak motor, is a reason against new gains as
+    well, but the margins of the vehicle as it flew are as sure as those of any other.
 
     Args:
-        tuning: advice for each axis, and the axes whose loops a measured response contradicts.
+        tuning: advice for each axis, the axes whose loops a measured response contradicts, and the repairs by which the
+            decisions on the loops put off gains.
         axis: "roll", "pitch" or "yaw"; its loop is identified.
     """
     advice = tuning.axes[axis]
     # An axis has a fact (a reason why there is no advice) instead of advice only if its loop is not identified.
     assert isinstance(advice, Advice)
     is_contradicted = axis in tuning.doubtful_axes
-    has_reasons_against_gains = bool(advice.refusals)
-    return is_contradicted or has_reasons_against_gains
+    decision = tuning.judgement.loop_decisions.get(axis)
+    repairs = () if decision is None else decision.repairs
+    reasons_on_loop = [reason for reason in advice.refusals if reason not in repairs]
+    return is_contradicted or bool(reasons_on_loop)
 
 
 def _step_rows(

@@ -74,7 +74,7 @@ def test_a_weak_motor_is_named_in_the_place_of_gains(tmp_path, capsys):
     assert run("fly", tmp_path / "weakened.toml", "--out", log) == 0
     assert run("tune", log, "--more") == 1
     output = unwrapped(capsys.readouterr().out)
-    assert "No gains, for the reason above." in output and "Next: Do not fly" in output
+    assert "Roll: no gains before the repair." in output and "Next: Do not fly" in output
 
 
 SHAKEN = """

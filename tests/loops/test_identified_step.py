@@ -19,7 +19,8 @@ from mavdem.loops.identified_step import (
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import plant_response, rate_loop
 from mavdem.loops.measured_response import MeasuredResponse
-from mavdem.loops.step_response import MIN_RISE_MESSAGES, _is_too_fast
+from mavdem.loops import step_response
+from mavdem.loops.step_response import MIN_RISE_MESSAGES, _steps_of_fast_loop, least_rise_time
 
 TIME = np.linspace(0.0, 0.5, 101)
 
@@ -59,12 +60,15 @@ def test_a_loop_that_the_flight_contradicts_shows_no_step(loop):
     assert identified_steps(replace(loop, measured=measured), TIME, 5) is None
 
 
-def test_only_a_loop_that_rises_within_a_few_messages_is_too_fast():
+def test_only_a_loop_that_rises_within_a_few_messages_is_too_fast(monkeypatch):
     """A step that rises evenly in 0.1 s takes 0.08 s from 10 to 90 %."""
     steps = np.minimum(TIME / 0.1, 1.0)[None]
+    monkeypatch.setattr(step_response, "identified_steps", lambda loop, time, count: steps)
     longest = 0.08 / MIN_RISE_MESSAGES
-    assert _is_too_fast(TIME, steps, 1.1 * longest)
-    assert not _is_too_fast(TIME, steps, 0.9 * longest)
+    assert _steps_of_fast_loop(made_up(), TIME, 1.1 * longest) is steps
+    assert _steps_of_fast_loop(made_up(), TIME, 0.9 * longest) is None
+    # Samples faster than 200 Hz are reduced to that.
+    assert least_rise_time(50.0) == 0.24 and least_rise_time(400.0) == least_rise_time(200.0)
 
 
 @mark.slow

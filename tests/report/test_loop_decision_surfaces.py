@@ -20,7 +20,7 @@ from rerun_file import chunks
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import Options, analyse
-from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
+from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import Tuning, tune_loops
 from mavdem.assessment.event_lights import lights_with_event
@@ -53,8 +53,9 @@ from mavdem.report.charts.timeline import assessment_timeline
 from mavdem.report.loops import (
     is_about_loops,
     level_of_summary,
+    margin_overview,
     margin_tables,
-    margins_at_a_glance,
+    outcome_sentences,
     tune_blocks,
     tune_overview,
     tune_summary,
@@ -471,24 +472,44 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert overview.rows[0] == ["goal", "≥ 45", "≥ 6", "≤ 2", ""]
     phase_margin = overview.rows[1][1]
     assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
-    # A page has the same of gains to load or to keep, a phone with the intervals below, and without spaces.
-    result = tuning_result(tuning)
-    # So has the axis of the headline, whose gains another flight is to confirm.
-    kept, tried = margins_at_a_glance(tunings["sound"], tuning_result(tunings["sound"]))
+    # A page has the same tables, a phone with the intervals below, and without spaces.
+    kept, tried = margin_overview(tunings["sound"], names_axis=True)
     assert tried.header[0] == "now → tried" and tried.rows[1][0] == "pitch rate"
     assert kept.header[0] == "now" and kept.rows[2][0] == "roll attitude"
-    [expected] = margins_at_a_glance(tuning, result)
+    [expected] = margin_overview(tuning, names_axis=True)
     assert [row[1:] for row in expected.rows] == [row[1:] for row in overview.rows]
     [on_phone] = expected.phone_tables
+    assert on_phone.rows[0] == ["goal", "≥45", "≥6", "≤2", ""]
     assert re.fullmatch(r"\d+→\d+", on_phone.rows[1][1])
     interval = on_phone.rows[1][1].detail
     assert re.fullmatch(r"\(.+ to .+\)", interval) and interval in phase_margin
-    assert not margins_at_a_glance(tuning._replace(axes={"roll": NOT_STEERED}), result)
-    # Doubtful margins are shown only of the axis that the headline names.
+    assert not margin_overview(tuning._replace(axes={"roll": NOT_STEERED}), names_axis=True)
     doubted = tuning._replace(doubtful_axes=frozenset(["roll"]))
-    [doubtful] = margins_at_a_glance(doubted, result)
+    [doubtful] = margin_overview(doubted, names_axis=True)
     assert doubtful.header[0] == "doubtful" and doubtful.rows == expected.rows
-    assert not margins_at_a_glance(doubted, Fact(MotorsLight.MOTORS_EVEN, Level.GOOD))
+
+
+def test_margins_of_a_vehicle_to_be_repaired_are_as_sure_as_those_of_any_other(tunings):
+    """A weak motor puts off new gains, but does not question the loop that was identified with it."""
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, names=("motor 1",), share=0.1)
+    tuning = tunings["below the goal"]
+    advice = replace(tuning.axes["roll"], refusals=(weak,))
+    decision = LoopDecision(
+        "roll", LoopDiagnosis.BELOW_GOAL, weak, reasons_against_gains=(weak,), repairs=(weak,)
+    )
+    judgement = replace(tuning.judgement, loop_decisions=ReadOnlyDict({"roll": decision}))
+    tuning = tuning._replace(axes={"roll": advice}, judgement=judgement)
+    [overview] = margin_overview(tuning, names_axis=False)
+    assert overview.header[0] == "as flown"
+    [outcome] = outcome_sentences(tuning)
+    assert outcome.lead == "Roll: no gains before the repair."
+    report = tune_blocks(tuning, is_full=False)
+    assert any("of the vehicle as it flew" in sentence.text for sentence in report)
+    # A reason on the loop itself makes its margins doubtful.
+    contradicted = replace(advice, refusals=(weak, Fact(GainFact.LOOP_UNSTABLE)))
+    tuning = tuning._replace(axes={"roll": contradicted})
+    [overview] = margin_overview(tuning, names_axis=False)
+    assert overview.header[0] == "doubtful"
 
 
 def test_what_the_flight_warns_of_stands_beside_new_gains_and_colours_their_card(tunings):

@@ -45,7 +45,7 @@ from mavdem.report.loops import (
     tuning_result,
 )
 from mavdem.report.pages.page import Chapter
-from mavdem.report.pages.step_captions import gain_caption, is_too_fast, step_caption
+from mavdem.report.pages.step_captions import gain_caption, step_caption
 from mavdem.report.pages.tune_page import (
     _only_points_to_headline,
     rate_disagreement_sentences,
@@ -471,7 +471,7 @@ def test_axes_that_are_all_sluggish_are_not_named_twice(sluggish_axes, words):
         axes=["roll", "pitch"],
         axes_by_outcome={"keep": ["roll", "pitch"]},
         outcomes=["keep"],
-        has_gains=True,
+        has_outcomes=True,
         sluggish_axes=sluggish_axes,
     )
     assert outcome.lead == f"Roll and pitch: keep the gains, though {words}."
@@ -538,9 +538,13 @@ def test_a_measured_step_is_too_fast_if_it_rises_within_few_messages(
 ):
     """At 50 Hz twelve messages take 240 ms, at 400 Hz 30 ms."""
     rise_time = IntervalEstimate(0.06, 0.05, 0.07)
-    measured = partial_record(StepResponse, is_identified=False, rise_time=rise_time)
+    ramp = np.array([0.0, 1.0])
+    measured = partial_record(
+        StepResponse, is_identified=False, unseen_part=0.0, time=ramp, step=ramp, rise_time=rise_time
+    )
     series = _messages_at(message_rate)
-    assert is_too_fast(measured, (series, series)) is is_step_too_fast
+    caption = step_caption(LoopResponse(measured), rate_and_setpoint=(series, series))
+    assert ("It rises fast for this log" in caption) is is_step_too_fast
 
 
 @mark.parametrize(

@@ -58,6 +58,8 @@ class LoopDecision:
     """What to do about it, as a sentence; None if nothing is to be done."""
     reasons_against_gains: Facts = ()
     """Why gains must not be computed from the identified loop; empty if they may be."""
+    repairs: Facts = ()
+    """Those of these reasons that are repairs of the vehicle: they do not question the margins of the loop as it flew."""
     is_too_slow: bool = False
     """Whether gains may be raised although the loop has its margins, since the axis is too slow."""
     advice: Advice | None = None
@@ -160,7 +162,8 @@ def _with_repair_as_action(decision: LoopDecision, repairs: Facts) -> LoopDecisi
         decision.diagnosis,
         decision.reason,
         action,
-        reasons_against_gains=repairs,
+        reasons_against_gains=(*repairs, *decision.reasons_against_gains),
+        repairs=repairs,
     )
 
 
@@ -222,21 +225,35 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     Returns:
         The decision; None if no source warns.
     """
-    margins = observations.margins
-    facts_by_code = {fact.code: fact for fact in margins.facts}
+    facts_by_code = {fact.code: fact for fact in observations.margins.facts}
     injected = facts_by_code.get(MarginsLight.LOOP_MEASURED)
+    loop_fact = facts_by_code.get(MarginsLight.LOOP_MARGINS)
+    resonance = facts_by_code.get(MarginsLight.RESONATES)
+    loop_below_goal = _loop_below_goal(observations.margins)
     if injected is not None and injected.is_watch_or_bad:
         return _decision_by_measurement(observations, injected)
-    loop_fact = facts_by_code.get(MarginsLight.LOOP_MARGINS)
-    if isinstance(margins.loop, Loop) and loop_fact is not None:
-        if margins.contradiction is None and margin_rating(margins.loop).is_bad:
-            return _decision_by_identified_loop(observations, margins.loop, loop_fact)
-    resonance = facts_by_code.get(MarginsLight.RESONATES)
+    if loop_fact is not None and loop_below_goal is not None:
+        return _decision_by_identified_loop(observations, loop_below_goal, loop_fact)
     if resonance is not None:
         return _decision_by_measurement(observations, resonance)
     if loop_fact is not None and loop_fact.is_watch_or_bad:
         return _decision_on_uncertain_loop(observations, loop_fact)
     return None
+
+
+def _loop_below_goal(margins: AxisMargins) -> Loop | None:
+    """Returns the identified loop of an axis if its estimated margins are below the goal.
+
+    Args:
+        margins: margins of the axis, and whether a measured response contradicts its loop.
+
+    Returns:
+        The loop; None if it has its margins, if it was not identified, or if a measured response contradicts it.
+    """
+    loop = margins.loop
+    if not isinstance(loop, Loop) or margins.contradiction is not None:
+        return None
+    return loop if margin_rating(loop).is_bad else None
 
 
 def _decision_on_uncertain_loop(

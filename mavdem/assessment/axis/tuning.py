@@ -150,6 +150,11 @@ class Tuning(NamedTuple):
         reason_on_first_axis = self.advice[0].conclusion
         return reason_on_first_axis
 
+    @property
+    def failure(self) -> Fact | None:
+        """The refusal, if no gains are lowered either: the tuning then leaves the gains of every axis undecided."""
+        return None if self.gains_to_lower else self.refusal
+
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the contents of the parameter files that set the advised gains, to be loaded by a ground station.
 
@@ -400,9 +405,13 @@ def _advice_on_loop(
     # An axis that follows its setpoint too slowly has its gains raised in any case.
     is_too_slow = decision is not None and decision.is_too_slow
     loop = loop_at_end_of_log(flown_loop)
-    if loop is not flown_loop:
-        # A measured response, which may contradict the identified loop, was measured with the gains that flew.
-        reasons_against_gains = (*reasons_against_gains, *reasons_for_no_gains(flown_loop))
+    must_be_repaired = decision is not None and bool(decision.repairs)
+    if loop is not flown_loop or must_be_repaired:
+        # A measured response, which may contradict the identified loop, was measured with the gains that flew. That its
+        # margins are in doubt is said besides a repair, too.
+        for reason in reasons_for_no_gains(flown_loop):
+            if reason not in reasons_against_gains:
+                reasons_against_gains = (*reasons_against_gains, reason)
     raises_gains = raises_sound_gains or is_too_slow
     advise_gains = partial(advise, tune=margins, attitude_doubt=attitude_doubt)
     is_request_of_decision = (

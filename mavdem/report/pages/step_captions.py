@@ -10,7 +10,7 @@ from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.dataset.signals import rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
-from mavdem.loops.step_response import MAX_SAMPLING_RATES, MIN_RISE_MESSAGES, StepResponse
+from mavdem.loops.step_response import StepResponse, least_rise_time
 from mavdem.report.templates import render_section
 
 FIT_MEANING = (
@@ -47,11 +47,14 @@ def step_caption(
             step=step,
             compared_code=None if response.compared is None else response.compared.code,
             message_rate=_message_rate(rate_and_setpoint),
-            least_rise_time=_least_rise_time(rate_and_setpoint),
+            least_rise_time=least_rise_time(_message_rate(rate_and_setpoint)),
         )
     if response.is_step_doubtful:
         return _caption("doubtful", step=step)
-    rises_too_fast = rate_and_setpoint is not None and is_too_fast(step, rate_and_setpoint)
+    rises_too_fast = False
+    if rate_and_setpoint is not None:
+        shortest_rise = least_rise_time(_message_rate(rate_and_setpoint))
+        rises_too_fast = step.rise_time.value < shortest_rise
     return _caption_of_measured_step(response, step, end, rises_too_fast=rises_too_fast)
 
 
@@ -130,25 +133,6 @@ def step_fit(measured_step: Array, predicted_step: Array) -> float:
     """
     error = np.sqrt(np.mean((measured_step - predicted_step) ** 2))
     return max(0.0, 1 - float(error / measured_step.std()))
-
-
-def is_too_fast(step: StepResponse, rate_and_setpoint: Sequence[TimeSeries]) -> bool:
-    """Returns whether a measured step rises within fewer messages than it takes to measure it.
-
-    Args:
-        step: measured step of a body rate.
-        rate_and_setpoint: messages of the rate and of its setpoint.
-    """
-    return step.rise_time.value < _least_rise_time(rate_and_setpoint)
-
-
-def _least_rise_time(rate_and_setpoint: Sequence[TimeSeries]) -> float:
-    """Returns the shortest rise, s, that the messages of a body rate and its setpoint suffice to measure.
-
-    Faster messages are reduced to the highest rate of the samples that a step is estimated from.
-    """
-    sampling_rate = min(_message_rate(rate_and_setpoint), MAX_SAMPLING_RATES["rate"])
-    return MIN_RISE_MESSAGES / sampling_rate
 
 
 def _message_rate(rate_and_setpoint: Sequence[TimeSeries]) -> float:

@@ -33,7 +33,7 @@ from mavdem.report.loops import (
     is_headline_of_tuning,
     later_flight_sentences,
     level_of_summary,
-    margins_at_a_glance,
+    margin_overview,
     measured_margins,
     outcome_by_axis,
     outcome_sentences,
@@ -140,7 +140,7 @@ def _render_tune_page(
     # A chapter that only points to the headline says nothing.
     chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
     summary: Blocks = [*tune_summary(tuning, result)]
-    blocks_beside_gains: Blocks = [*margins_at_a_glance(tuning, result)]
+    blocks_beside_gains: Blocks = [*margin_overview(tuning, names_axis=True)]
     blocks_beside_gains += goal_reached_sentences(tuning)
     blocks_beside_gains += field_sentences(tuning)
     blocks_beside_gains += later_flight_sentences(tuning)
