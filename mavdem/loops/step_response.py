@@ -802,9 +802,7 @@ def _described_response(
         The step response; or the fact (coded finding) why it is not known (:func:`_reason_for_no_response`).
     """
     deconvolved = _step_and_frequency_responses(estimate)
-    steps_of_fast_loop = _steps_of_fast_loop(
-        rate_loop, deconvolved.time, estimate.message_interval
-    )
+    steps_of_fast_loop = _steps_of_fast_loop(rate_loop, deconvolved.time, estimate.message_interval)
     is_identified = steps_of_fast_loop is not None
     responses = deconvolved
     if steps_of_fast_loop is not None:
@@ -851,9 +849,7 @@ def _known_band(responses: _Responses, spectra: WelchSpectra) -> _KnownBand:
     gain_deviation = np.abs(responses.responses[DRAWS]).std(axis=0)
     return _KnownBand(
         coherence,
-        coherent_count=_coherent_frequency_count(
-            responses.frequency, spectra.frequency, coherence
-        ),
+        coherent_count=_coherent_frequency_count(responses.frequency, spectra.frequency, coherence),
         certain_count=_certain_frequency_count(gain_deviation),
         gain_half_width=coverage_factor() * gain_deviation,
         step_half_width=coverage_factor() * responses.steps[DRAWS].std(axis=0),

@@ -19,7 +19,6 @@ from mavdem.loops.identified_step import (
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import plant_response, rate_loop
 from mavdem.loops.measured_response import MeasuredResponse
-from mavdem.loops import step_response
 from mavdem.loops.step_response import MIN_RISE_MESSAGES, _steps_of_fast_loop, least_rise_time
 
 TIME = np.linspace(0.0, 0.5, 101)
@@ -63,7 +62,9 @@ def test_a_loop_that_the_flight_contradicts_shows_no_step(loop):
 def test_only_a_loop_that_rises_within_a_few_messages_is_too_fast(monkeypatch):
     """A step that rises evenly in 0.1 s takes 0.08 s from 10 to 90 %."""
     steps = np.minimum(TIME / 0.1, 1.0)[None]
-    monkeypatch.setattr(step_response, "identified_steps", lambda loop, time, count: steps)
+    monkeypatch.setattr(
+        "mavdem.loops.step_response.identified_steps", lambda loop, time, count: steps
+    )
     longest = 0.08 / MIN_RISE_MESSAGES
     assert _steps_of_fast_loop(made_up(), TIME, 1.1 * longest) is steps
     assert _steps_of_fast_loop(made_up(), TIME, 0.9 * longest) is None

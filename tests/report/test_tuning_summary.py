@@ -540,7 +540,12 @@ def test_a_measured_step_is_too_fast_if_it_rises_within_few_messages(
     rise_time = IntervalEstimate(0.06, 0.05, 0.07)
     ramp = np.array([0.0, 1.0])
     measured = partial_record(
-        StepResponse, is_identified=False, unseen_part=0.0, time=ramp, step=ramp, rise_time=rise_time
+        StepResponse,
+        is_identified=False,
+        unseen_part=0.0,
+        time=ramp,
+        step=ramp,
+        rise_time=rise_time,
     )
     series = _messages_at(message_rate)
     caption = step_caption(LoopResponse(measured), rate_and_setpoint=(series, series))
