@@ -104,8 +104,8 @@ def tune_command(
     --verbose it prints all margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of
     each stage for QGroundControl (.params) and Mission Planner (.param), and the present ones beside them (.before).
 
-    Exit code: 0 if gains of any axis are to be set, lowered or kept; 1 if not: report and page then say why, and what to
-    fly.
+    Exit code: 0 if gains of any axis are to be set, lowered or kept; otherwise 1: the report and the page then say why,
+    and what to do.
 
     \b
     Examples:

@@ -553,7 +553,7 @@ def _overview_header(tuning: Tuning, axis: str) -> str:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        "now → new", or "now" if no axis has gains to load; "now → tried" if another flight is to confirm the new gains of
+        "now → new", or "now" if no axis has gains to load; "now → tried" if another flight is to confirm new gains of
         this axis; "now → stage 2" if they wait for a flight with those of another axis; "as flown" if the vehicle must
         be repaired first, which changes the margins; ``DOUBTFUL_HEADER`` if they may be wrong.
     """
@@ -1011,7 +1011,7 @@ def goal_reached_sentences(tuning: Tuning) -> list[Sentence]:
 
 
 def sentences_on_reached_goal(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
-    """Returns whether each axis reaches the goal of the margins with the gains to set or to keep, and in how many models.
+    """Returns whether axes reach the goal of the margins with the gains to set or to keep, and in how many models.
 
     The models are those of the vehicle that agree with the flight. Axes with the same numbers share a clause of the
     sentence.

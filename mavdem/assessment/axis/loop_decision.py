@@ -59,7 +59,7 @@ class LoopDecision:
     reasons_against_gains: Facts = ()
     """Why gains must not be computed from the identified loop; empty if they may be."""
     repairs: Facts = ()
-    """Those of these reasons that are repairs of the vehicle: they do not question the margins of the loop as it flew."""
+    """Those of these reasons that are repairs of the vehicle; they do not question the margins in flight."""
     is_too_slow: bool = False
     """Whether gains may be raised although the loop has its margins, since the axis is too slow."""
     advice: Advice | None = None
