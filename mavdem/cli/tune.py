@@ -130,7 +130,10 @@ def tune_command(
         )
     file_names: Names = ()
     if out:
-        file_names = _write_tuning(out, source, tuning, assessment, evidence)
+        # Flights of the twin, which a page with new gains has, may take longer than all before.
+        title = "Simulating the new gains" if tuning.has_computed_gains else "Drawing the page"
+        with progress(title, measured=False):
+            file_names = _write_tuning(out, source, tuning, assessment, evidence)
     if as_json:
         flights = tuple(verdict.fact for verdict in assessment.flight_verdicts)
         print_json(tune_document(source, margins, tuning, flights))

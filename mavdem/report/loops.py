@@ -783,10 +783,21 @@ def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str
     if not report:
         # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
-        return render_section("tune_repair", axes=axes_without_gains) if axes_without_gains else []
+        return sentences_without_gains(tuning, axes_without_gains) if axes_without_gains else []
     lowers_gains = any(tuning.lowers_gains_of(axis) for axis in axes)
     sentences = render_section("tune_no_gains", axes=axes, reason=report, lowers_gains=lowers_gains)
     return [*sentences, *_faults_in_flight(tuning, axes, report, headline_above)]
+
+
+def sentences_without_gains(tuning: Tuning, axes: Sequence[str]) -> list[Sentence]:
+    """Returns the sentence that some axes get no gains for the reason that the headline states.
+
+    Args:
+        tuning: the judgement of the flight with its headline, such as that the vehicle oscillates.
+        axes: the axes.
+    """
+    oscillates = tuning.judgement.headline.code is MarginsLight.OSCILLATES
+    return render_section("tune_repair", axes=axes, oscillates=oscillates)
 
 
 def _caution_sentences(

@@ -40,10 +40,12 @@ from mavdem.report.loops import (
     later_flight_sentences,
     outcome_by_axis,
     outcome_sentences,
+    sentences_without_gains,
     tune_blocks,
     tune_summary,
     tuning_result,
 )
+from mavdem.report.pages.loop_chapters import sentences_without_response
 from mavdem.report.pages.page import Chapter
 from mavdem.report.pages.step_captions import gain_caption, step_caption
 from mavdem.report.pages.tune_page import (
@@ -621,6 +623,32 @@ def test_a_chapter_that_only_points_to_the_headline_is_left_out():
     assert _only_points_to_headline(Chapter("Margins", [pointer]), tuning)
     finding = Sentence("No gains, because a motor was at its limit.", "Roll:")
     assert not _only_points_to_headline(Chapter("Margins", [pointer, finding]), tuning)
+    oscillates = Fact(MarginsLight.OSCILLATES, Level.BAD, reason=None)
+    [pointer] = sentences_without_gains(tuning_of(oscillates, LIMITED, {}), ["yaw"])
+    assert pointer == Sentence("no gains, until the oscillation has ended.", "Yaw:")
+
+
+def test_uncertain_steps_of_several_loops_share_a_sentence():
+    uncertain = Fact(
+        StepResponseFact.STEP_UNCERTAIN,
+        band_half_width=6.0,
+        largest_half_width=0.3,
+        sampling_rate=10.0,
+    )
+    incoherent = Fact(
+        StepResponseFact.NOT_COHERENT, frequency=0.5, coherence=0.48, least_coherence=0.5
+    )
+    responses = {
+        "roll": {"attitude": LoopResponse(uncertain)},
+        "pitch": {"attitude": LoopResponse(uncertain.replace(band_half_width=2.0))},
+        "yaw": {"attitude": LoopResponse(incoherent)},
+    }
+    tilt, yaw = sentences_without_response(responses)
+    assert tilt.text == (
+        "No step response of the roll attitude and pitch attitude: with samples at 10 Hz the 90 % band "
+        "would be ± 2 or more, and ± 0.3 is the limit."
+    )
+    assert yaw.text.startswith("No step response of the yaw attitude: above 0.5 Hz")
 
 
 def test_steps_to_the_goal_say_at_which_thrust_it_is_to_hold():

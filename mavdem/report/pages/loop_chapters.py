@@ -1,6 +1,6 @@
 """Chapters of a flight's page on its control loops: step responses, facts (coded findings) on margins, decisions."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import inf
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from mavdem.confidence import IntervalEstimate
 from mavdem.containers import group_by
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
+from mavdem.facts.loops import StepResponseFact
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.step_response import StepResponse
@@ -153,21 +154,46 @@ def sentences_without_response(responses: Responses) -> list[Sentence]:
     Args:
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
     """
-    names_by_sentence = dict[str, list[str]]()
-    reasons = dict[str, Fact]()
+    names_by_reason = dict[str, list[str]]()
+    facts_by_reason = dict[str, list[Fact]]()
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
             measured = response.measured
             if isinstance(measured, Fact) or measured.is_doubtful:
-                reason = measured if isinstance(measured, Fact) else measured.fact
-                # Without their subject, such as "roll rate", equal reasons have equal sentences.
-                sentence = str(reason.replace(subject=""))
-                reasons.setdefault(sentence, reason)
-                names_by_sentence.setdefault(sentence, []).append(f"{axis} {loop_name}")
+                fact = measured if isinstance(measured, Fact) else measured.fact
+                reason = _reason_of_any_loop(fact)
+                facts_by_reason.setdefault(reason, []).append(fact)
+                names_by_reason.setdefault(reason, []).append(f"{axis} {loop_name}")
     sentences = []
-    for sentence, names in names_by_sentence.items():
-        sentences.append(Sentence(str(reasons[sentence].replace(subject=listed(names)))))
+    for reason, facts in facts_by_reason.items():
+        fact = _fact_for_all_loops(facts)
+        sentences.append(Sentence(str(fact.replace(subject=listed(names_by_reason[reason])))))
     return sentences
+
+
+def _reason_of_any_loop(fact: Fact) -> str:
+    """Returns a text that is the same for two loops if one sentence can say why neither has a measured step.
+
+    Args:
+        fact: why the step of a loop is not known, a coded finding with the loop as its subject.
+    """
+    if fact.code is StepResponseFact.STEP_UNCERTAIN:
+        # Uncertain steps of several loops share a sentence, which states the narrowest band of them.
+        return str(fact.code)
+    # Without their subject, such as "roll rate", equal reasons have equal sentences.
+    return str(fact.replace(subject=""))
+
+
+def _fact_for_all_loops(facts: Sequence[Fact]) -> Fact:
+    """Returns the fact that says why none of some loops has a measured step: of uncertain steps the least uncertain.
+
+    Args:
+        facts: the same reason for each loop, as coded findings.
+    """
+    if len(facts) == 1 or facts[0].code is not StepResponseFact.STEP_UNCERTAIN:
+        return facts[0]
+    least_uncertain = min(facts, key=lambda fact: float(fact.figures["band_half_width"]))
+    return least_uncertain.replace(is_least=True)
 
 
 def _responses_caption(responses: Responses, *, has_advised_steps: bool) -> str:

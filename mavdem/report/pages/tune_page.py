@@ -37,6 +37,7 @@ from mavdem.report.loops import (
     measured_margins,
     outcome_by_axis,
     outcome_sentences,
+    sentences_without_gains,
     states_max_sensitivity,
     tune_blocks,
     tune_details,
@@ -161,8 +162,18 @@ def _render_tune_page(
 
 
 def _only_points_to_headline(chapter: Chapter, tuning: Tuning) -> bool:
-    """Returns whether all that a chapter says is that no axis has gains, for the reason that the headline states."""
-    return [*chapter.blocks] == render_section("tune_repair", axes=[*tuning.axes])
+    """Returns whether all that a chapter says is that axes have no gains, for the reason that the headline states.
+
+    The gains at the top of the page have that beside each axis.
+
+    Args:
+        chapter: the chapter of the margins, or another one.
+        tuning: the advice for each axis.
+    """
+    axes_without_gains = [axis for axis in tuning.axes if not tuning.lowers_gains_of(axis)]
+    if not axes_without_gains:
+        return False
+    return [*chapter.blocks] == sentences_without_gains(tuning, axes_without_gains)
 
 
 def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChanges | None:
@@ -233,6 +244,9 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     sentences += rate_disagreement_sentences(responses)
     caption = _caption_of_step_chapter(charts_and_notes, responses)
     groups = _groups_of_columns(charts_and_notes, assessment, caption)
+    if not groups:
+        # Why nothing was measured is for those who look for it.
+        return Chapter("Step response: not measured", sentences, folded=True)
     return Chapter("Step response", sentences, groups)
 
 
