@@ -517,7 +517,9 @@ class StatusLines:
         reportable_facts = _facts_to_report(_watch_facts_to_print(status))
         is_updated_in_place = self.terminal_text is not None
         if is_updated_in_place:
-            reportable_facts = self._unwatched_facts(reportable_facts)
+            # A status that is updated in place names all that is not watched: what is watched again needs no line.
+            self._forget_lines_on_watched(reportable_facts)
+            reportable_facts = _facts_to_print_above_status(reportable_facts)
         changed_facts = []
         changes: dict[Hashable, Hashable] = {}
         for quantity, fact in reportable_facts.items():
@@ -532,23 +534,15 @@ class StatusLines:
             text = escape_unprintable(watched_quantities_text(changed_facts))
             self._print_now(text, status)
 
-    def _unwatched_facts(self, watch_facts: dict[Hashable, Fact]) -> dict[Hashable, Fact]:
-        """Returns the facts on quantities that are not watched, and forgets what was printed on all others.
-
-        A status that is updated in place names all that is not watched, so that what is watched again needs no line. If
-        it is not watched once more later, that is printed again. Left out are the motors while they have no reference:
-        next step and table say so, and count the seconds down.
+    def _forget_lines_on_watched(self, watch_facts: dict[Hashable, Fact]) -> None:
+        """Forgets what was printed on quantities that are watched now, so that a later failure is printed again.
 
         Args:
             watch_facts: a fact (coded finding) on each quantity, by vehicle and quantity.
         """
-        unwatched_facts = {}
         for quantity, fact in watch_facts.items():
             if _is_watched(fact):
                 self._printed_watch_facts.pop(quantity, None)
-            elif fact.figures["reason"].code is not WatchFact.REFERENCE_SHORT:
-                unwatched_facts[quantity] = fact
-        return unwatched_facts
 
     def _print_state(self, status: SessionStatus) -> None:
         """Prints a line with the state of the session when it changes, and again every ``UNCHANGED_STATE_PERIOD``.
@@ -688,30 +682,38 @@ class StatusLines:
         judgement = status.session_judgement
         next_step = judgement.next_step
         content = next_step.without_measurements
-        is_settled = self._is_next_step_settled(judgement)
+        is_settled = self._is_next_step_settled(status)
         self._latest_next_step = content
         if content == self._printed_next_step or not is_settled:
             return
         text = escape_unprintable(next_step)
         is_same_text = text == self._printed_next_text
+        if self._printed_next_text.startswith(f"{text.removesuffix('.')}: "):
+            # "Fly on: quick small movements …" was printed, and only the addition does not hold any more.
+            return
         self._printed_next_step = content
         self._printed_next_text = text
         if text and not is_same_text and not self._was_just_advised(next_step):
             self._print_now(f"{NEXT_MARKER} {text}", status)
 
-    def _is_next_step_settled(self, judgement: Judgement) -> bool:
+    def _is_next_step_settled(self, status: SessionStatus) -> bool:
         """Returns whether the next step may be printed at this look at the status.
 
         While nothing warns, a step must be the same in two looks, since it may change from second to second at the end
-        of a climb. After the end of an alarm it is printed at once, since the advice of the alarm does not hold any
-        more.
+        of a climb; and after a landing it waits until the flight is judged, which may change it. After the end of an
+        alarm it is printed at once, since the advice of the alarm does not hold any more.
 
         Args:
-            judgement: Headline and next step of the session.
+            status: State of the live session.
         """
+        judgement = status.session_judgement
+        if judgement.headline.is_watch_or_bad:
+            return True
+        if _awaits_judgement_of_flight(status):
+            return False
         is_unchanged = judgement.next_step.without_measurements == self._latest_next_step
         has_alarm_ended = _is_recent(self._alarm_end_time)
-        return is_unchanged or has_alarm_ended or judgement.headline.is_watch_or_bad
+        return is_unchanged or has_alarm_ended
 
     def _was_just_advised(self, next_step: Fact) -> bool:
         """Returns whether a line of the last ``ADVICE_SECONDS`` says what to do next.
@@ -751,6 +753,17 @@ def _state_to_print(status: SessionStatus) -> PrintedState:
         is_late=status.delay_fact is not None,
         is_motion_missing=reason is not None and reason.code is RowsFact.NOTHING_RECEIVED,
     )
+
+
+def _awaits_judgement_of_flight(status: SessionStatus) -> bool:
+    """Returns whether a flight has ended that neither its model nor its recording has judged so far.
+
+    Args:
+        status: State of the live session.
+    """
+    is_after_flight = status.flight_number > 0 and not status.is_in_flight
+    is_judged = status.model_judgement is not None or status.recording_verdict is not None
+    return is_after_flight and not is_judged
 
 
 def _is_recent(print_time: float) -> bool:
@@ -805,6 +818,24 @@ def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:
             vehicle = fact.figures.get("vehicle")
             reportable_facts[vehicle, fact.subject] = fact
     return reportable_facts
+
+
+def _facts_to_print_above_status(watch_facts: dict[Hashable, Fact]) -> dict[Hashable, Fact]:
+    """Returns the facts that need a line above a status that is updated in place: those on what is not watched.
+
+    The motors are left out while they have no reference: next step and table say so, and count the seconds down.
+
+    Args:
+        watch_facts: a fact (coded finding) on each quantity, by vehicle and quantity.
+    """
+    unwatched_facts = {}
+    for quantity, fact in watch_facts.items():
+        if _is_watched(fact):
+            continue
+        lacks_reference = fact.figures["reason"].code is WatchFact.REFERENCE_SHORT
+        if not lacks_reference:
+            unwatched_facts[quantity] = fact
+    return unwatched_facts
 
 
 def _is_watched(watch_fact: Fact) -> bool:

@@ -180,6 +180,7 @@ class SessionFact(Code):
     RECORDING_NOT_JUDGED = "recording_not_judged"
     RECORDING_JUDGED = "recording_judged"
     LIGHT_OF_RECORDING = "light_of_recording"
+    GOOD_IN_FLIGHT_ALONE = "good_in_flight_alone"
     SECONDS_SPENT = "seconds_spent"
     WIND_KNOWN = "wind_known"
     WIND_SPEED = "wind_speed"

@@ -151,31 +151,40 @@ class Backlog:
         return task in self.postponed_tasks
 
     def update(self, dropped_datagrams: int) -> Fact | None:
-        """Measures the present delay of the analysis, decides by it which tasks wait, and reports a change.
+        """Measures how late the analysis is, puts tasks off accordingly, and returns what is to be reported of it.
 
         Args:
             dropped_datagrams: number of datagrams lost so far, because they were not read in time.
 
         Returns:
-            The fact that the computer is too slow, or that it keeps up again; None if neither is to be reported now.
+            The fact that this computer is too slow, or that it keeps up again; None if there is nothing new. While a
+            session that began late catches up, its delay is expected, and nothing is reported.
         """
         now = clock.monotonic()
-        # ``self.analysed_until`` is the time of arrival up to which all frames are analysed.
+        # How long the oldest frame that is not analysed has waited.
         delay = now - self.analysed_until
         self.longest_delay = max(self.longest_delay, delay)
         self.alarm_delay.update(delay, now)
-        self.postponed_tasks = _tasks_to_postpone(delay, self.postponed_tasks)
-        # Between both limits nothing changes, so that learning is not paused and resumed all the time.
-        if delay >= SUSPENSION_DELAY:
-            self.suspends_learning = True
-        elif delay < STEP_SECONDS:
-            self.suspends_learning = False
+        self._put_off_tasks(delay)
         is_delay_expected = now < self._catch_up_end
         if is_delay_expected:
             return None
         if delay >= BEHIND_DELAY:
             return self._report_of_delay(delay, now)
         return self._report_of_recovery(dropped_datagrams, now)
+
+    def _put_off_tasks(self, delay: float) -> None:
+        """Decides which tasks wait, and whether the process that learns is paused, until the analysis has caught up.
+
+        Args:
+            delay: how long the oldest frame that is not analysed has waited, s.
+        """
+        self.postponed_tasks = _tasks_to_postpone(delay, self.postponed_tasks)
+        if delay >= SUSPENSION_DELAY:
+            self.suspends_learning = True
+        elif delay < STEP_SECONDS:
+            self.suspends_learning = False
+        # Between both limits it stays as it is, so that learning is not paused and resumed all the time.
 
     def _report_of_delay(self, delay: float, now: float) -> Fact | None:
         """Returns the report that the analysis is late, if that is new or the delay has doubled since the last report.

@@ -876,23 +876,34 @@ class LiveSession:
         """Returns the model of the latest flight to keep at the end of the session.
 
         Raises:
-            NotLearnable: no model was learned. The error states the first of these reasons that applies: no samples of
-                attitude and motor outputs came in flight; no vehicle was followed; this computer had no time to learn
-                from most samples; or the reason that the learner states.
+            NotLearnable: no model was learned. The error states why nothing could be learned
+                (:attr:`_obstacle_to_learning`) or, without such a reason, that this computer had no time to learn from
+                most samples, or what the learner states.
         """
-        has_samples = self.flight.learning.learner is not None
-        if not has_samples and self.flight.unusable_messages_reason is not None:
-            raise NotLearnable(self.flight.unusable_messages_reason)
-        # A reason of another code says that no vehicle has sent anything yet; then the learner's own reason says more.
-        not_followed_reason = self.stream.not_followed_reason
-        if not_followed_reason is not None and not_followed_reason.code in NOT_FOLLOWED_CODES:
-            raise NotLearnable(not_followed_reason)
+        obstacle = self._obstacle_to_learning
+        if obstacle is not None:
+            raise NotLearnable(obstacle)
         try:
             return self.flight.learning.final_model(self.stream.parameters)
         except NotLearnable as error:
             if self._is_computer_too_slow:
                 raise NotLearnable(self._too_slow_fact) from error
             raise
+
+    @property
+    def _obstacle_to_learning(self) -> Fact | None:
+        """Why the link gave nothing to learn from in the latest flight; None where it gave samples.
+
+        That is because attitude and motor outputs could not be used, or because no vehicle was followed.
+        """
+        has_samples = self.flight.learning.learner is not None
+        if not has_samples and self.flight.unusable_messages_reason is not None:
+            return self.flight.unusable_messages_reason
+        # A reason of another code says that no vehicle has sent anything yet; then the learner's own reason says more.
+        not_followed_reason = self.stream.not_followed_reason
+        if not_followed_reason is not None and not_followed_reason.code in NOT_FOLLOWED_CODES:
+            return not_followed_reason
+        return None
 
     @property
     def _is_computer_too_slow(self) -> bool:

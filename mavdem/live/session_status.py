@@ -483,7 +483,10 @@ class SessionStatus(ImmutableResult):
             step_on_ground: what to do after the landing, such as a repair.
         """
         landing = NextStep.LET_LAND if self.lands_by_itself else NextStep.LAND_BY_SIGHT
-        return Fact(landing, reason=step_on_ground)
+        reason = step_on_ground.figures.get("reason")
+        is_step_of_learning = isinstance(reason, Fact) and reason.code in STATES_OF_LEARNING
+        # What would have made the model better is out of date: nothing more is learned.
+        return Fact(landing, reason=None if is_step_of_learning else step_on_ground)
 
     @property
     def _is_left_in_air(self) -> bool:
@@ -508,12 +511,12 @@ class SessionStatus(ImmutableResult):
                 cause.
         """
         cause = judgement.headline if judgement.headline.is_watch_or_bad else None
-        headline = self._ended_in_flight_fact(cause)
+        headline = self.end_in_flight(cause)
         lights = lights_during_silence(judgement.lights, None, MissingMessages.MESSAGES)
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=headline)
         return Judgement(headline, next_step, lights)
 
-    def _ended_in_flight_fact(self, cause: Fact | None) -> Fact:
+    def end_in_flight(self, cause: Fact | None) -> Fact:
         """Returns the fact that the session ended in flight, so that nobody watches the vehicle any more.
 
         Args:
@@ -712,7 +715,7 @@ class SessionStatus(ImmutableResult):
         """
         if self.link_loss is not None:
             return latest_judgement
-        headline = self._ended_in_flight_fact(earlier_verdict.fact)
+        headline = self.end_in_flight(earlier_verdict.fact)
         next_step = self._landing_step(earlier_verdict.judgement.next_step)
         return replace(latest_judgement, headline=headline, next_step=next_step)
 
@@ -888,8 +891,10 @@ class SessionStatus(ImmutableResult):
         """
         watch_states = self._watch_states
         if self._is_silent_after_flight:
-            # After the flight nothing need be watched any more, so that the silence is no reason to state.
-            watch_states = {}
+            # After the flight nothing need be watched any more, so that the silence is no reason to state. What did not
+            # come before it is one.
+            before_silence = self.status_before_silence
+            watch_states = {} if before_silence is None else before_silence._watch_states
         return lights_before_model(
             no_model_reason=self._reason_without_model,
             rates=self.rates,
@@ -1780,14 +1785,24 @@ def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
     """Returns the light (judgement) of one part of the vehicle, such as the motors, after its recording was judged.
 
     It is the judgement by the recording, which has all that was received, so that terminal, live page and the page of
-    the recording agree. Only where the recording leaves the part unknown, a bad fault that was found in flight stays.
+    the recording agree. Where the recording leaves the part unknown, what was found in flight is not forgotten.
 
     Args:
         recorded_light: the judgement of this part by the recording.
         light_in_flight: the judgement of this part by the checks in flight.
+
+    Returns:
+        The light of the recording. If that is unknown, a bad light in flight stays, and a good one becomes
+        ``GOOD_IN_FLIGHT_ALONE``: an unknown light that states what was good in flight, and what the recording lacks.
     """
-    if light_in_flight.is_bad and recorded_light.level is Level.UNKNOWN:
+    if recorded_light.level is not Level.UNKNOWN:
+        return recorded_light
+    if light_in_flight.is_bad:
         return light_in_flight
+    if light_in_flight.is_good:
+        return Fact(
+            SessionFact.GOOD_IN_FLIGHT_ALONE, in_flight=light_in_flight, reason=recorded_light
+        )
     return recorded_light
 
 
@@ -1795,8 +1810,8 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
     """Returns the lights (judgements of the parts of the vehicle) after the recording of a flight was judged.
 
     Where the recording judges a part, its light takes the place of the light in flight, even one of the same level, so
-    that all figures on the page are those of the recording. What it leaves unknown is unknown here too, except for a
-    bad fault that was found in flight.
+    that all figures on the page are those of the recording. For what it leaves unknown see
+    :func:`_light_after_recording`.
 
     Args:
         lights_in_flight: the judgement of each part by the session, by the name of the part.
@@ -1811,19 +1826,19 @@ def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) 
     for part, light_in_flight in lights_in_flight.items():
         level = levels[part]
         sentence = sentences.get(part, "")
-        is_bad_in_flight_alone = light_in_flight.is_bad and level == Level.UNKNOWN
         # Without a sentence the light in flight says more than the same level alone: it has figures.
         says_more_in_flight = level == light_in_flight.level and not sentence
         was_not_judged = level == ""
-        if is_bad_in_flight_alone or says_more_in_flight or was_not_judged:
+        if says_more_in_flight or was_not_judged:
             lights[part] = light_in_flight
             continue
-        lights[part] = Fact(
+        recorded_light = Fact(
             SessionFact.LIGHT_OF_RECORDING,
             Level(level),
             statement=sentence,
             figure=figures.get(part, ""),
         )
+        lights[part] = _light_after_recording(recorded_light, light_in_flight)
     return lights
 
 

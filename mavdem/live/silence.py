@@ -46,24 +46,27 @@ class SilenceMonitor:
         self._has_received = False
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Records that messages of the followed vehicle have arrived; while none is followed, messages of any sender.
+        """Records the arrival of messages, and returns how long the link was silent before them.
+
+        The caller passes messages of the followed vehicle; while none is followed, messages of any sender.
 
         Args:
             first_arrival: when the first of these messages arrived, s of the monotonic clock.
             last_arrival: when the last of these messages arrived, s of the monotonic clock.
 
         Returns:
-            The time without messages before them, s; 0 for the first ones.
+            The time from the last message before to the first of these, s; 0 if these are the first of all.
         """
-        silence_before = 0.0
         if self._has_received:
-            silence_before = first_arrival - self.message_time
-        if silence_before > SILENCE_SECONDS:
+            silence_seconds = first_arrival - self.message_time
+        else:
+            silence_seconds = 0.0
+        if silence_seconds > SILENCE_SECONDS:
             self._resumption_time = first_arrival
         self._has_received = True
         self.message_time = last_arrival
         self.link_time = last_arrival
-        return silence_before
+        return silence_seconds
 
     def note_outage(self, silence: float, *, is_flying: bool) -> None:
         """Records how long no message of the vehicle had come before the latest ones, if that was an alarm.

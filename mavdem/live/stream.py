@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import isfinite, isnan
 from typing import NamedTuple
 
@@ -353,39 +354,62 @@ class LiveStream:
 
         Fields of the status that concern learning and judging are left empty; ``StatusReport`` fills them in.
         """
+        status = self._with_flight(self._status_of_link())
+        return self._with_findings(self._with_place(status))
+
+    def _status_of_link(self) -> SessionStatus:
+        """Returns a status with the vehicle, its clock and its messages: their rates, losses and damage."""
         vehicle = self.followed_vehicle
-        watchdog = self._review.watchdog
-        loss = None if watchdog.loss is None else self._loss_with_weak_motor(watchdog.loss)
-        # Where the take-off was not seen, a position in the air was taken for its place.
-        is_takeoff_seen = isfinite(self.takeoff_time)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
             boot_clock=self._clock.now,
             boot=self.boot,
             no_model_reason=self._no_rows_reason,
             rates=self._rows.rates(self._clock.now),
-            is_flying=self.is_flying,
-            flight_number=self.flight_number,
-            flight_seconds=self._flight_seconds,
             lost_messages=vehicle.lost_messages if vehicle else 0,
             gap_seconds=vehicle.uncounted_gap_seconds if vehicle else 0.0,
             late_samples=self._rows.late_samples,
             undecoded_frames=self.frame_reader.undecoded_frames,
-            motor_alarms=tuple(self.motor_alarms.latest),
-            motor_alarms_of_flight=self.motor_alarms.changes_in_latest_flight,
+        )
+
+    def _with_flight(self, status: SessionStatus) -> SessionStatus:
+        """Returns a status with the flight: whether it goes on, since when, and how it has ended or was lost."""
+        watchdog = self._review.watchdog
+        loss = None if watchdog.loss is None else self._loss_with_weak_motor(watchdog.loss)
+        return replace(
+            status,
+            is_flying=self.is_flying,
+            flight_number=self.flight_number,
+            flight_seconds=self._flight_seconds,
             has_landed=watchdog.has_landed,
             landing_time=self._phase.landing_time,
             is_armed_since_landing=self._phase.is_armed_since_landing,
             loss=loss,
             ground_contact=watchdog.ground_contact,
-            active_alarms=self._active_alarms,
+        )
+
+    def _with_place(self, status: SessionStatus) -> SessionStatus:
+        """Returns a status with where the vehicle is: in its own coordinates, from its take-off, home, and on Earth."""
+        # Where the take-off was not seen, a position in the air was taken for its place.
+        is_takeoff_seen = isfinite(self.takeoff_time)
+        return replace(
+            status,
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
             displacement_from_home=displacement_from_home(self._home, self.last_position),
             last_position=self.last_position,
+        )
+
+    def _with_findings(self, status: SessionStatus) -> SessionStatus:
+        """Returns a status with what is found without a model: what is watched, alarms, lights and the wind."""
+        return replace(
+            status,
             watch_facts=self.watch_facts,
-            worst_lights=watchdog.status_lights.latest,
+            worst_lights=self._review.watchdog.status_lights.latest,
+            active_alarms=self._active_alarms,
+            motor_alarms=tuple(self.motor_alarms.latest),
+            motor_alarms_of_flight=self.motor_alarms.changes_in_latest_flight,
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             no_wind_reason=self.wind.no_estimate_reason,

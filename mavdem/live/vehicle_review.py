@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from math import inf
+from math import inf, isfinite
 
 from mavdem.assessment.flights import loss_onset
 from mavdem.dataset.time_series import AVERAGING_SECONDS
@@ -393,16 +393,19 @@ class VehicleReview:
     def _report_with_basis(self, facts: Iterable[Fact]) -> None:
         """Reports facts of the watchdog; a take-off and a landing name the message that shows them.
 
-        The watchdog takes both from the phase of flight, which judges by the land detector or by the motors.
+        The watchdog takes both from the phase of flight, which judges by the land detector or by the motors. A take-off
+        is recognised a moment later, and states when it was: from then on the time of the flight is counted.
 
         Args:
             facts: the facts, in the order in which they are reported.
         """
+        takeoff_time = self.phase.takeoff_time
         for fact in facts:
             if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
-                self._report(fact.replace(basis=(self._landed_state_basis,)))
-            else:
-                self._report(fact)
+                fact = fact.replace(basis=(self._landed_state_basis,))
+            if fact.code is ReportedEvent.OFF_GROUND and isfinite(takeoff_time):
+                fact = fact.replace(clock=takeoff_time)
+            self._report(fact)
 
     @property
     def _landed_state_basis(self) -> str:

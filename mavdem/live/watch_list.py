@@ -12,7 +12,7 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.height_watch import BAROMETER_MESSAGE
 from mavdem.live.live_signals import RecentMotion
 from mavdem.live.motor_limits import MIN_LIMIT_SAMPLES
-from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
+from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, estimator_message
 
 UNWATCHED_BATTERIES = frozenset(
     {PowerLight.POWER_UNMEASURED, PowerLight.SUPPLY_HELD, PowerLight.CELLS_UNKNOWN}
@@ -147,14 +147,11 @@ def quantities_without_message(
     Returns:
         The fact that names the missing message, by the quantity that it would show.
     """
-    estimator_messages = tuple(ESTIMATOR_FLAG_MESSAGES)
-    if autopilot == "PX4":
-        estimator_messages = estimator_messages[::-1]
     # One of several messages is enough. If all are missing, the first one is named, which this autopilot sends.
     needed_messages = {
         WatchedQuantity.VIBRATION: ("VIBRATION",),
         WatchedQuantity.BATTERY: BATTERY_MESSAGES,
-        WatchedQuantity.ESTIMATOR: estimator_messages,
+        WatchedQuantity.ESTIMATOR: (estimator_message(autopilot), *ESTIMATOR_FLAG_MESSAGES),
         WatchedQuantity.WARNINGS: ("HEARTBEAT",),
         WatchedQuantity.DRIFT: ("LOCAL_POSITION_NED",),
         WatchedQuantity.HEIGHT: (BAROMETER_MESSAGE,),

@@ -21,6 +21,7 @@ from mavdem.motors.motor_changes import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table, shortened
 from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import (
+    BAN,
     as_clause,
     capitalize_first,
     first_clause,
@@ -539,12 +540,13 @@ def closing_lines(status: SessionStatus) -> list[str]:
     unrepaired_fault = status.unrepaired_fault
     for verdict in verdicts:
         lines.append(verdict.fact.sentence)
-        next_step = _next_step_of_verdict(verdict, verdict.judgement.next_step, status)
+        step = _next_step_of_verdict(verdict, verdict.judgement.next_step, status)
+        step_text = "" if step is None else step.sentence
         if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
             # The fault may have been repaired since, of which this line speaks.
-            next_step = unrepaired_fault.remedy
-        if next_step and next_step not in headline(verdict.judgement.headline):
-            lines.append(f"{NEXT_STEP_LEAD}{next_step}")
+            step_text = unrepaired_fault.remedy
+        if step_text and step_text not in headline(verdict.judgement.headline):
+            lines.append(f"{NEXT_STEP_LEAD}{step_text}")
     return lines
 
 
@@ -558,31 +560,53 @@ def _closing_lines_in_flight(status: SessionStatus) -> list[str]:
         That the session ended in flight; the next step, to land and then to do what each flight with a fault demands;
         and the verdict on each flight, the worst first.
     """
-    judgement = status.session_judgement
-    ended_in_flight = judgement.headline
-    if ended_in_flight.code is not SessionFact.ENDED_IN_FLIGHT:
-        delay = status.analysis_delay if status.is_late else None
-        ended_in_flight = Fact(SessionFact.ENDED_IN_FLIGHT, Level.WATCH, delay=delay)
     verdict_lines = []
-    steps_after_landing: list[str] = []
+    steps_after_landing = []
     for verdict in status.verdicts_worst_first:
         verdict_lines.append(verdict.fact.sentence)
         step_after_landing = _step_after_landing(verdict.judgement.next_step)
         if step_after_landing is None:
             continue
         step = _next_step_of_verdict(verdict, step_after_landing, status)
-        if step and step not in steps_after_landing:
+        if step is not None:
             steps_after_landing.append(step)
-    next_step = _with_steps_after_landing(judgement.next_step, " ".join(steps_after_landing))
+    landing = status.session_judgement.next_step
+    next_step = _with_steps_after_landing(landing, _joined_steps(steps_after_landing))
     return [
-        ended_in_flight.replace(cause=None).sentence,
+        # The verdicts, which follow, state all faults.
+        status.end_in_flight(cause=None).sentence,
         f"{NEXT_STEP_LEAD}{next_step.sentence}",
         *verdict_lines,
     ]
 
 
-def _next_step_of_verdict(verdict: FlightVerdict, next_step: Fact, status: SessionStatus) -> str:
-    """Returns what to do about one of several flights of a session, as a sentence.
+def _joined_steps(steps: Sequence[Fact]) -> str:
+    """Returns the sentences of several next steps, each once.
+
+    Of steps that forbid to fly, only the first says "Do not fly before …": the next ones go on with "Nor fly before …".
+
+    Args:
+        steps: what to do next, the most important first.
+    """
+    sentences: dict[str, str] = {}
+    is_ban_stated = False
+    for step in steps:
+        sentence = step.sentence
+        if sentence in sentences:
+            # An earlier flight of the session had the same fault.
+            continue
+        reason = step.figures.get("reason")
+        if is_ban_stated and isinstance(reason, Fact):
+            step = step.replace(reason=reason.replace(is_added=True))
+        sentences[sentence] = step.sentence
+        is_ban_stated = is_ban_stated or BAN in sentence
+    return " ".join(sentences.values())
+
+
+def _next_step_of_verdict(
+    verdict: FlightVerdict, next_step: Fact, status: SessionStatus
+) -> Fact | None:
+    """Returns what to do about one of several flights of a session.
 
     Args:
         verdict: the verdict on the flight (its headline).
@@ -591,15 +615,15 @@ def _next_step_of_verdict(verdict: FlightVerdict, next_step: Fact, status: Sessi
 
     Returns:
         The next step of a flight with a fault, and of the latest flight unless the worst fault of the session forbids
-        to fly; otherwise empty.
+        to fly; otherwise None.
     """
     must_not_fly = status.verdicts_worst_first[0].judgement.headline.forbids_flight
     has_fault = verdict.judgement.headline.is_watch_or_bad
     is_latest = verdict.number == status.flight_number
     if not has_fault and (must_not_fly or not is_latest):
-        return ""
+        return None
     advises_flight = next_step.without_flight_advice.sentence != next_step.sentence
-    return "" if must_not_fly and advises_flight else next_step.sentence
+    return None if must_not_fly and advises_flight else next_step
 
 
 def _is_landing(next_step: Fact) -> bool:

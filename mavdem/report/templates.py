@@ -427,6 +427,7 @@ def _environment() -> Environment:
         "are_in": changes_are_in,
         "abbreviated_list": abbreviated_list,
         "sentence_and_remedy": attrgetter("sentence_and_remedy"),
+        "after_landing": after_landing,
         "as_clause": as_clause,
         "baseline_flights": _baseline_flights,
         "earlier_fault_clause": _earlier_fault_clause,
@@ -442,6 +443,7 @@ def _environment() -> Environment:
         "logging_clause": _logging_clause,
         "model_share": model_share,
         "degrees": degrees,
+        "first_sentence": first_sentence,
         "fixed": _fixed,
         "rounded_up": rounded_up,
         "forbids_flight": forbids_flight,
@@ -858,6 +860,20 @@ def _step_in_flight(fact: Fact) -> str:
         The text; empty if the templates of the fact have no such step. Then the pilot is to land.
     """
     return _filled_template(fact, "step_in_flight")
+
+
+def after_landing(step: Fact | str) -> str:
+    """Returns what a pilot who is to land has to do afterwards, with when to do it.
+
+    For example "After landing: Inspect motor 3." A step that is a flight, such as to hover for longer, is for the next
+    one: "In the next flight: Hover for 10 s or longer."
+
+    Args:
+        step: the step, a fact or its sentence; a sentence counts as a step on the ground.
+    """
+    is_flight = isinstance(step, Fact) and step.without_flight_advice.sentence != step.sentence
+    lead = "In the next flight" if is_flight else "After landing"
+    return f"{lead}: {without_full_stop(step)}."
 
 
 def time_of_day(seconds: float) -> str:

@@ -511,6 +511,15 @@ def _has_valid_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     return is_known
 
 
+def estimator_message(autopilot: str) -> str:
+    """Returns the name of the message with which an autopilot reports how its state estimator does.
+
+    Args:
+        autopilot: name of the MAV_AUTOPILOT, such as "PX4".
+    """
+    return "ESTIMATOR_STATUS" if autopilot == "PX4" else "EKF_STATUS_REPORT"
+
+
 def horizontal_velocity_valid(flags: Any) -> Any:
     """Returns whether the flags of an estimator, integers of any shape, state that its velocity is valid.
 

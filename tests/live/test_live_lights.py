@@ -147,9 +147,18 @@ def test_the_next_step_fits_the_moment(slow):
     # A session that has ended in flight asks for the landing first.
     in_flight = replace(bad, is_over=True).overall_judgement
     assert str(in_flight.next_step).startswith("Land now. After landing: ")
-    for status in (sound, watched):
+    for status, step in (
+        (sound, "Land by sight."),
+        (watched, "Land by sight. After landing: "),
+    ):
         ended = replace(status, is_over=True, state=None).overall_judgement
-        assert str(ended.next_step).startswith("Land by sight. After landing: ")
+        assert str(ended.next_step).startswith(step)
+        # What would have made the model better in this flight is out of date.
+        assert "Fly on" not in str(ended.next_step)
+    # A hover is no step of a vehicle on the ground.
+    hover = Fact(NextStep.DO_AS_ADVISED, reason=Fact(TrimFact.TRIM_UNKNOWN, least_duration=15.0))
+    hover_step = "Land by sight. In the next flight: Hover for 15 s or longer without turning."
+    assert str(Fact(NextStep.LAND_BY_SIGHT, reason=hover)) == hover_step
 
 
 def test_a_session_that_ends_far_behind_does_not_say_that_the_link_was_lost_in_flight(slow):
@@ -294,6 +303,7 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
         assert text in [row.figure for row in rows]
     assert by_recording.lights[Light.MOTORS] == weak
     # What was good in flight or to be watched is unknown as in the library, and the verdict that counts it is the same.
+    # The light states what was good in flight, and why the recording shows less.
     unknown = "Too little of the hover was recorded."
     unsure = judged.replace(
         Level.UNKNOWN,
@@ -302,12 +312,18 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
         light_sentences={Light.MOTORS: unknown},
     )
     even = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
-    for light_in_flight in (even, weak.replace(Level.WATCH)):
+    withdrawn = (
+        "Good in flight: no motor has lost thrust since 63 s, when the watch of its balance began. "
+        f"The recording does not confirm it. {unknown}"
+    )
+    for light_in_flight, text in ((even, withdrawn), (weak.replace(Level.WATCH), unknown)):
         unlike = replace(landed, worst_lights={Light.MOTORS: light_in_flight})
-        as_recorded = replace(unlike, recording_verdict=unsure).overall_judgement
-        motors = as_recorded.lights[Light.MOTORS]
-        assert motors.level is Level.UNKNOWN and str(motors) == unknown
-        assert as_recorded.headline == unsure
+        shown = replace(unlike, recording_verdict=unsure)
+        motors = shown.overall_judgement.lights[Light.MOTORS]
+        assert motors.level is Level.UNKNOWN and str(motors) == text
+        assert shown.overall_judgement.headline == unsure
+        if light_in_flight == even:
+            assert brief_light_figures(shown)[Light.MOTORS] == "good in flight only"
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
 
 
@@ -365,6 +381,10 @@ def test_a_flight_whose_link_was_lost_for_a_while_is_not_called_sound_afterwards
         assert "antennas" in str(judgement.next_step)
     assert judgement.headline.remedy == str(judgement.next_step), "its line in the list, too"
     assert "link lost 15 s" in [row.figure for row in light_rows(landed)]
+    # That too little was checked has other reasons than the link.
+    few = replace(landed, worst_lights={Light.POWER: lights[Light.POWER]}).overall_judgement
+    verdict = "Too little was checked to call it sound, and the link was lost for 15 s: power"
+    assert str(few.headline).startswith(verdict)
     # A fault of the vehicle stays the headline, with its own next step.
     fault = judged.replace(Level.BAD, headline="Motor 3 is weak.", next_step="Inspect motor 3.")
     judgement = replace(landed, recording_verdict=fault).overall_judgement
@@ -949,10 +969,13 @@ def test_the_lights_of_a_judged_recording_take_the_place_of_those_in_flight():
     )
     assert status.overall_judgement.lights[Light.MOTORS] == good
     recorded = replace(status, is_recording_judged=True)
+    # What was good in flight is unknown where the recording shows too little, and the light says so.
+    assert recorded.overall_judgement.lights[Light.MOTORS] == Fact(
+        SessionFact.GOOD_IN_FLIGHT_ALONE, in_flight=good, reason=unknown
+    )
     near_limit = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.1)
-    for light_in_flight in (good, near_limit):
-        flown = replace(recorded, worst_lights={Light.MOTORS: light_in_flight})
-        assert flown.overall_judgement.lights[Light.MOTORS] == unknown
+    flown = replace(recorded, worst_lights={Light.MOTORS: near_limit})
+    assert flown.overall_judgement.lights[Light.MOTORS] == unknown
     # A fault in flight is not taken back, and what the recording shows counts.
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     warned = replace(recorded, worst_lights={Light.MOTORS: weak})

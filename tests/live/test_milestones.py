@@ -323,6 +323,7 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     steps = [line for line in closing_lines(replace(alarmed, verdicts=verdicts)) if "Next:" in line]
     assert len(steps) == 1 and steps[0].startswith("Next: Land now. After landing: Do not fly")
     assert "motor 1" in steps[0] and "motor 3" in steps[0] and "If that" not in steps[0]
+    assert steps[0].count("Do not fly before") == 1 and steps[0].count("Nor fly before") == 1
 
     # A fault of the latest flight that is as bad comes first, and the earlier one is not forgotten.
     both = replace(flying, is_flying=False, worst_lights=weak)

@@ -39,6 +39,7 @@ from mavdem.facts.power import PowerLight
 from mavdem.facts.session import (
     LinkFact,
     MissingMessages,
+    RecordingState,
     RowsFact,
     SessionFact,
     TimeUse,
@@ -1095,6 +1096,10 @@ def test_the_first_seconds_of_a_flight_name_no_motor():
     (takeoff,) = [fact for fact in replayed.facts if fact.code is ReportedEvent.OFF_GROUND]
     # No land detector reports.
     assert takeoff.figures["basis"] == ("SERVO_OUTPUT_RAW",)
+    # It is recognised later than it was, which the line says: the time of the flight counts from then on.
+    start_time = replayed.stream.takeoff_time
+    assert start_time < takeoff.time
+    assert str(takeoff) == f"Take-off at {start_time:.1f} s (SERVO_OUTPUT_RAW)."
     takeoff_time = takeoff.time
     alarm, *_ = facts_about(replayed, MotorsLight.MOTOR_LIMITED)
     assert takeoff_time + DECISION_SECONDS <= alarm.time <= takeoff_time + DECISION_SECONDS + 1.0
@@ -1351,6 +1356,23 @@ def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys,
         steps.append([line.split("NEXT ")[1] for line in printed if "NEXT" in line])
     # Without a warning a step must be the same in two looks.
     assert steps == [[], ["Fly on."], ["Land now."], [], [], ["Fly on."], []]
+    # Whether quick movements would help changes with the learning. To fly on is no news after it.
+    learning = replace(sound, no_model_reason=None)
+    # After a landing the step waits until the flight is judged.
+    landed = replace(sound, is_flying=False, flight_number=1)
+    read = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
+    judged = replace(landed, recording_verdict=read)
+    for status in (learning, learning, sound, sound, learning, learning, landed, landed, judged):
+        lines.show_status(status)
+    lines.show_status(judged)
+    printed = capsys.readouterr().out
+    assert re.findall("NEXT (.*?)[:.]", printed) == [
+        "Fly on",
+        "Wait for the result before the next flight",
+    ]
+    lines.show_status(sound)
+    lines.show_status(sound)
+    capsys.readouterr()
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     silent = replace(sound, no_model_reason=silence, message_age=5.0)
     for status in (silent, silent, sound, silent):

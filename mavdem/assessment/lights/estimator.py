@@ -53,6 +53,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
+from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, estimator_message
 from mavdem.witnesses.position import assumed_standstill, position_fix, position_validity
 from mavdem.witnesses.sensors import compass_fields, is_compass_used
 
@@ -113,7 +114,11 @@ def estimator_light(evidence: Evidence) -> Fact:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     innovation_facts = _innovation_facts_worst_first(evidence)
-    unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+    unmeasured_fact = Fact(
+        EstimatorLight.ESTIMATOR_UNMEASURED,
+        airborne=evidence.was_in_air,
+        name=_missing_estimator_message(evidence.signals.telemetry),
+    )
     missing_fixes = _missing_fixes(evidence)
     if flew_without_fix(evidence):
         # A flight that needs no GPS may be good without a fix. But the other findings state the number of satellites,
@@ -138,6 +143,20 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_assumed_standstills(evidence),
     ]
     return worst_fact(facts or [unmeasured_fact])
+
+
+def _missing_estimator_message(telemetry: Telemetry) -> str | None:
+    """Returns the message with the state of the estimator that a received flight lacks, such as "ESTIMATOR_STATUS".
+
+    None if one came, or if the log was not received but recorded by the autopilot, which has other names for it.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    has_come = any(name in telemetry.messages for name in ESTIMATOR_FLAG_MESSAGES)
+    if telemetry.translated_from or has_come:
+        return None
+    return estimator_message(telemetry.autopilot)
 
 
 def flew_without_fix(evidence: Evidence) -> bool:

@@ -75,15 +75,13 @@ def boot_clock(
     if reference_type is None:
         return BootClock(_unassigned_times(message_types, has_restarts=False))
     reference, repairs = reference_readings(reference_type)
-    # HEARTBEATs of boots in which the reference type was not sent: they define the clock there.
-    late_heartbeats: ClockReadings | None = None
+    # HEARTBEATs of boots in which the reference type was not sent define the clock there.
+    late_heartbeats = _late_heartbeats(reference, heartbeats, receive_times)
+    if late_heartbeats is not None:
+        repairs += _restarts_after(reference, late_heartbeats)
+        reference = reference.followed_by(late_heartbeats)
     delays: RestartDelays = {}
     if receive_times is not None and len(reference.positions):
-        if heartbeats is not None:
-            late_heartbeats = heartbeats_after_restarts(reference, heartbeats, receive_times)
-            if len(late_heartbeats.positions):
-                repairs += _restarts_after(reference, late_heartbeats)
-                reference = reference.followed_by(late_heartbeats)
         delays = restart_delays(reference, receive_times)
     boot_times = _unassigned_times(message_types, has_restarts=bool(reference.boot.any()))
     for message_type in message_types:
@@ -103,12 +101,32 @@ def boot_clock(
             times.time[rows] = readings.time[readings_before]
             if times.boot.flags.writeable:
                 times.boot[rows] = readings.boot[readings_before]
-    if heartbeats is not None and late_heartbeats is not None and len(late_heartbeats.positions):
+    if heartbeats is not None and late_heartbeats is not None:
         rows = np.searchsorted(heartbeats.positions, late_heartbeats.positions)
         boot_times["HEARTBEAT"].time[rows] = late_heartbeats.time
         boot_times["HEARTBEAT"].boot[rows] = late_heartbeats.boot
     assign_times_to_unstamped_messages(message_types, boot_times, reference, receive_times)
     return BootClock(boot_times, repairs, delays)
+
+
+def _late_heartbeats(
+    reference: ClockReadings,
+    heartbeats: HeartbeatStates | None,
+    receive_times: ReceiveTimes | None,
+) -> ClockReadings | None:
+    """Returns the HEARTBEATs of the last boots, in which no message of the reference type came; None without any.
+
+    A HEARTBEAT has no stamp: its time follows from when it was received (:func:`heartbeats_after_restarts`).
+
+    Args:
+        reference: The messages of the reference type on the boot clock.
+        heartbeats: The HEARTBEATs of the component; None without any.
+        receive_times: When messages were received; None where that was not recorded.
+    """
+    if heartbeats is None or receive_times is None or not len(reference.positions):
+        return None
+    late_heartbeats = heartbeats_after_restarts(reference, heartbeats, receive_times)
+    return late_heartbeats if len(late_heartbeats.positions) else None
 
 
 def _unassigned_times(
