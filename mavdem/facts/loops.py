@@ -89,6 +89,7 @@ class GainFact(Code):
     ATTITUDE_SLOWER = "attitude_slower"
     RATE_SLOWER = "rate_slower"
     RATE_SLUGGISH = "rate_sluggish"
+    FEEDFORWARD_AMPLIFIES = "feedforward_amplifies"
     FIT_BARELY_ENOUGH = "fit_barely_enough"
     STEP_BOUND = "step_bound"
     NO_GAINS_ADVISED = "no_gains_advised"

@@ -689,6 +689,9 @@ def tune_blocks(
         blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
+    for finding in tuning.feedforward:
+        lead = f"{finding.figures['axis'].capitalize()}:"
+        blocks.append(Sentence(finding.sentence_and_remedy, lead))
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
     outcomes = [_gain_outcome(tuning, axis) for axis in tuning.axes]
     if GainOutcome.REPAIR_FIRST in outcomes:
@@ -703,8 +706,8 @@ def _facts_besides_headline(
 ) -> list[Fact]:
     """Returns facts on the gains of an axis without the reason for no gains that the headline above them states.
 
-    The sentence that no gains are advised states the first and the last of its reasons. If the headline has both, it
-    says "for the reason above". It is left out if that is a repair, since the overview above says so already.
+    The sentence that no gains are advised states its other reasons. If there are none, it says "for the reason above".
+    It is left out if that is a repair, since the overview above says so already.
 
     Args:
         tuning: advice on the gains of each axis.
@@ -716,10 +719,12 @@ def _facts_besides_headline(
     for fact in facts:
         if fact.code is GainFact.NO_GAINS_ADVISED:
             reasons = fact.figures["reasons"]
-            is_above = all(str(reason) == headline_above for reason in (reasons[0], reasons[-1]))
-            if is_above and _gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
+            other_reasons = [reason for reason in reasons if str(reason) != headline_above]
+            if not other_reasons and _gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
                 continue
-            fact = fact.replace(is_reason_above=is_above)
+            fact = fact.replace(
+                reasons=tuple(other_reasons) or reasons, is_reason_above=not other_reasons
+            )
         stated_facts.append(fact)
     return stated_facts
 
@@ -1075,20 +1080,24 @@ def _shares_with_goal(advice: Advice) -> _SharesWithGoal:
         advice: advice on the axis.
     """
     share_as_flown = advice.after.share_meeting(advice.target)
-    prospect = _goal_prospect(share_as_flown, advice.sure)
+    is_certain = margin_rating(advice.after, advice.target).is_good
+    prospect = _goal_prospect(share_as_flown, advice.sure, is_certain=is_certain)
     return _SharesWithGoal(prospect, model_share(share_as_flown), model_share(advice.sure))
 
 
-def _goal_prospect(share_as_flown: float, share_at_all_thrusts: float) -> _GoalProspect:
+def _goal_prospect(
+    share_as_flown: float, share_at_all_thrusts: float, *, is_certain: bool
+) -> _GoalProspect:
     """Returns whether an axis reaches the goal of the margins.
 
     Args:
         share_as_flown: fraction of the models that reach it with the thrust of the flight.
         share_at_all_thrusts: fraction of those that also reach it with more and with less thrust.
+        is_certain: whether the rating of the margins is good, which it is not by a log that is too slow for them.
     """
-    if share_at_all_thrusts >= SURE_SHARE:
+    if is_certain and share_at_all_thrusts >= SURE_SHARE:
         return _GoalProspect.SURE
-    if share_as_flown >= SURE_SHARE:
+    if is_certain and share_as_flown >= SURE_SHARE:
         return _GoalProspect.SURE_AS_FLOWN
     if share_as_flown >= 1 / 2:
         return _GoalProspect.PROBABLE

@@ -219,6 +219,7 @@ def test_a_report_has_one_repair_to_make_before_the_next_flight(reason, is_state
         advice=(),
         judgement=judgement,
         controller_faults={},
+        feedforward=(),
     )
     assert "No gains, because motor 2 is at its upper limit" in plain_text(tune_blocks(tuning))
     summary = plain_text(tune_summary(tuning, reason))
@@ -510,6 +511,10 @@ def test_margins_of_a_vehicle_to_be_repaired_are_as_sure_as_those_of_any_other(t
     tuning = tuning._replace(axes={"roll": contradicted})
     [overview] = margin_overview(tuning, names_axis=False)
     assert overview.header[0] == "doubtful"
+    # Only that reason is stated where the headline has the repair.
+    [report, *_] = tune_blocks(tuning, is_full=False, headline_above=str(weak))
+    assert report.text.startswith("No gains, because the identified loop is unstable")
+    assert "motor 1" not in report.text.lower()
 
 
 def test_what_the_flight_warns_of_stands_beside_new_gains_and_colours_their_card(tunings):

@@ -36,6 +36,7 @@ from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.loops import (
     _facts_on_slower_rate,
+    _goal_prospect,
     _rise_time_text,
     later_flight_sentences,
     outcome_by_axis,
@@ -649,6 +650,22 @@ def test_uncertain_steps_of_several_loops_share_a_sentence():
         "would be ± 2 or more, and ± 0.3 is the limit."
     )
     assert yaw.text.startswith("No step response of the yaw attitude: above 0.5 Hz")
+
+
+@mark.parametrize(
+    "share_as_flown, share_at_all_thrusts, is_certain, prospect",
+    [
+        (1.0, 0.95, True, "sure"),
+        (0.95, 0.8, True, "sure_as_flown"),
+        # A log that is too slow for the margins makes none sure.
+        (1.0, 0.95, False, "probable"),
+        (0.46, 0.03, True, "improbable"),
+    ],
+)
+def test_whether_the_goal_is_reached_is_said_before_the_shares_of_models(
+    share_as_flown, share_at_all_thrusts, is_certain, prospect
+):
+    assert _goal_prospect(share_as_flown, share_at_all_thrusts, is_certain=is_certain) == prospect
 
 
 def test_steps_to_the_goal_say_at_which_thrust_it_is_to_hold():

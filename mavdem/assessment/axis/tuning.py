@@ -13,6 +13,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
+from mavdem.assessment.axis.feedforward import feedforward_finding
 from mavdem.assessment.axis.flight_for_gains import flight_for_gains, hover_before_tuning
 from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
@@ -81,6 +82,8 @@ class Tuning(NamedTuple):
     """A higher cut-off of the gyro's low-pass to try after a flight with lower gains; None if that is not advised."""
     axes_also_to_lower: Names = ()
     """Axes that were not requested, but whose gains the flight advises to lower, too."""
+    feedforward: Facts = ()
+    """For each axis that exceeds its setpoint mostly by feed-forward, the finding that it does."""
     flight_for_gains: Fact | None = None
     """The flight from which gains of more axes could be computed (:func:`flight_for_gains`); None if none is needed."""
 
@@ -271,10 +274,22 @@ def tune_loops(
         gains_to_lower=gains_to_lower,
         gyro_cutoff=gyro_cutoff,
         axes_also_to_lower=also_to_lower,
+        feedforward=_feedforward_findings(evidence, axes),
         flight_for_gains=flight,
         hover_to_tune=hover_to_tune,
     )
     return freeze(tuning)
+
+
+def _feedforward_findings(evidence: Evidence, axes: Iterable[str]) -> Facts:
+    """Returns the findings that feed-forward explains how far axes exceed their setpoints.
+
+    Args:
+        evidence: signals, loops and tracking of the vehicle.
+        axes: the requested axes; those without such a finding (:func:`feedforward_finding`) are left out.
+    """
+    findings = [feedforward_finding(evidence, axis) for axis in axes]
+    return tuple(finding for finding in findings if finding is not None)
 
 
 def _reasons_against_higher_gains(evidence: Evidence, judgement: Judgement) -> Facts:
