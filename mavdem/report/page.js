@@ -141,17 +141,17 @@
     search.closest("p").querySelector("[role=status]").textContent = `${shown < rows.length ? `${shown} of ` : ""}${rows.length} rows`;
   });
 
-  // On a phone the list of contents is closed until it is wanted, and after it was used or the page beside it was touched; and the plots of all axes but
-  // the one that decides.
+  // On a phone the list of contents is closed until it is wanted, and after it was used or the page beside it was touched; the plots of all axes but
+  // the one that decides; and chapters that a phone closes.
   const phone = matchMedia("(max-width: 600px)"), folded = new WeakSet();
   const fold = () => {
-    for (const part of document.querySelectorAll(".contents > details, .fold:not(.first)")) {
+    for (const part of document.querySelectorAll(".contents > details, .fold:not(.first), .phone-closed")) {
       if (!folded.has(part)) part.open = !phone.matches;
       folded.add(part);
     }
   };
   phone.addEventListener("change", () => {
-    for (const part of document.querySelectorAll(".contents > details, .fold:not(.first)")) part.open = !phone.matches;
+    for (const part of document.querySelectorAll(".contents > details, .fold:not(.first), .phone-closed")) part.open = !phone.matches;
   });
   onClick(".contents a", link => { link.closest("details").open = !phone.matches; });
   document.addEventListener("click", event => {

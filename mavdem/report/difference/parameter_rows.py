@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from mavdem.containers import group_by
 from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.numbers import parameter_value_text
 
 NUMBERED_NAME = re.compile(r"(?P<start>.*?)(?P<number>\d+)(?P<end>\D*)")
@@ -27,29 +28,46 @@ class _SharedRow(NamedTuple):
     after: str
     """Value in B."""
 
+    percentage: str
+    """The change in percent; empty for a parameter that is no gain or filter, and from or to 0."""
 
-def parameter_rows(parameters: Sequence[ParameterChange]) -> list[list[str]]:
+
+def parameter_rows(
+    parameters: Sequence[ParameterChange], *, has_percentages: bool = False
+) -> list[list[str]]:
     """Returns the rows of a table of changed parameters: the name, the value in A and that in B.
 
     Parameters that changed alike and whose names differ by consecutive numbers have one row, such as "SERVO1–4_MIN".
 
     Args:
         parameters: the changed parameters; a row stands in the place of its first parameter.
+        has_percentages: whether the rows have a fourth cell, with the change of gains and filters in percent.
     """
     rows = []
     for shared, members in group_by(parameters, _shared_row).items():
         for name in _names_of_runs(shared, members):
-            rows.append([name, shared.before, shared.after])
+            percentages = [shared.percentage] if has_percentages else []
+            rows.append([name, shared.before, shared.after, *percentages])
     return rows
 
 
+def percentage_text(parameter: ParameterChange) -> str:
+    """Returns the relative change of a parameter, such as "−20 %"; empty from or to 0, where there is none."""
+    if parameter.before == 0 or parameter.after == 0:
+        return ""
+    percentage = round(100 * (parameter.after / parameter.before - 1))
+    return f"{percentage:+d} %".replace("-", "−")
+
+
 def _shared_row(parameter: ParameterChange) -> _SharedRow:
-    """Returns what parameters of one row have in common: ("SERVO", "_MIN", "1100", "1000") for ``SERVO3_MIN``."""
+    """Returns what parameters of one row have in common: ("SERVO", "_MIN", "1100", "1000", …) for ``SERVO3_MIN``."""
     numbered = NUMBERED_NAME.fullmatch(parameter.name)
     start, end = (parameter.name, "") if numbered is None else numbered.group("start", "end")
     before = parameter_value_text(parameter.before)
     after = parameter_value_text(parameter.after)
-    return _SharedRow(start, end, before, after)
+    is_of_control = CONTROL_PARAMETERS.match(parameter.name) is not None
+    percentage = percentage_text(parameter) if is_of_control else ""
+    return _SharedRow(start, end, before, after, percentage)
 
 
 def _names_of_runs(shared: _SharedRow, parameters: Sequence[ParameterChange]) -> list[str]:

@@ -8,7 +8,7 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.difference.parameter_rows import parameter_rows
+from mavdem.report.difference.parameter_rows import parameter_rows, percentage_text
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import parameter_value_text
 from mavdem.report.templates import render_section
@@ -148,10 +148,8 @@ def gain_text(gain: ParameterChange) -> str:
     Args:
         gain: the gain with both values. From or to 0 there is no relative change, and the text has none.
     """
-    if gain.before == 0 or gain.after == 0:
-        return parameter_text(gain)
-    percent = round(100 * (gain.after / gain.before - 1))
-    return f"{parameter_text(gain)} ({percent:+d} %)".replace("-", "−")
+    percentage = percentage_text(gain)
+    return f"{parameter_text(gain)} ({percentage})" if percentage else parameter_text(gain)
 
 
 def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]:

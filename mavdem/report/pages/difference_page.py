@@ -81,7 +81,7 @@ from mavdem.report.numbers import (
     estimate_with_interval,
     listed,
 )
-from mavdem.report.pages.page import Chapter, KeyEntry, render_document
+from mavdem.report.pages.page import Chapter, KeyEntry, ResultPicture, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import (
     BAD,
@@ -207,21 +207,38 @@ def comparison_page(
     for (side, description), address in zip(descriptions.items(), addresses, strict=True):
         colour_key.append(KeyEntry(SIDE_COLOURS[side], side, description, address))
     headline = headline_of_comparison(reviewed)
+    summary = _summary(reviewed, headline)
     chapters: Sequence[Chapter] = ()
+    picture = None
     # A flight does not differ from itself.
     if not reviewed.difference.is_of_same_flight:
-        chapters = _chapters(reviewed, headline, flights)
+        pictures = _pictures(reviewed, flights)
+        chapters = _chapters(reviewed, headline, flights, pictures)
+        chart = _chart_of_result(reviewed, pictures)
+        if chart is not None:
+            picture = ResultPicture(Group.side_by_side([chart]), len(summary.first_blocks))
     return render_document(
         " and ".join(names),
         subtitle="",
-        blocks=_summary(reviewed, headline),
+        blocks=[*summary.first_blocks, *summary.further_blocks],
         chapters=chapters,
         back=back,
         key=colour_key,
+        picture=picture,
     )
 
 
-def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
+class _Summary(NamedTuple):
+    """The top of the page in sentences and a table."""
+
+    first_blocks: Blocks
+    """The heading and the next step, which stand above the picture."""
+
+    further_blocks: Blocks
+    """The rest of the headline, remarks, and how both flew."""
+
+
+def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> _Summary:
     """Returns the top of the page: the heading, the next step, the rest of the headline, remarks, and how both flew.
 
     Args:
@@ -232,11 +249,9 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
     next_step = next_blocks(reviewed)
     if reviewed.difference.is_of_same_flight:
         # A flight that is compared with itself needs no remarks.
-        return [*blocks_of_headline, *next_step]
+        return _Summary([*blocks_of_headline, *next_step], [])
     heading_end = _end_of_first_heading(blocks_of_headline)
-    return [
-        *blocks_of_headline[:heading_end],
-        *next_step,
+    further_blocks: Blocks = [
         *_without_tabled_vibration(blocks_of_headline[heading_end:], reviewed),
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
@@ -244,6 +259,110 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         *parameter_count_sentences(reviewed),
         *condition_table(reviewed),
     ]
+    return _Summary([*blocks_of_headline[:heading_end], *next_step], further_blocks)
+
+
+class _Pictures(NamedTuple):
+    """The charts of both flights, of which the top of the page has one."""
+
+    legend: Mapping[str, str]
+    """Name of each side in legends."""
+
+    series_charts: Sequence[Chart]
+    """Charts of the time series of both flights."""
+
+    motor_groups: Sequence[Group]
+    """Charts of the outputs of the motors."""
+
+    spectra: Chart
+    """Spectra of the gyro; without lines where none were recorded."""
+
+    trims: Chart
+    """Relative trims of the motors; without lines where none were compared."""
+
+    @property
+    def mean_motor_output(self) -> Chart | None:
+        """The mean motor output over time; None where it was not recorded."""
+        for chart in self.series_charts:
+            if chart.title == MEAN_MOTOR_OUTPUT:
+                return chart
+        return None
+
+
+def _pictures(
+    reviewed: ReviewedDifference, flights: tuple[FlightSeries | None, FlightSeries | None]
+) -> _Pictures:
+    """Makes the charts of both flights.
+
+    Args:
+        reviewed: comparison of both flights.
+        flights: time series of flight A and of flight B; None where they were not stored with the flight.
+    """
+    # Each side is only called "A" or "B". Names of files and dates stand at the top, and would fill each legend.
+    legend = {side: side for side in SIDE_COLOURS}
+    series_charts = list(_series_charts(flights, legend))
+    return _Pictures(
+        legend,
+        series_charts=series_charts,
+        motor_groups=_motor_groups(reviewed, _known_series(flights), series_charts),
+        spectra=_spectrum_chart(reviewed.reviews, legend),
+        trims=_trim_chart(legend, reviewed.difference, reviewed.reviews),
+    )
+
+
+def _known_series(
+    flights: tuple[FlightSeries | None, FlightSeries | None],
+) -> dict[str, FlightSeries]:
+    """Returns the time series of the flights by side, without a flight with which they were not stored."""
+    series_by_side = {}
+    for side, series in zip(SIDE_COLOURS, flights, strict=True):
+        if series is not None:
+            series_by_side[side] = series
+    return series_by_side
+
+
+def _chart_of_result(reviewed: ReviewedDifference, pictures: _Pictures) -> Chart | None:
+    """Returns the one chart that the top of the page shows: that of what its heading states, as far as there is one.
+
+    It is the first of these that has both flights:
+
+    1. the output of the motor with the worst warning;
+    2. a step response of an axis whose gains or margins changed, or else the spectra of the gyro;
+    3. the trims, if those of a motor changed, or of fleets, which have no other picture;
+    4. the mean motor output, and then the spectra of the gyro.
+
+    Args:
+        reviewed: comparison of both flights.
+        pictures: their charts.
+    """
+    candidates: list[Chart | None] = []
+    worst_motor_title = _title_of_worst_motor(reviewed)
+    for group in pictures.motor_groups:
+        for (chart,) in group.columns:
+            if isinstance(chart, Chart) and chart.title == worst_motor_title:
+                candidates.append(chart)
+    changed_axes = _axes_with_other_loops(reviewed.difference)
+    for axis in AXES:
+        if axis in changed_axes:
+            candidates += _step_charts(reviewed.reviews, pictures.legend, axis)
+    if changed_axes:
+        candidates.append(pictures.spectra)
+    if reviewed.fleet_sides or _has_changed_motor(reviewed.difference):
+        candidates.append(pictures.trims)
+    candidates += [pictures.mean_motor_output, pictures.spectra]
+    for candidate in candidates:
+        if candidate is not None and len(candidate.lines) > 1:
+            return candidate
+    return None
+
+
+def _axes_with_other_loops(difference: VehicleDifference) -> set[str]:
+    """Returns the axes of whose loops a gain, a filter or a compared figure changed."""
+    axes = set(difference.axes_with_changed_loops)
+    for change in difference.changes_with(QuantityOutcome.CHANGED):
+        if change.quantity.kind in LOOP_KINDS:
+            axes.add(change.quantity.axis)
+    return axes
 
 
 def _end_of_first_heading(blocks: Sequence[Sentence]) -> int:
@@ -283,37 +402,37 @@ def _chapters(
     reviewed: ReviewedDifference,
     headline: Sequence[Sentence],
     flights: tuple[FlightSeries | None, FlightSeries | None],
+    pictures: _Pictures,
 ) -> list[Chapter]:
     """Returns the chapters of the page in their order: first what changed, with the charts of motors or loops that did.
 
     If gains changed, the table of gains and filters stands before these charts. Motors, loops and time series that do
-    not differ are folded.
+    not differ are folded. A phone closes all but what changed: the top of the page has one chart already.
 
     Args:
         reviewed: comparison of both flights.
         headline: the sentences at the head of the comparison, which the chapters do not repeat.
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
+        pictures: the charts of both flights.
     """
     reviews_by_side = reviewed.reviews
-    # Each side is only called "A" or "B". Names of files and dates stand at the top, and would fill each legend.
-    legend = {side: side for side in SIDE_COLOURS}
-    series_charts = list(_series_charts(flights, legend))
-    motor_chapter = _motor_chapter(reviewed, legend, flights, series_charts)
+    series_charts = pictures.series_charts
+    motor_chapter = _motor_chapter(reviewed, pictures)
     # The chapter of the motors has a table if a flight has a warning of a single motor.
     has_motor_warning = bool(motor_chapter.blocks)
     is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
     parameter_chapters = _parameter_chapters(reviewed)
-    step_chapter = _step_chapter(reviewed, legend)
+    step_chapter = _step_chapter(reviewed, pictures.legend)
     first_chapters = [_change_chapter(reviewed)]
     later_chapters = []
     is_parameter_table_first = bool(reviewed.difference.axes_with_changed_loops)
     if is_parameter_table_first:
         gain_chapter, *parameter_chapters = parameter_chapters
-        first_chapters.append(gain_chapter._replace(folded=False))
+        first_chapters.append(gain_chapter._replace(folded=False, is_closed_on_phone=True))
     if is_motor_first:
-        first_chapters.append(motor_chapter)
-    if _has_changed_loop_or_gains(reviewed):
-        first_chapters.append(step_chapter)
+        first_chapters.append(motor_chapter._replace(is_closed_on_phone=True))
+    if _has_changed_loop_or_gains(reviewed) and _has_chart_of_both(step_chapter):
+        first_chapters.append(step_chapter._replace(is_closed_on_phone=True))
     else:
         later_chapters.append(step_chapter._replace(folded=True))
     if not is_motor_first:
@@ -323,16 +442,25 @@ def _chapters(
     later_chapters += parameter_chapters
     return [
         *first_chapters,
-        _overview_chapter(reviewed, legend, series_charts),
+        _overview_chapter(reviewed, pictures)._replace(is_closed_on_phone=True),
         _series_chapter(flights, series_charts)._replace(
-            folded=not _do_lights_over_time_differ(reviewed)
+            folded=not _do_lights_over_time_differ(reviewed), is_closed_on_phone=True
         ),
-        _light_chapter(reviewed, headline),
+        _light_chapter(reviewed, headline)._replace(is_closed_on_phone=True),
         *later_chapters,
         _autopilot_parameter_chapter(reviewed),
         _single_side_chapter(series_charts),
         _chapter_in_words(reviewed, headline),
     ]
+
+
+def _has_chart_of_both(chapter: Chapter) -> bool:
+    """Returns whether a chart of a chapter has lines of both flights: those of one alone compare nothing."""
+    for group in chapter.groups:
+        for column in group.columns:
+            if any(isinstance(panel, Chart) and len(panel.lines) > 1 for panel in column):
+                return True
+    return False
 
 
 def _chapter_in_words(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
@@ -386,31 +514,17 @@ def _do_lights_over_time_differ(reviewed: ReviewedDifference) -> bool:
     return any(not lights_are_equal(*by_side.values()) for by_side in lights_over_time)
 
 
-def _motor_chapter(
-    reviewed: ReviewedDifference,
-    legend: Mapping[str, str],
-    flights: tuple[FlightSeries | None, FlightSeries | None],
-    series_charts: Sequence[Chart],
-) -> Chapter:
+def _motor_chapter(reviewed: ReviewedDifference, pictures: _Pictures) -> Chapter:
     """Returns the chapter on the motors: their outputs and trims in both flights, and what each flight warns of.
 
     Args:
         reviewed: comparison of both flights.
-        legend: name of each side in legends.
-        flights: time series of flight A and of flight B; None where they were not stored with the flight.
-        series_charts: charts of these.
+        pictures: their charts.
     """
-    flights_by_side = {}
-    for side, series in zip(SIDE_COLOURS, flights, strict=True):
-        if series is not None:
-            flights_by_side[side] = series
     trims_caption = TRIMS_CAPTION
     if _has_trim_columns(reviewed.difference):
         trims_caption += FLIGHT_DOTS_CAPTION
-    groups = [
-        *_motor_groups(reviewed, flights_by_side, series_charts),
-        *_chart_group(_trim_chart(legend, reviewed.difference, reviewed.reviews), trims_caption),
-    ]
+    groups = [*pictures.motor_groups, *_chart_group(pictures.trims, trims_caption)]
     return Chapter("Motors", motor_table(reviewed.reviews, reviewed.difference), groups)
 
 
@@ -625,17 +739,11 @@ def _series_charts(
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
         legend: name of each side, "A" and "B", in legends.
     """
-    series_by_side = {}
-    for side, series in zip(SIDE_COLOURS, flights, strict=True):
-        if series is not None:
-            series_by_side[side] = series
-    for chart in flight_series_charts(series_by_side, legend, SIDE_COLOURS):
+    for chart in flight_series_charts(_known_series(flights), legend, SIDE_COLOURS):
         yield _with_single_side(chart)
 
 
-def _overview_chapter(
-    reviewed: ReviewedDifference, legend: Mapping[str, str], series_charts: Sequence[Chart]
-) -> Chapter:
+def _overview_chapter(reviewed: ReviewedDifference, pictures: _Pictures) -> Chapter:
     """Returns the chapter with a row of pictures: spectra of the gyro, vibration and mean motor output.
 
     Each picture shows both flights; if only one of them has the quantity, its title says which one. A quantity that was
@@ -643,18 +751,16 @@ def _overview_chapter(
 
     Args:
         reviewed: comparison of both flights, with the review documents of their logs.
-        legend: name of each side in legends.
-        series_charts: charts of the time series of both flights.
+        pictures: their charts.
 
     Returns:
         The chapter, with a remark on a side that is a fleet, of which nothing is drawn; empty without a picture.
     """
     charts = []
-    spectra = _spectrum_chart(reviewed.reviews, legend)
-    if spectra.lines:
-        charts.append(_with_single_side(spectra))
-    charts_by_title = {chart.title: chart for chart in series_charts}
-    for title in _overview_titles(series_charts):
+    if pictures.spectra.lines:
+        charts.append(_with_single_side(pictures.spectra))
+    charts_by_title = {chart.title: chart for chart in pictures.series_charts}
+    for title in _overview_titles(pictures.series_charts):
         if title in charts_by_title:
             charts.append(charts_by_title[title])
     title = "Both flights"
@@ -866,15 +972,16 @@ def _parameter_chapters(reviewed: ReviewedDifference) -> list[Chapter]:
     header = f"{changed_count} of {counted(reviewed.common_parameter_count, 'parameter')} changed"
     if changed_count > len(listed_parameters):
         header += f", the first {len(listed_parameters)}"
-    rows = parameter_rows(listed_parameters)
     gains = [parameter for parameter in listed_parameters if _is_of_control(parameter)]
+    rows = parameter_rows(listed_parameters, has_percentages=bool(gains))
     if not gains or len(rows) <= MAX_OPEN_PARAMETERS:
         return [_folded_if_long(_table_chapter(title, header, rows), rows)]
     others = [parameter for parameter in listed_parameters if not _is_of_control(parameter)]
+    rows_of_gains = parameter_rows(gains, has_percentages=True)
     other_rows = parameter_rows(others)
     other_chapter = _table_chapter("Other parameters", "beside those of control", other_rows)
     return [
-        _table_chapter(title, f"{header}, of control {len(gains)}", parameter_rows(gains)),
+        _table_chapter(title, f"{header}, of control {len(gains)}", rows_of_gains),
         _folded_if_long(other_chapter, other_rows),
     ]
 
@@ -917,7 +1024,7 @@ def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
     Args:
         title: title of the chapter.
         header: header of the first column, which names the figures.
-        rows: the name of a figure and its cells for A and B.
+        rows: the name of a figure, its cells for A and B and, of all rows or of none, the change.
     """
     known_rows = []
     for row in rows:
@@ -926,7 +1033,8 @@ def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
             known_rows.append(row)
     if not known_rows:
         return Chapter(title)
-    return Chapter(title, [Table([header, *SIDE_COLOURS], known_rows)])
+    headers = [header, *SIDE_COLOURS, "change"]
+    return Chapter(title, [Table(headers[: len(known_rows[0])], known_rows)])
 
 
 def _chart_group(chart: Chart, caption: str = "") -> list[Group]:

@@ -90,6 +90,9 @@ class Chapter(NamedTuple):
     folded: bool = False
     """Whether only the title is shown until it is opened."""
 
+    is_closed_on_phone: bool = False
+    """Whether that holds on a phone alone."""
+
     is_side_by_side: bool = False
     """Whether charts and blocks stand beside each other where there is room."""
 
@@ -654,6 +657,16 @@ class KeyEntry(NamedTuple):
     """Address of its own page; empty where there is none."""
 
 
+class ResultPicture(NamedTuple):
+    """A picture among the sentences of a page's result."""
+
+    group: Group
+    """The charts."""
+
+    position: int
+    """Number of blocks of the result that stand above it."""
+
+
 def render_document(
     title: str,
     subtitle: str,
@@ -663,6 +676,7 @@ def render_document(
     head: Head | None = None,
     max_points: int = MAX_POINTS,
     key: Sequence[KeyEntry] = (),
+    picture: ResultPicture | None = None,
 ) -> str:
     """Renders a page as HTML, with all text escaped.
 
@@ -677,13 +691,15 @@ def render_document(
         head: top part of a flight's page; None for other pages.
         max_points: largest number of points of a line in a chart.
         key: what colours stand for in all charts, which is shown below the title.
+        picture: the picture in the result, which shows what its heading states; None without one.
 
     Returns:
         The page as HTML.
     """
     chapters_with_content = [chapter for chapter in chapters if chapter.has_content]
     # The head of a flight's page has charts over time.
-    has_charts = head is not None or any(chapter.has_charts for chapter in chapters_with_content)
+    has_charts = any(chapter.has_charts for chapter in chapters_with_content)
+    has_charts = has_charts or head is not None or picture is not None
     open_chapters = [chapter for chapter in chapters_with_content if not chapter.folded]
     has_time_charts = any(chapter.has_time_charts for chapter in open_chapters)
     return render_page(
@@ -698,6 +714,7 @@ def render_document(
         has_charts=has_charts,
         has_time_charts=has_time_charts,
         key=key,
+        picture=picture,
     )
 
 

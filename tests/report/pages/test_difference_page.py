@@ -58,9 +58,11 @@ from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
     SIDE_COLOURS,
     _change_chapter,
+    _chart_of_result,
     _motor_groups,
     _overview_titles,
     _parameter_chapters,
+    _pictures,
     _trim_chart,
     _with_single_side,
     comparison_page,
@@ -133,6 +135,18 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     assert marks.pop(MOTOR_OUTPUTS[2]) == (Mark(43.0, "B: 47 s since boot, 43 s in the air", BAD),)
     assert not any(marks.values())
     assert group.first_name == MOTOR_OUTPUTS[2] and "take-off (4 s in B)" in group.caption
+    # This motor is the one picture at the top, which a phone shows before all text but heading and next step.
+    mean_output = {MEAN_MOTOR_OUTPUT: outputs[MOTOR_OUTPUTS[0]]}
+    series = (outputs | mean_output, outputs | mean_output | start)
+    pictures = _pictures(reviewed, series)
+    assert _chart_of_result(reviewed, pictures).title == MOTOR_OUTPUTS[2]
+    page = comparison_page(("a.bin", "b.bin"), reviewed, flights=series)
+    result = page[page.index('<section id="result"') : page.index('class="contents"')]
+    order = ("is weak", "Inspect motor 3", "<h3>Motor 3 output", "bad in A and B")
+    assert [result.index(text) for text in order] == sorted(result.index(text) for text in order)
+    closed = re.findall(r'<section id="([^"]*)"[^>]*>\s*<details class="phone-closed" open>', page)
+    assert "motors" in closed and "both-flights" in closed and "what-changed" not in closed
+    assert _chart_of_result(reviewed_difference(unchanged()), pictures).title == MEAN_MOTOR_OUTPUT
 
 
 def test_a_line_of_one_side_alone_is_named_by_the_title():
@@ -369,7 +383,7 @@ def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     assert "Square: changed, red for the worse" in page and "Dot: the same." not in page
     chapter = page[page.index('id="both-flights"') : page.index('id="in-words"')]
     assert page.index('id="what-changed"') < page.index('id="both-flights"')
-    assert "Gyro, power" in chapter and "<details open>" in chapter
+    assert "Gyro, power" in chapter and '<details class="phone-closed" open>' in chapter
 
 
 def test_where_nothing_changed_it_says_what_would_have_been_found():
@@ -767,7 +781,8 @@ def test_gains_have_a_table_before_many_other_parameters(difference):
     gain_chapter, other_chapter = _parameter_chapters(reviewed._replace(common_parameter_count=99))
     (table,) = gain_chapter.blocks
     assert table.header[0] == "24 of 99 parameters changed, of control 1"
-    assert table.rows == [["MC_ROLLRATE_P", "0.1", "0.2"]] and not gain_chapter.folded
+    assert table.header[1:] == ["A", "B", "change"]
+    assert table.rows == [["MC_ROLLRATE_P", "0.1", "0.2", "+100 %"]] and not gain_chapter.folded
     (table,) = other_chapter.blocks
     assert len(table.rows) == 23 and other_chapter.folded
     (chapter,) = _parameter_chapters(reviewed._replace(parameters=[gain, *others[:3]]))

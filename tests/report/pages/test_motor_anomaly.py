@@ -361,7 +361,9 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     references = [replace(row, reference=1) for row in unjudged]
     one_day = compared_states(ComparedState([*references, *rows[2:]], {}, {}), states[1])
     (mixed,) = texts(flight_cautions(one_day))
-    assert "A is of several states: its motors are bad in 2 of 4 flights, the reference" in mixed
+    assert (
+        "A is of several states: its motors are bad in 2 of 4 flights, taken for healthy" in mixed
+    )
     page = comparison_page(("fleet", "log"), one_day)
     assert "A, reference" in page and "motors unknown" not in page
     lights, _ = light_blocks(one_day.reviews)
