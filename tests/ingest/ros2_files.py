@@ -10,7 +10,7 @@ from mcap_ros2.writer import Writer
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
-TIMES = 20 + 0.01 * np.arange(300)
+TIMES = 20 + 0.03 * np.arange(100)
 """A short flight."""
 UNIX = NOW // 1_000_000
 """s, when the companion's clock read 0 on the autopilot's."""

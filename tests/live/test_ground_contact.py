@@ -89,7 +89,7 @@ class Replay(NamedTuple):
 
 @fixture(scope="module")
 def replayed(flown):
-    """The flight, replayed once, with its status after every fifth message in flight since its loss."""
+    """The flight, replayed once, with its status after every twentieth message in flight since its loss."""
     stream = LiveStream()
     wind_before_loss = None
     losses = []
@@ -103,7 +103,7 @@ def replayed(flown):
                 losses.append(event.fact)
         if not losses:
             wind_before_loss = stream.wind.mean
-        elif stream.is_flying and number % 5 == 0:
+        elif stream.is_flying and number % 20 == 0:
             status = replace(stream.status(), state=stream.vehicle_state())
             if status.ground_contact is not None:
                 down_texts.append(vehicle_text(status))

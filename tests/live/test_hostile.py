@@ -22,7 +22,7 @@ FLIGHT = Flight(hover=Hover(hovering=30.0), attitude=50.0, motors=50.0)
 
 @mark.slow
 def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
-    """Among the frames of a flight are 4000 with valid checksums and random payloads, some of NaN or huge numbers."""
+    """Among the frames of a flight are 2500 with valid checksums and random payloads, some of NaN or huge numbers."""
     random_generator = random.Random(0)
     ids = [
         definition.message_id
@@ -30,7 +30,7 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
         if definition.name in MESSAGE_FIELDS
     ]
     forged_frames = []
-    for _ in range(4000):
+    for _ in range(2500):
         payload = random_generator.choice(
             (
                 random_generator.randbytes(70),
@@ -72,7 +72,7 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     for port, time in enumerate(np.linspace(1.0, 19.0, 250), 1):
         sent = {"time_usec": round(time * 1e6), "port": port, "servo1_raw": 1500}
         odd_frames.append((time, message("SERVO_OUTPUT_RAW", **sent)))
-    frames = FLIGHT.frames(0.0, 20.0)
+    frames = FLIGHT.frames(3.0, 20.0)
     replayed = replay(by_time(frames, odd_frames))
     assert_array_equal(replayed.table(), replay(frames).table())
     assert VehicleFact.VEHICLE_REBOOTED not in replayed.codes

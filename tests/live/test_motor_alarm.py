@@ -38,7 +38,7 @@ from mavdem.live.link import ReceivedPiece
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.session import LiveSession
 from mavdem.motors.loss_detection import MotorLossDetector
-from mavdem.motors.motor_changes import thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses
 from mavdem.report.live import live_report
 from mavdem.report.templates import render_section
 from sitl_scenarios.mishaps.specs import MotorFade
@@ -103,7 +103,7 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
 
 @dataclass(frozen=True)
 class Trimmed(Hover):
-    """Motor 1 is commanded by ``trim`` µs more than the others, and by ``rise`` more from 30 s on, up to ``until``.
+    """Motor 1 is commanded by ``trim`` µs more than the others, and by ``rise`` more from 25 s on, up to ``until``.
 
     The descent is short: it takes a replay as long as other flight, and shows nothing new.
     """
@@ -119,37 +119,37 @@ class Trimmed(Hover):
     def motors(self, t):
         outputs = super().motors(t)
         outputs[:, 0] += (outputs[:, 0] > 1000) * (
-            self.trim + self.rise * ((t >= 30.0) & (t < self.until))
+            self.trim + self.rise * ((t >= 25.0) & (t < self.until))
         )
         return outputs
 
 
-def hovering(clock=0.0, start=3.0, **trims):
-    """Frames of a hover from ``start`` on, whose boot clock reads ``clock`` more, from ground to ground.
+def hovering(clock=0.0, start=3.0, end=None, **trims):
+    """Frames of a hover from ``start`` to ``end``, without which it lands; its boot clock reads ``clock`` more.
 
     A replay takes as long as it has messages, of which 12 a second are enough for the motors.
     """
-    hover = Trimmed(hovering=28.0, **trims)
-    return Flight(hover, attitude=12.0, motors=12.0, clock=clock).frames(start, hover.end)
+    hover = Trimmed(hovering=23.0, **trims)
+    return Flight(hover, attitude=12.0, motors=12.0, clock=clock).frames(start, end or hover.end)
 
 
 def test_an_output_range_that_becomes_known_in_flight_is_no_motor_alarm():
-    """Parameters with the range of the motor outputs arrive at 30 s.
+    """Parameters with the range of the motor outputs arrive at 25 s.
 
     So all outputs have other fractions from then on.
     """
-    frames = hovering(trim=200.0)
+    frames = hovering(trim=200.0, end=36.0)
     limits = {b"MOT_PWM_MIN": 1150.0, b"MOT_PWM_MAX": 1940.0}
     sent = [
-        (30.0, message("PARAM_VALUE", param_id=name, param_type=9, param_value=at))
+        (25.0, message("PARAM_VALUE", param_id=name, param_type=9, param_value=at))
         for name, at in limits.items()
     ]
-    place = next(number for number, (time, _) in enumerate(frames) if time >= 30.0)
+    place = next(number for number, (time, _) in enumerate(frames) if time >= 25.0)
     assert replay(frames[:place] + sent + frames[place:]).stream.status().motor_alarms == ()
 
 
 def test_a_transient_is_no_loss_live_or_in_the_log():
-    frames = hovering(rise=150.0, until=35.0)
+    frames = hovering(rise=150.0, until=30.0)
     status = replay(frames).stream.status()
     logged = motor_alarms(Signals(offline([frame for _, frame in frames])))
     assert [change.is_weak for change in status.motor_alarms] == [True, False]
@@ -163,7 +163,7 @@ def test_the_status_beside_an_alarm_states_that_alarm(monkeypatch):
     """Headline, next step and light follow at the moment of the alarm, not with the status of the next second."""
     # The session reports one status at its start, and none by this clock later on.
     monkeypatch.setattr("mavdem.live.clock.time.monotonic", lambda: 100.0)
-    pieces = [[ReceivedPiece(NOW + time, frame)] for time, frame in hovering(rise=150.0)]
+    pieces = [[ReceivedPiece(NOW + time, frame)] for time, frame in hovering(rise=150.0, end=34.0)]
     link = Mock(dropped_datagrams=0, awaits_greeting=False, drain_events=list)
     link.receive = lambda timeout: pieces.pop(0)
     statuses = []
@@ -190,7 +190,14 @@ def test_the_alarm_of_the_headline_is_stated_once_after_the_landing(monkeypatch)
     terminal_output = StringIO()
     monkeypatch.setattr("mavdem.cli.live_status.STDERR", Console(file=terminal_output, width=100))
     screen = Mock()
-    status = replay(hovering(rise=150.0)).stream.status()
+    loss = MotorChange(58.0, 56.0, 1, "motor 1", 0.3, 0.99, loss=(0.2, 0.4))
+    status = SessionStatus(
+        "1:1",
+        motor_alarms=(loss,),
+        motor_alarms_of_flight=(loss,),
+        active_alarms=(loss.event,),
+        worst_lights={Light.MOTORS: loss.fact},
+    )
     reason = Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
     silent = replace(status, no_model_reason=reason)
     StatusLines(screen).show_if_new(silent)
@@ -251,9 +258,9 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     setpoint = {"type_mask": mask, "q": [np.cos(0.25), np.sin(0.25), 0.0, 0.0]}
     targets = [
         (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **setpoint))
-        for time in np.arange(20.0, 50.0).tolist()
+        for time in np.arange(20.0, 38.0).tolist()
     ]
-    frames = by_time(hovering(rise=150.0), targets)
+    frames = by_time(hovering(rise=150.0, end=36.0), targets)
     replayed = replay(frames)
     if mask:
         assert len(replayed.stream.status().motor_alarms) == 1

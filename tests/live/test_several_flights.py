@@ -26,7 +26,7 @@ class WeakHover(Hover):
 
     motor: int = 0
     level: float = 8.0
-    hovering: float = 17.0
+    hovering: float = 16.0
 
     @property
     def landed(self):
@@ -72,8 +72,8 @@ def fly(session_now, *flights):
 
 def test_a_flight_is_judged_as_if_it_were_the_only_one_of_its_session(session_now):
     """Motor 3 weakens in the first flight, and motor 1 in the second one."""
-    first = Flight(WeakHover(motor=2), attitude=50.0, motors=50.0)
-    second = Flight(WeakHover(motor=0), attitude=50.0, motors=50.0, clock=80.0)
+    first = Flight(WeakHover(motor=2), attitude=42.0, motors=42.0)
+    second = Flight(WeakHover(motor=0), attitude=42.0, motors=42.0, clock=80.0)
     session, facts = fly(session_now, first, second)
     fresh_session, facts_of_fresh = fly(session_now, second)
     status = session.status

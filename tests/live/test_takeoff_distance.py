@@ -158,5 +158,5 @@ def test_a_vehicle_that_was_met_in_flight_is_so_far_from_its_home_position():
 
 def test_a_take_off_before_the_vehicle_is_followed_is_seen():
     """It is followed from its third HEARTBEAT on, at 6 s, when it takes off."""
-    stream = replay(Flight().frames(start=4.5, end=20.0)).stream
+    stream = replay(Flight(attitude=25.0, motors=25.0).frames(start=4.5, end=12.0)).stream
     assert stream.takeoff_time == approx(6.0, abs=0.01)
