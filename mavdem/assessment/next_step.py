@@ -4,7 +4,9 @@ It does not depend on a learned model. A flight that was received live is judged
 the same next step at the end of its session, in the library and in the review of its log.
 """
 
+from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.event_lights import EVENTS_BY_LIGHT
+from mavdem.assessment.faults_before_gains import faults_before_gains
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
@@ -84,14 +86,18 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
 
     Returns:
         The fact ``DO_AS_ADVISED``, with the headline as its figure ``reason`` and the facts of the other lights as
-        ``also``. After a loss of the vehicle, the figure ``suspect`` of the reason names the motor that is bad or was
-        found weak.
+        ``also``. Before new gains are loaded, the faults to mend first are the figure ``before`` instead. After a loss
+        of the vehicle, the figure ``suspect`` of the reason names the motor that is bad or was found weak.
     """
     power = lights[Light.POWER]
     is_battery_measured = power.is_bad and power.code in MEASURED_BATTERY
     if headline.code in REPORTS_OF_BATTERY and is_battery_measured:
         return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=power, also=())
     reason = headline
+    step = Fact(NextStep.DO_AS_ADVISED, headline.level, reason=headline, also=())
+    if advises_to_tune(step):
+        # ``mavdem tune`` advises to mend the same faults before its gains are loaded.
+        return step.replace(before=faults_before_gains(headline, lights))
     motors = lights[Light.MOTORS]
     has_weak_motor = motors.is_bad or "weak_motor" in headline.figures
     if headline.code in Ending and has_weak_motor:

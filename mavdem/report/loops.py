@@ -18,8 +18,8 @@ from mavdem.assessment.axis.loop_decision import (
 from mavdem.assessment.axis.lowered_gains import lowered_gains
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import Tuning
-from mavdem.assessment.axis.tuning_step import faults_besides_loops
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT
+from mavdem.assessment.faults_before_gains import faults_besides_loops
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import IntervalEstimate
@@ -157,7 +157,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
         tuning: the advice for each axis, with the judgement of the flight.
         result: the most important result (:func:`tuning_result`).
     """
-    facts_on_flight = [fact for fact in faults_besides_loops(tuning.judgement) if fact != result]
+    facts_on_flight = [fact for fact in _faults_besides_loops(tuning) if fact != result]
     if is_headline_of_tuning(tuning, result):
         heading = [headline_sentence(headline(result))]
     else:
@@ -246,7 +246,7 @@ def _steps_besides_next_step(tuning: Tuning, remedies: Iterable[str]) -> list[st
     """
     texts_in_next_step = _texts_in_next_step(tuning)
     next_step = str(tuning.judgement.next_step).lower()
-    remedies_of_flight = [fault.remedy for fault in faults_besides_loops(tuning.judgement)]
+    remedies_of_flight = [fault.remedy for fault in _faults_besides_loops(tuning)]
     steps = []
     for remedy in _without_contained_texts([*dict.fromkeys(remedies)]):
         is_in_next_step = remedy.removesuffix(".").lower() in next_step
@@ -512,6 +512,11 @@ def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -
     return [Sentence(" ".join(texts), "The flight:")]
 
 
+def _faults_besides_loops(tuning: Tuning) -> list[Fact]:
+    """Returns what the flight shows to be watch or bad about anything but its control loops, each finding once."""
+    return faults_besides_loops(tuning.judgement.headline, tuning.judgement.lights)
+
+
 def level_of_summary(tuning: Tuning, result: Fact) -> Level:
     """Returns the level of the worst finding in the summary of a tuning report, such as "bad".
 
@@ -522,7 +527,7 @@ def level_of_summary(tuning: Tuning, result: Fact) -> Level:
         tuning: the advice on the gains of each axis, with the judgement of the whole flight.
         result: the most important result of the tuning (:func:`tuning_result`), a fact with a level.
     """
-    findings = [result, *faults_besides_loops(tuning.judgement)]
+    findings = [result, *_faults_besides_loops(tuning)]
     return worst_fact(findings).level
 
 
@@ -782,7 +787,7 @@ def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str
     if len(axes) > 1:
         reason = _fact_on_axes(reason, listed(axes))
     report = _joined_sentences([reason], headline_above)
-    findings_of_flight = [headline(fault) for fault in faults_besides_loops(tuning.judgement)]
+    findings_of_flight = [headline(fault) for fault in _faults_besides_loops(tuning)]
     # What the summary says of the flight is not repeated beside another reason.
     report = _without_texts(report, findings_of_flight) or report
     if not report:

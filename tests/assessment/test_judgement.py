@@ -9,6 +9,7 @@ from refusals import prose
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT, lights_with_event
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.faults_before_gains import faults_before_gains
 from mavdem.assessment.headline import headline_by_lights, headline_of
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.dataset.quality import QualityFigures
@@ -21,6 +22,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import SessionFact
@@ -126,6 +128,29 @@ def test_small_margins_come_before_motors_that_only_fast_commands_take_to_their_
         status_lights = lights(margins=margins) | {Light.MOTORS: motors}
         first = status_lights[Light.MARGINS if is_margins_first else Light.MOTORS]
         assert headline(status_lights) == headline_by_lights(status_lights) == first
+
+
+def test_what_is_mended_before_gains_is_in_the_next_step_of_review_and_tuning():
+    """An empty battery changes the loops, and comes first. Fast commands become smaller by the new gains themselves."""
+    tune = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("a.bin",))
+    empty = Fact(PowerLight.CHARGE_LOW, Level.WATCH, subject="", share=0.146, share_limit=0.15)
+    by_commands = Fact(
+        MotorsLight.HEADROOM_LITTLE,
+        names=("motor 4",),
+        share=0.08,
+        trim=0.69,
+        excess=None,
+        is_by_commands=True,
+    )
+    status_lights = lights() | {Light.MOTORS: by_commands}
+    worst = Fact(MarginsLight.LOOP_MARGINS, Level.BAD, reason=None, action=tune)
+    status_lights[Light.MARGINS] = worst
+    load = "oad the gains that `mavdem tune a.bin --axis all` advises."
+    assert str(choose_next_step(worst, status_lights)) == f"L{load}"
+    assert faults_before_gains(worst, status_lights) == ()
+    status_lights[Light.POWER] = empty
+    assert faults_before_gains(worst, status_lights) == (empty,)
+    assert str(choose_next_step(worst, status_lights)) == f"{empty.remedy} Then l{load}"
 
 
 def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():

@@ -327,7 +327,7 @@ def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_need
     assert not tuning.parameters
     assert tuning.judgement.next_step.sentence == (
         "Keep the gains of roll, and change those of pitch: "
-        "`mavdem tune flight.tlog --axis pitch` advises them."
+        "`mavdem tune flight.tlog --axis all` advises them."
     )
 
 

@@ -14,19 +14,16 @@ from mavdem.assessment.axis.loop_decision import (
 )
 from mavdem.assessment.axis.lowered_gains import lowered_gains, reductions_by_a_third
 from mavdem.assessment.axis.parameter_sets import stage_to_load, waits_for_stage
+from mavdem.assessment.faults_before_gains import faults_before_gains, faults_besides_loops
 from mavdem.assessment.judgement import Judgement
-from mavdem.assessment.lights import OTHER_LIGHTS
 from mavdem.containers import Names
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction
-from mavdem.facts.margins import MarginsLight, TrackingLight
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.gain_design import SURE_SHARE
-
-LIGHTS_BEFORE_GAINS = (Light.MOTORS, Light.VIBRATION, Light.POWER)
-"""Lights whose faults are mended before new gains are loaded: motors, vibration and battery change the loops."""
 
 
 def judgement_with_tuning_step(
@@ -141,7 +138,7 @@ def _asks_for_repair(judgement: Judgement) -> bool:
         judgement: judgement of the flight, whose headline is its most serious fact.
     """
     headline = judgement.headline
-    if headline not in faults_besides_loops(judgement):
+    if headline not in faults_besides_loops(judgement.headline, judgement.lights):
         return False
     # A remedy that is left without the advice to fly is work on the ground.
     remedy_on_ground = headline.without_flight_advice.remedy
@@ -361,7 +358,7 @@ def _step_to_fly_before_gains(
         NextStep.FLY_BEFORE_GAINS,
         judgement.headline.level,
         reason=needed_flight,
-        also=_faults_before_gains(judgement),
+        also=faults_before_gains(judgement.headline, judgement.lights),
     )
 
 
@@ -428,7 +425,7 @@ def _step_to_load_gains(
         share=min(advice.sure for advice in loops_to_load),
         share_as_flown=min(advice.after.share_meeting(advice.target) for advice in loops_to_load),
         flights=max(advice.flights for advice in loops_to_load),
-        also=_faults_before_gains(judgement),
+        also=faults_before_gains(judgement.headline, judgement.lights),
         needed=SURE_SHARE,
         is_biased=any(advice.before.has_biased_effectiveness for advice in loops_to_load),
         fit=min(
@@ -469,55 +466,6 @@ def _unknown_lights_for_higher_gains(
         if light is not None and light.level is Level.UNKNOWN:
             unknown_lights.append(str(name))
     return tuple(unknown_lights)
-
-
-def _faults_before_gains(judgement: Judgement) -> Facts:
-    """Returns the faults of a vehicle that a pilot mends before loading new gains, such as a weak motor.
-
-    New gains fit the vehicle as it flew, and mending the motors, the vibration or the battery changes its control
-    loops. So these are the status lights (judgements of one part with a level) of ``LIGHTS_BEFORE_GAINS`` and the
-    headline of the flight, as far as they are watch or bad, are not about the loops, and can be mended.
-
-    Args:
-        judgement: headline and status lights of the flight.
-
-    Returns:
-        The faults, coded findings; empty if nothing is to be mended.
-    """
-    facts_that_matter = [judgement.headline]
-    for name in LIGHTS_BEFORE_GAINS:
-        if name in judgement.lights:
-            facts_that_matter.append(judgement.lights[name])
-    faults_to_mend = []
-    for fault in faults_besides_loops(judgement):
-        # What only another flight can clear up is nothing to mend.
-        is_mendable = bool(fault.without_flight_advice.remedy)
-        if fault in facts_that_matter and is_mendable:
-            faults_to_mend.append(fault)
-    return tuple(faults_to_mend)
-
-
-def faults_besides_loops(judgement: Judgement) -> list[Fact]:
-    """Returns what a flight shows to be watch or bad about anything but its control loops, each finding once.
-
-    Args:
-        judgement: headline of the flight, and its status lights: a fact (coded finding with a level) for each of eight
-            subjects such as the motors.
-
-    Returns:
-        The headline, if it is such a finding, and the facts of the lights in their order.
-    """
-    candidates = [judgement.headline]
-    for name, light in judgement.lights.items():
-        # As in a headline, lights of the log and of the weather count only if they are bad.
-        if light.is_bad or name not in OTHER_LIGHTS:
-            candidates.append(light)
-    faults: list[Fact] = []
-    for fact in candidates:
-        is_about_loops = isinstance(fact.code, MarginsLight | TrackingLight)
-        if fact.is_watch_or_bad and not is_about_loops and fact not in faults:
-            faults.append(fact)
-    return faults
 
 
 def _next_step_without_new_gains(
