@@ -60,7 +60,7 @@ def any_frame(draw):
 
 @mark.slow
 @given(st.lists(any_frame(), min_size=1, max_size=8), st.sampled_from([0, 8]), st.data())
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
     """Random frames of MAVLink, with or without the 8 bytes of a stamp between them."""
     content = b"".join(data.draw(st.binary(min_size=gap, max_size=gap)) + each for each in frames)
@@ -143,7 +143,7 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))
 @example(60, struct.pack(">Q", NOW + 3_599_000_000))
 @example(60, struct.pack(">Q", NOW + 3_601_000_000))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_a_damaged_stamp_misleads_nobody(row, wrong):
     """One receive stamp of a telemetry log is replaced by random bytes, or is an hour late."""
     frames = [heartbeat(), *flight(TIMES)]

@@ -83,7 +83,6 @@ def live_component(frames):
 
 OTHER_VEHICLES = [
     {"phase": 3.0, "first_sequence": 77},
-    {"phase": 3.0, "first_sequence": 77, "offset": 0.007},
     {"phase": 2.0, "first_sequence": 5, "offset": 0.01},
     {"phase": 3.0, "first_sequence": 0, "rate": 47.0},
     {"phase": 3.0, "first_sequence": 150, "rate": 10.0},
@@ -104,8 +103,7 @@ def test_two_vehicles_with_equal_clocks_and_headings_are_refused(other):
 
 
 @mark.slow
-@mark.parametrize("rate", [4.0, 10.0, 50.0])
-@mark.parametrize("offset", [0.0, 0.013])
+@mark.parametrize("rate, offset", [(4.0, 0.013), (10.0, 0.0), (50.0, 0.013)])
 def test_one_vehicle_on_two_channels_is_read_as_one(rate, offset):
     frames = merged(swaying(rate=rate), swaying(first_sequence=99, rate=rate, offset=offset))
     log = read(tlog(frames))

@@ -14,7 +14,6 @@ from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.live import LiveStream
 from mavdem.live.messages import MESSAGE_FIELDS
 from mavdem.live.samples import MAX_SAMPLES, MEMORY_SECONDS, SampleStream
-from mavdem.live.stream import MAX_EVENTS
 from mavdem.loops.limit_cycles import STARTING_SPAN, WINDOW_LENGTHS
 
 FLIGHT = Flight(hover=Hover(hovering=30.0), attitude=50.0, motors=50.0)
@@ -79,8 +78,9 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
 
 
 @mark.slow
-def test_parameters_and_events_are_bounded():
-    """A vehicle that sends 2500 parameters, and whose clock jumps hundreds of times, does not use up the memory."""
+def test_parameters_and_events_are_bounded(monkeypatch):
+    """Of a vehicle that sends 2500 parameters, and whose clock jumps 52 times, no more is kept than was set."""
+    monkeypatch.setattr("mavdem.live.stream.MAX_EVENTS", 32)
     stream = LiveStream(vehicle="1:1")
     sent = [
         message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9)
@@ -91,10 +91,10 @@ def test_parameters_and_events_are_bounded():
     # A jump of the clock every six messages.
     sent = [
         message("ATTITUDE", time_boot_ms=1000 + 100_000 * (number // 6) + number % 6)
-        for number in range(6 * (MAX_EVENTS + 20))
+        for number in range(6 * 52)
     ]
     stream.feed(0.0, b"".join(sent))
-    assert len(stream.drain_events()) == MAX_EVENTS
+    assert len(stream.drain_events()) == 32
     assert stream.drain_events() == []
 
 

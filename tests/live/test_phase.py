@@ -219,10 +219,18 @@ def test_a_landing_is_dated_by_the_last_report_in_flight():
     )
 
 
+class ShortDescent(Hover):
+    """A hover that lands four seconds after it began to sink."""
+
+    @property
+    def landed(self):
+        return self.sinking + 4.0
+
+
 @mark.slow
 def test_the_mean_of_the_wind_is_of_one_flight():
     """It stays after a landing, until the next take-off."""
-    hover = Hover(hovering=8.0)
+    hover = ShortDescent(hovering=5.0)
     flight = Flight(hover, attitude=12.0, motors=12.0)
     next_flight = replace(flight, clock=60.0)
     made = replay(flight.frames(end=hover.end))

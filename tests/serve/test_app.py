@@ -831,12 +831,12 @@ def test_idle_and_surplus_connections_are_closed(tmp_path, monkeypatch):
 @mark.slow
 def test_a_form_of_many_files_needs_few_descriptors(served):
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 40, hard))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 20, hard))
     try:
-        answer = served.upload(*numbered(60))
+        answer = served.upload(*numbered(30))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-    assert answer.status == 201 and len(answer.json["flights"]) == 60
+    assert answer.status == 201 and len(answer.json["flights"]) == 30
 
 
 @mark.slow

@@ -3,7 +3,6 @@
 import os
 import tempfile
 import threading
-from shutil import copy
 
 import numpy as np
 import pytest
@@ -71,6 +70,14 @@ def column_files(folder):
 
 
 ROLL = FieldRequest("ATTITUDE", "roll")
+LOG = FLIGHT.read_bytes()[:100_000]
+"""The beginning of a recorded flight."""
+
+
+def written(path):
+    """Writes the log to a path, and returns that."""
+    path.write_bytes(LOG)
+    return path
 
 
 def flight_with_log(server, content, headline="One."):
@@ -83,7 +90,7 @@ def flight_with_log(server, content, headline="One."):
 @pytest.mark.slow
 def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reader):
     """A field is plotted with all samples, thinned with its extremes, and over a range of time."""
-    flight = flight_with_log(served, FLIGHT.read_bytes())
+    flight = flight_with_log(served, LOG)
     messages = {
         message["message"]: message for message in served.get(f"{flight}/fields").json["messages"]
     }
@@ -105,7 +112,7 @@ def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reade
 @pytest.mark.slow
 def test_requests_for_unknown_fields_are_refused_with_a_sentence(served):
     """Message, field, instance, time or vehicle of the request are wrong."""
-    flight = flight_with_log(served, FLIGHT.read_bytes())
+    flight = flight_with_log(served, LOG)
     refused = {
         "message=NONE&field=roll": (404, "The log has no NONE: it has "),
         "message=ATTITUDE&field=none": (404, "ATTITUDE has no field none: it has "),
@@ -137,7 +144,7 @@ def test_fields_need_the_right_to_the_log(tmp_path, reader):
 @pytest.mark.slow
 def test_a_log_that_was_read_is_plotted_while_another_is_read(tmp_path, store, reader):
     """A second log hangs while it is read, and is deleted meanwhile."""
-    first, second = copy(FLIGHT, tmp_path / "1.tlog"), copy(FLIGHT, tmp_path / "2.tlog")
+    first, second = written(tmp_path / "1.tlog"), written(tmp_path / "2.tlog")
     count = len(store.samples(first, ROLL).time)
     reader.may_read.clear()
     reader.has_begun.clear()
@@ -155,7 +162,7 @@ def test_a_log_that_was_read_is_plotted_while_another_is_read(tmp_path, store, r
 
 @pytest.mark.slow
 def test_a_changed_log_is_read_anew_and_a_deleted_one_leaves_nothing(tmp_path, store, reader):
-    log = copy(FLIGHT, tmp_path / "flight.tlog")
+    log = written(tmp_path / "flight.tlog")
     store.messages(log)
     os.utime(log, (0, 0))
     store.messages(log)
@@ -168,7 +175,7 @@ def test_a_changed_log_is_read_anew_and_a_deleted_one_leaves_nothing(tmp_path, s
 def test_the_columns_of_a_flight_go_with_it(tmp_path, reader, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with serving(tmp_path / "library", fields=FieldStore(reader=reader)) as server:
-        flight = flight_with_log(server, FLIGHT.read_bytes())
+        flight = flight_with_log(server, LOG)
         server.get(f"{flight}/fields")
         assert len(column_files(tmp_path)) == 1
         server.ask("DELETE", flight)
@@ -180,7 +187,7 @@ def test_too_many_fields_or_bytes_are_refused_after_one_reading(
     tmp_path, store, reader, monkeypatch
 ):
     monkeypatch.setattr(stored_columns, "MAX_FIELDS", 3)
-    large_log = copy(FLIGHT, tmp_path / "many.tlog")
+    large_log = written(tmp_path / "many.tlog")
     for _ in range(2):
         with pytest.raises(Refusal, match="fields are plotted of logs with at most 3"):
             store.messages(large_log)
@@ -188,7 +195,7 @@ def test_too_many_fields_or_bytes_are_refused_after_one_reading(
     monkeypatch.undo()
     monkeypatch.setattr(stored_columns, "MAX_COLUMN_BYTES", 1 << 10)
     with pytest.raises(Refusal, match="the limit for plotting them"):
-        store.messages(copy(FLIGHT, tmp_path / "large.tlog"))
+        store.messages(written(tmp_path / "large.tlog"))
     assert not column_files(tmp_path)
 
 
@@ -199,7 +206,7 @@ def test_columns_of_killed_servers_are_removed_and_those_of_others_stay(tmp_path
         folder.mkdir()
     (killed / SERVER_FILE).touch()
     lock = register_server(alive / SERVER_FILE)
-    store.messages(copy(FLIGHT, tmp_path / "flight.tlog"))
+    store.messages(written(tmp_path / "flight.tlog"))
     assert not killed.exists() and alive.exists()
     lock.release()
 
@@ -218,7 +225,7 @@ def page_of_a_flight(start, end):
 @pytest.mark.slow
 def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, browser):
     """The script of a flight's page lists, searches and plots the log's fields; without Chromium it is not tested."""
-    flight = flight_with_log(served, FLIGHT.read_bytes())
+    flight = flight_with_log(served, LOG)
     entry = served.library.entry(flight.rsplit("/", 1)[1])
     page_path = served.library.results_folder(entry) / PAGE_FILE
     samples = served.get(f"{flight}/samples?message=ATTITUDE&field=roll&points=10").json
@@ -293,7 +300,7 @@ STUBBED_FIELDS = """(() => {
 @pytest.mark.slow
 def test_the_best_match_comes_first_and_an_early_enter_is_of_the_words_before_it(served, browser):
     """A scalar with the fewest other words precedes an array; Enter without words plots nothing that is typed later."""
-    flight = flight_with_log(served, FLIGHT.read_bytes())
+    flight = flight_with_log(served, LOG)
     entry = served.library.entry(flight.rsplit("/", 1)[1])
     page_path = served.library.results_folder(entry) / PAGE_FILE
     page_path.write_text(page_of_a_flight(0.0, 60.0))

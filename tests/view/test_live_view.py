@@ -321,28 +321,28 @@ class Held(RecordingFile):
 
 
 def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path, monkeypatch):
-    """One of two files hangs: it loses 500 of 1500 rows, the other none."""
-    monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 1000)
+    """One of two files hangs: it loses 100 of 300 rows, the other none."""
+    monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 200)
     stalled = Held(tmp_path / "stalled.rrd")
     other = RecordingFile(tmp_path / "other.rrd")
     model_estimate = estimate(20, 50.0)
     other.period = 0.01
-    rows = 1500
+    rows = 300
     with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.
         for i in range(rows):
             view.put(ROW._replace(time=50.0 + DT * i, estimate=model_estimate))
-            if i % 500 == 499:
+            if i % 100 == 99:
                 until(lambda: not waiting)
-        assert [thread.dropped_rows for thread in view._threads] == [500, 0]
+        assert [thread.dropped_rows for thread in view._threads] == [100, 0]
         stalled.go.set()
     assert view.problems == []
     assert len(drawn(other.path)["motors/0_outputs"][0]) == rows
     assert_allclose(
-        drawn(stalled.path)["motors/0_outputs"][0], 50.0 + DT * np.arange(500, rows), atol=1e-7
+        drawn(stalled.path)["motors/0_outputs"][0], 50.0 + DT * np.arange(100, rows), atol=1e-7
     )
-    assert "500 rows are not shown here: this view is too slow" in texts(stalled.path)
+    assert "100 rows are not shown here: this view is too slow" in texts(stalled.path)
 
 
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
