@@ -75,20 +75,24 @@ class Milestones:
             return ()
         return (*self._earlier_verdicts, self._latest_verdict)
 
-    def note_first_model(self, learning: FlightLearning, now: float, takeoff_time: float) -> None:
+    def note_first_model(
+        self, learning: FlightLearning, now: float, takeoff_time: float, *, is_flying: bool
+    ) -> None:
         """Reports the first model with its time, and how long after the take-off it was learned.
 
-        Nothing is reported before there is a model, and after the first report.
+        Nothing is reported before there is a model, and after the first report. A first model that a slow computer has
+        only after the landing is no news either: the report on the flight has what it shows.
 
         Args:
             learning: learning that has the latest model.
             now: present time on the boot clock, s.
             takeoff_time: time when the vehicle left the ground, s of that clock; minus infinity where that was not
                 seen.
+            is_flying: whether the vehicle is in the air now.
         """
         learner = learning.learner
         has_model = learner is not None and learner.learned is not None
-        if self._has_model or not has_model:
+        if self._has_model or not has_model or not is_flying:
             return
         self._has_model = True
         seconds_since_takeoff = now - takeoff_time

@@ -263,7 +263,10 @@ class LiveSession:
         The status is reported before an alarm: it may be a second old, and call the vehicle sound beside the alarm.
         """
         self._milestone_reporter.note_first_model(
-            self.flight.learning, self.stream.now, self.stream.takeoff_time
+            self.flight.learning,
+            self.stream.now,
+            self.stream.takeoff_time,
+            is_flying=self.stream.is_flying,
         )
         events = self.stream.drain_events()
         has_alarm = any(event.fact.is_bad for event in events)

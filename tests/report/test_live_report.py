@@ -322,6 +322,10 @@ def test_a_recordings_verdict_that_the_session_found_too_keeps_what_shows_it():
     assert basis not in page
     page = page_with_verdict("Another fault.", dict.fromkeys(Light, "good"))
     assert basis in page and "is of the live session" not in page
+    assert "In flight, tracking, vibration and estimator were of the last minute" in page
+    # Only what was judged can have had other figures in flight.
+    levels = dict.fromkeys(Light, "good") | {Light.VIBRATION: "unknown", Light.ESTIMATOR: "unknown"}
+    assert "In flight, tracking was of the last minute" in page_with_verdict("A fault.", levels)
     # The page of the recording calls its log good.
     page = page_with_verdict("Another fault.", dict.fromkeys(Light, "good"), outage=17.0)
     assert "The lost link is of the live session, not of the recording." in page

@@ -12,6 +12,7 @@ from markupsafe import Markup, escape
 
 from mavdem.report.blocks import HARD_SPACE, Table, with_unbroken_units
 from mavdem.report.charts.chart import Chart, Note
+from mavdem.report.numbers import listed
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, MODE_COLOURS, PREDICTED
 from mavdem.report.template_cache import CompiledTemplates
 from mavdem.report.why import evidence_text
@@ -84,6 +85,7 @@ def environment() -> Environment:
     jinja.filters["with_unbroken_intervals"] = _with_unbroken_intervals
     jinja.filters["css_string"] = _css_string
     jinja.filters["evidence_text"] = evidence_text
+    jinja.filters["listed"] = listed
     return jinja
 
 
