@@ -33,8 +33,8 @@ def test_the_density_of_student_s_distribution_is_that_of_scipy():
 
 
 @mark.slow
-def test_the_command_that_most_users_call_imports_no_slow_part_of_scipy():
-    """A new process imports the review command and lists the loaded modules; then it draws turbulence."""
+def test_commands_import_no_slow_part_of_scipy_and_a_fleet_s_supervisor_none_that_reads_logs():
+    """A new process imports two commands and lists the loaded modules after each; then it draws turbulence."""
     slow_parts = {
         f"scipy.{name}"
         for name in (
@@ -49,14 +49,19 @@ def test_the_command_that_most_users_call_imports_no_slow_part_of_scipy():
         )
     }
     program = (
-        "import sys, mavdem.cli.review; print(*sys.modules)\n"
+        "import sys, mavdem.cli.track; print(*sys.modules)\n"
+        "import mavdem.cli.review; print(*sys.modules)\n"
         "from numpy.random import default_rng\n"
         "from sitl_scenarios.turbulence import dryden_longitudinal\n"
         "dryden_longitudinal(2.0, 0.5, 9, default_rng(1)); print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    modules_of_review, modules_of_flight = done.stdout.splitlines()
+    modules_of_track, modules_of_review, modules_of_flight = done.stdout.splitlines()
+    # What reads logs takes a second to import, for which the process that supervises the readers does not wait.
+    assert "mavdem.fleet.workers" in modules_of_track.split()
+    slow_readers = {"mavdem.assessment", "mavdem.dem.engine.linalg"}
+    assert not slow_readers & set(modules_of_track.split())
     assert not slow_parts & set(modules_of_review.split())
     assert "scipy.signal" not in modules_of_flight.split()
 

@@ -1,9 +1,8 @@
 """Autopilot parameters that a person, not the autopilot itself, changed between two states of a vehicle."""
 
-import json
 import re
 from collections.abc import Iterable
-from math import isclose, isfinite
+from math import isclose
 from typing import NamedTuple
 
 from mavdem.containers import Names
@@ -202,23 +201,3 @@ def states_without_gains(before: Parameters, after: Parameters) -> Names:
         if not has_gains:
             names_without_gains.append(state_name)
     return tuple(names_without_gains)
-
-
-def parse_parameters(text: str) -> Parameters | None:
-    """Parses stored parameters.
-
-    Args:
-        text: JSON object with the value of each parameter by the autopilot's name.
-
-    Returns:
-        Values by the autopilot's name; None if the text is damaged.
-    """
-    try:
-        # An integer of any length is a float, which may be infinite.
-        values = json.loads(text, parse_int=float)
-    except (ValueError, RecursionError):
-        return None
-    is_valid = isinstance(values, dict) and all(
-        isinstance(value, float) and isfinite(value) for value in values.values()
-    )
-    return values if is_valid else None

@@ -13,7 +13,8 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.flights import group_into_flights, worst_row
 from mavdem.fleet.judgement import assess_safely
-from mavdem.fleet.parameter_changes import changed_parameters, parse_parameters
+from mavdem.fleet.parameter_changes import changed_parameters
+from mavdem.fleet.parameter_text import parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.stored_rows import is_fleet, read_baseline, read_brief_rows, read_rows

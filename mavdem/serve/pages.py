@@ -25,7 +25,7 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences
 from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.names import content_hash
-from mavdem.fleet.parameter_changes import parse_parameters
+from mavdem.fleet.parameter_text import parse_parameters
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.state import (
     motors_by_pair,

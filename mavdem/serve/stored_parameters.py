@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from mavdem.fleet.parameter_changes import parse_parameters
+from mavdem.fleet.parameter_text import parse_parameters
 from mavdem.ingest.telemetry import Parameters
 from mavdem.serve.stored_files import PARAMETERS_FILE
 

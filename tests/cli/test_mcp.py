@@ -3,6 +3,7 @@
 import asyncio
 import json
 import sys
+from subprocess import CompletedProcess
 from unittest.mock import Mock
 
 import dataflash_logs
@@ -10,6 +11,7 @@ import numpy as np
 from pytest import fixture, mark, raises
 from recorded_flights import SLOW
 
+from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.ingest import Telemetry
 
 pytestmark = mark.slow
@@ -34,14 +36,12 @@ def answers(tmp_path_factory):
         "messages": ("messages", {"log": log}),
         "roll": ("samples", {"log": log, "message": "ATTITUDE", "field": "roll"}),
         "no field": ("samples", {"log": log, "message": "ATTITUDE", "field": "lift"}),
-        "wind": ("wind", {"log": log}),
         "dataflash messages": ("messages", {"log": dataflash, "name": "ds"}),
         "dropped blocks": ("samples", {"log": dataflash, "message": "DSF", "field": "Dp"}),
         "translated": ("samples", {"log": dataflash, "message": "ATTITUDE", "field": "roll"}),
         "no message": ("samples", {"log": dataflash, "message": "LIFT", "field": "roll"}),
         "no arguments": ("samples", {}),
         "no number": ("samples", {"log": log, "message": "A", "field": "b", "start": "soon"}),
-        "no log": ("tune", {"log": "nothing.tlog"}),
         "lights": ("review", {"log": log, "parts": ["lights"]}),
     }
 
@@ -83,17 +83,36 @@ def test_fields_that_mavdem_does_not_translate_are_offered_too(answers):
     assert "The log has no LIFT: it has ATT, DSF" in results["no message"].content[0].text
 
 
-def test_commands_answer_with_their_documents_and_reasons(answers):
+def test_a_command_answers_with_its_document(answers):
     _, results = answers
-    assert json.loads(results["wind"].content[0].text)["error"]["fact"]["code"] == "no_velocity"
     assert len(json.loads(results["lights"].content[0].text)["lights"]) == 8
+
+
+def test_a_command_that_judges_nothing_has_a_document_and_one_that_fails_its_last_line(monkeypatch):
+    """The process of a command ends with a document of the reason, or with lines on standard error."""
+    # At the top of the file the import would take every worker of the tests half a second.
+    from mcp.server.mcpserver.exceptions import ToolError
+
+    from mavdem.cli import assistant_tools
+
+    ended = CompletedProcess([], EXIT_UNSUPPORTED, '{"error": {"reason": "No velocity."}}', "")
+    run = Mock(return_value=ended)
+    monkeypatch.setattr(assistant_tools.subprocess, "run", run)
+    assert assistant_tools.wind("-a.tlog") == {"error": {"reason": "No velocity."}}
+    assert assistant_tools.diff("a.tlog", "b.tlog") == {"error": {"reason": "No velocity."}}
+    _, _, _, wind, *wind_options = run.call_args_list[0].args[0]
+    assert (wind, wind_options) == ("wind", ["--json", "--", "-a.tlog"])
+    run.return_value = CompletedProcess([], 2, "", "Reading …\nmavdem: a.tlog does not exist.\n")
+    with raises(ToolError, match=r"^mavdem: a\.tlog does not exist\.$"):
+        assistant_tools.tune("a.tlog", more=True)
+    _, _, _, tune, *tune_options = run.call_args.args[0]
+    assert (tune, tune_options) == ("tune", ["--json", "--axis", "all", "--more", "--", "a.tlog"])
 
 
 def test_errors_are_sentences(answers):
     _, results = answers
-    assert results["no field"].is_error and results["no log"].is_error
+    assert results["no field"].is_error
     assert "ATTITUDE has no field lift" in results["no field"].content[0].text
-    assert "nothing.tlog does not exist." in results["no log"].content[0].text
     assert results["no arguments"].content[0].text == "samples needs log, message and field."
     error_text = results["no number"].content[0].text
     assert error_text.startswith("start should be a valid number") and "pydantic" not in error_text

@@ -191,9 +191,10 @@ def test_false_discoveries_are_as_rare_as_stated():
     for _ in range(400):
         sizes = np.where(np.arange(20) < 5, 4.0, 0.0)
         scores = sizes + rng.normal(size=20)
+        p_values = 2 * norm.sf(abs(scores))
         changes = [
-            QuantityChange(Quantity(SHARE, motor), 0.0, 0.0, 1.0, 1.0, 2 * norm.sf(abs(score)), 0)
-            for motor, score in enumerate(scores.tolist())
+            QuantityChange(Quantity(SHARE, motor), 0.0, 0.0, 1.0, 1.0, p_value, 0)
+            for motor, p_value in enumerate(p_values.tolist())
         ]
         changed_motors = {
             change.quantity.motor

@@ -128,20 +128,20 @@ def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
 
 
 @mark.slow
-@mark.parametrize("name, logs, started", [("log", 2, 2), ("leaves", 9, 3)])
+@mark.parametrize("name, logs", [("log", 1), ("leaves", 9)])
 def test_a_process_is_renewed_after_so_many_logs_or_where_memory_does_not_last(
-    name, logs, started, tmp_path
+    name, logs, tmp_path
 ):
-    """A process reads two logs, or leaves memory allocated: then another process reads the next log."""
+    """A process reads as many logs as it may, or leaves memory allocated: another process reads the next log."""
     (path,) = make_logs(tmp_path, 1, name)
     reader = LogReader()
     processes = set()
-    for _ in range(3):
+    for _ in range(2):
         outcome = reader.read(Job(str(path)), LIMITS._replace(logs=logs), rows_of_log)
         assert outcome.ended == "read"
         processes |= {child.pid for child in active_children()}
     reader.stop()
-    assert len(processes) == started
+    assert len(processes) == 2
 
 
 RUN = """
@@ -217,36 +217,36 @@ def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, 
 
 
 @fixture(scope="module")
-def two_workers():
+def one_worker():
     # At the top of the file the import would take every worker of the tests half a second.
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
     ) as cluster:
         yield cluster
 
 
 @mark.slow
-def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
-    """One of two workers is killed after its first log; the table is the same as without that."""
+def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, one_worker):
+    """The worker is killed after its first log and starts again; the table is the same as without that."""
     make_logs(tmp_path / "logs", 6)
     track(tmp_path / "here", tmp_path / "logs")
     killed = []
 
     def kill_one(run_result, of, outcome):
         if run_result and not killed:
-            killed.append(two_workers.workers[0].pid)
+            killed.append(one_worker.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    reader = Cluster(two_workers.scheduler_address, LIMITS, rows_of_log)
+    reader = Cluster(one_worker.scheduler_address, LIMITS, rows_of_log)
     run_result = track(tmp_path / "there", tmp_path / "logs", reader=reader, progress=kill_one)
     assert run_result.read == 6 and killed
     assert (
         table_of(tmp_path / "there") == table_of(tmp_path / "here")
         and len(read_rows(tmp_path / "here")) == 12
     )
-    with two_workers.get_client() as client:
+    with one_worker.get_client() as client:
         assert not any(client.run(lambda: len(cluster._idle_readers)).values())
 
 
@@ -413,15 +413,6 @@ def test_a_process_of_low_priority_keeps_it(monkeypatch):
     nice.assert_called_with(15)
 
 
-@mark.slow
 def test_a_function_by_its_name_is_imported_where_it_is_called():
     named = FunctionByName("posixpath", "basename")
     assert named("a/b") == "b" and pickle.loads(pickle.dumps(named)) is posixpath.basename
-    # What reads logs takes a second to import, for which the process that supervises the readers does not wait.
-    code = "import sys, mavdem.cli.track; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    modules = loaded.stdout.split()
-    assert "mavdem.fleet.workers" in modules
-    # SciPy's own module loads no other until it is asked for one.
-    slow = {"mavdem.assessment", "mavdem.dem.engine.linalg", "scipy.linalg", "scipy.special"}
-    assert slow.isdisjoint(modules)

@@ -15,7 +15,7 @@ from mavdem.vibration.spectra import vibration_spectra
 from mavdem.vibration.spectral_lines import LineCause, find_spectral_lines
 from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.sensors import GyroVibration
-from sitl_scenarios.simulation import simulation_of
+from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import airframe
 
@@ -51,8 +51,8 @@ def flight(shaking, **parameters):
 
 
 def beginning(scenario):
-    """The motion of a scenario until ``FLOWN_SECONDS``."""
-    return simulation_of(scenario).advance(round(FLOWN_SECONDS * LOOP_RATE))
+    """The motion of a scenario until ``FLOWN_SECONDS``, of the whole flight, which is stored."""
+    return fly(scenario)[: round(FLOWN_SECONDS * LOOP_RATE)]
 
 
 def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_frequency():

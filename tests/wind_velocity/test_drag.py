@@ -39,7 +39,7 @@ def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
 @mark.slow
 def test_circles_in_calm_air_show_the_drag_and_no_wind():
     """Gusts far smaller than the population's: scoring overshoots."""
-    time = np.arange(0.0, 240.0, 0.2)
+    time = np.arange(0.0, 120.0, 0.2)
     north = 4 * np.sin(time / 6)
     east = 4 * np.cos(time / 6)
     still = 0 * time

@@ -17,7 +17,7 @@ from mavdem.facts.urgency import Urgency
 from mavdem.facts.vehicle import is_calibration_name
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
-from mavdem.fleet.parameter_changes import parse_parameters
+from mavdem.fleet.parameter_text import parse_parameters
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.ingest.telemetry import Parameters
 from mavdem.report.blocks import Block, Rated, Sentence, Table
