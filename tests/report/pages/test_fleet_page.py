@@ -652,6 +652,8 @@ def test_simulated_flights_count_as_in_the_headline_and_a_motor_that_the_log_war
     ]
     text = fleet_page(real + simulated)
     assert "<title>from 2026-01-05: 1 bad</title>" in text
+    # The day of the flight that shows what is wrong stays on one line.
+    assert 'Seen in:</strong> 0001.ulg, <span class="date">2026-01-06</span>.' in text
     assert 'title="bad: 2 flights"' in text and "simulated ones only where" in text
     assert "<h2>Wind</h2>" not in text
     table = table_of(text)
