@@ -50,6 +50,7 @@ from mavdem.report.difference.headline import (
     headline_of_comparison,
 )
 from mavdem.report.difference.identity import identity_remarks
+from mavdem.report.difference.lights import sentences_on_lights_watched_in_both
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import (
@@ -290,6 +291,7 @@ def _print_comparison(
     """
     headline = headline_of_comparison(reviewed)
     title = headline_in_two_sizes(reviewed, headline)
+    title += sentences_on_lights_watched_in_both(reviewed.reviews)
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
     # The cautions say that A and B may be two vehicles, or that means are of several states.

@@ -267,9 +267,10 @@ def result_sentences(
 ) -> list[Sentence]:
     """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
 
-    The largest of the doubtful changes is named after it or, if nothing changed for sure, in its place. Doubtful trims
-    are not named beside a motor that is known to be weak: that was found by all trims together. If there
-    is no doubtful change either, the sentence says how many figures were compared, and how many are too uncertain.
+    Of two changes it names both, of more the number of the others. The largest of the doubtful changes is named after
+    them or, if nothing changed for sure, in their place. Doubtful trims are not named beside a motor that is known to
+    be weak: that was found by all trims together. If there is no doubtful change either, the sentence says how many
+    figures were compared, and how many are too uncertain.
 
     Args:
         reviewed: comparison of two states, quantity by quantity.
@@ -282,10 +283,10 @@ def result_sentences(
     unexplained_changes = causes.unexplained
     by_lean = trims_explained_by_lean(reviewed)
     doubtful = _doubtful_changes_to_name(reviewed)
-    # The sentence names one of these, and says how many others there are. Doubtful changes take the place of
-    # confirmed ones if there are none.
+    # Doubtful changes take the place of confirmed ones if there are none.
     candidates = unexplained_changes or doubtful
     main_change = largest_of_first_kind(candidates)
+    further_changes = [change for change in candidates if change is not main_change]
     largest_doubtful = largest_of_first_kind(doubtful)
     doubtful_text = ""
     if largest_doubtful is not None and unexplained_changes:
@@ -296,7 +297,7 @@ def result_sentences(
     return render_section(
         "difference_conclusion",
         change="" if main_change is None else change_text(main_change, difference),
-        further_count=len(candidates) - 1,
+        further_changes=[change_text(change, difference) for change in further_changes],
         is_doubtful=not unexplained_changes,
         has_doubt=bool(doubtful_changes(reviewed)),
         doubtful=doubtful_text,

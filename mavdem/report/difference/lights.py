@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues, Names
 from mavdem.facts import Level
+from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import LIKELY_PROBABILITY, MotorsBetween
 from mavdem.fleet.comparability import STATE_NAMES
@@ -560,6 +561,28 @@ def light_blocks(reviews: Mapping[str, Review], text_above: str = "") -> Blocks:
         blocks.append(Table(["light", *titles], rows, words=True))
     blocks += render_section("difference_lights", names_by_level=equal_names_by_level)
     return blocks
+
+
+def sentences_on_lights_watched_in_both(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns the sentence that names the lights which warn alike in both logs: no change, but perhaps the next step.
+
+    Lights that are bad in both are left out, since the headline has them, and so are those of wind and log, which judge
+    the day and the recording.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+
+    Returns:
+        A list with the sentence, such as "Watch in A and B: vibration."; empty without such a light.
+    """
+    names = []
+    for name, lights_by_side in lights_of_both(reviews).items():
+        first_light, second_light = lights_by_side.values()
+        is_of_vehicle = name not in (Light.WIND, Light.LOG)
+        is_watched = first_light["level"] == Level.WATCH
+        if is_of_vehicle and is_watched and lights_are_equal(first_light, second_light):
+            names.append(name)
+    return render_section("difference_watched_in_both", names=names)
 
 
 def lights_of_side(review: Review) -> dict[str, JsonValues]:

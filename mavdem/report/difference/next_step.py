@@ -1,6 +1,6 @@
 """The next step after a comparison of two states."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
@@ -18,6 +18,7 @@ from mavdem.report.difference.changes import (
 from mavdem.report.difference.effort import effort_steps
 from mavdem.report.difference.lights import (
     BadLight,
+    Review,
     bad_lights,
     later_side,
     lights_are_equal,
@@ -43,7 +44,7 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
     7. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
        motors together does not exclude, and to fly again.
     8. All motors perhaps work harder or less hard: to check the load, then the propellers.
-    9. Otherwise: no step.
+    9. Otherwise: the next step of the later log's own review.
 
     Args:
         reviewed: comparison of two states, beside the reviews of both logs.
@@ -73,7 +74,18 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
             doubtful.append(change)
     if doubtful:
         return _step_of_doubtful_changes(doubtful, difference)
-    return effort_steps(reviewed)
+    return effort_steps(reviewed) or _step_of_later_log(reviewed.reviews)
+
+
+def _step_of_later_log(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns the next step that the later log's own review advises; empty where it advises none.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+    """
+    side = later_side(reviews)
+    next_step = value_at(reviews.get(side, {}), "next_step.sentence")
+    return [Sentence(next_step, lead=f"Next, by {side}:")] if next_step else []
 
 
 def _step_of_doubtful_changes(

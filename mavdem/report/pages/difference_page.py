@@ -64,6 +64,7 @@ from mavdem.report.difference.lights import (
     lights_are_equal,
     lights_of_both,
     lights_of_side,
+    sentences_on_lights_watched_in_both,
     states_in_flights,
     vibrations_of_same_imu,
 )
@@ -253,6 +254,7 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> _Sum
     heading_end = _end_of_first_heading(blocks_of_headline)
     further_blocks: Blocks = [
         *_without_tabled_vibration(blocks_of_headline[heading_end:], reviewed),
+        *sentences_on_lights_watched_in_both(reviewed.reviews),
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
         *flight_cautions(reviewed),
@@ -327,8 +329,8 @@ def _chart_of_result(reviewed: ReviewedDifference, pictures: _Pictures) -> Chart
     It is the first of these that has both flights:
 
     1. the output of the motor with the worst warning;
-    2. a step response of an axis whose gains or margins changed, or else the spectra of the gyro;
-    3. the trims, if those of a motor changed, or of fleets, which have no other picture;
+    2. the trims, if those of a motor changed, if the motors are judged differently, or of fleets;
+    3. a step response of an axis whose gains or margins changed, or else the spectra of the gyro;
     4. the mean motor output, and then the spectra of the gyro.
 
     Args:
@@ -341,14 +343,15 @@ def _chart_of_result(reviewed: ReviewedDifference, pictures: _Pictures) -> Chart
         for (chart,) in group.columns:
             if isinstance(chart, Chart) and chart.title == worst_motor_title:
                 candidates.append(chart)
+    has_other_motors = _has_changed_motor(reviewed.difference) or reviewed.motors.differs
+    if has_other_motors or reviewed.fleet_sides:
+        candidates.append(pictures.trims)
     changed_axes = _axes_with_other_loops(reviewed.difference)
     for axis in AXES:
         if axis in changed_axes:
             candidates += _step_charts(reviewed.reviews, pictures.legend, axis)
     if changed_axes:
         candidates.append(pictures.spectra)
-    if reviewed.fleet_sides or _has_changed_motor(reviewed.difference):
-        candidates.append(pictures.trims)
     candidates += [pictures.mean_motor_output, pictures.spectra]
     for candidate in candidates:
         if candidate is not None and len(candidate.lines) > 1:

@@ -447,7 +447,7 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     other = other._replace(outcome=QuantityOutcome.CHANGED, p=1e-5, tested_difference=log1p(-0.09))
     both = difference._replace(changes=(sure, other))
     headline = " ".join(texts(headline_of_comparison(reviewed_difference(both, reviews))))
-    assert "Changed: motor 1's relative trim +16 % (+10 to +22 %), and 1 more." in headline
+    assert "Changed: motor 1's relative trim +16 % (+10 to +22 %), and motor 2's" in headline
     assert headline.count("+16 %") == 1
     # Where all trims together leave it open, the headline has one verdict, and the next step a further flight.
     reviews = judged_reviews(health="drift", suspect_motor=1, fault_probability=0.5)
