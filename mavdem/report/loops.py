@@ -724,7 +724,7 @@ def _facts_besides_headline(
     for fact in facts:
         if fact.code is GainFact.NO_GAINS_ADVISED:
             reasons = fact.figures["reasons"]
-            other_reasons = [reason for reason in reasons if str(reason) != headline_above]
+            other_reasons = [reason for reason in reasons if str(reason) not in headline_above]
             if not other_reasons and _gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
                 continue
             fact = fact.replace(
