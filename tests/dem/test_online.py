@@ -130,11 +130,11 @@ def test_of_many_samples_it_learns_less_often(monkeypatch):
     tracker = FreeEnergyMonitor.from_model(mavdem.learn(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
     monkeypatch.setattr(learner, "_learn_and_monitor", learns)
-    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:900])
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 400, 800]
     learns.reset_mock()
     monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 100)
-    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:900])
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 600]
 
 
@@ -145,7 +145,7 @@ def test_unusual_samples_do_not_shorten_the_pause_between_fits_of_many_samples(m
     monkeypatch.setattr(learner, "_learn_and_monitor", learns)
     monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 100)
     monkeypatch.setattr(AnomalyMarks, "add", Mock(return_value=True))
-    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:900])
     # After 200 samples the pause is 400 samples, after 600 it is 1200.
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 600]
 

@@ -71,8 +71,7 @@ def only_change(seed, rise):
 
 
 @mark.slow
-@mark.parametrize("seed", range(3))
-@mark.parametrize("motor", range(4))
+@mark.parametrize("motor, seed", [(0, 0), (1, 1), (2, 2), (3, 0)])
 def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor, seed):
     first_change = only_change(seed, 0.125 * 0.6 * np.eye(4)[motor])
     assert first_change.motor == motor + 1

@@ -563,7 +563,7 @@ def test_bands_hold_commanded_flights():
     """Simulated responses to doublets of flights that were not trained on lie within their 90 % bands."""
     inside = []
     errors = []
-    for seed in range(5):
+    for seed in range(3):
         flight = in_closed_loop(
             seed, steering=1.0, samples=700 + STEPS, wind=0.5, commanded=DOUBLET
         )

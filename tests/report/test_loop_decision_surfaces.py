@@ -293,11 +293,32 @@ def tunings(assessments):
     return tunings_by_name
 
 
+FLIGHTS_WITH_PAGES = {
+    "sound",
+    "probably sound",
+    "below the goal",
+    "below the goal and resonates",
+    "sound but slow",
+    "refuted and overshoots",
+    "oscillates",
+}
+"""Flights of which pages, documents and recordings are made, too: they show the blocks of screen and tune."""
+
+
 @fixture(scope="module")
-def surfaces_of(assessments, tunings, without_pictures, tmp_path_factory):
-    """What each surface says of a flight, computed once for its name."""
+def surfaces_of(assessments, tunings, without_pictures, tmp_path_factory, pytestconfig):
+    """What each surface says of a flight, computed once for its name; with ``--in-full`` of all flights."""
     path = tmp_path_factory.mktemp("surfaces") / "flight.rrd"
-    return cache(lambda name: surfaces(assessments[name], tunings[name], path))
+    named = FLIGHTS if pytestconfig.getoption("--in-full") else FLIGHTS_WITH_PAGES
+
+    def surfaces_of_flight(name):
+        assessment, tuning = assessments[name], tunings[name]
+        surface_texts = screens(assessment, tuning)
+        if name in named:
+            surface_texts |= pages(assessment, tuning, path)
+        return surface_texts
+
+    return cache(surfaces_of_flight)
 
 
 def texts(blocks):
@@ -322,29 +343,33 @@ def rerun_texts(assessment, path):
                 yield from row or ()
 
 
-def surfaces(assessment, tuning, path):
-    """What each surface says, by its name."""
-    surface_texts = {
+def screens(assessment, tuning):
+    """What lights, screens, a live session, a fleet's row and files of gains say, by the name of the surface."""
+    return {
         "lights": " ".join(fact.sentence_and_remedy for fact in assessment.lights.values()),
         "next step": assessment.next_step.sentence_and_remedy,
         "screen": review_screen(assessment).replace("\n", " "),
+        "fleet": " ".join(
+            str(row.loop_action) for row in rows_of_assessment(assessment, "flight.tlog")
+        ),
+        "tune": " ".join(texts(tune_blocks(tuning))),
+        "tune, short": " ".join(texts(tune_blocks(tuning, is_full=False))),
+        "tune's next step": tuning.judgement.next_step.sentence_and_remedy,
+        "live": " ".join(fact.sentence_and_remedy for fact in facts_of_tuning(tuning)),
+        "files": " ".join(tuning.files(assessment.evidence.signals.telemetry).values()),
+    }
+
+
+def pages(assessment, tuning, path):
+    """What pages, documents and a recording say, by the name of the surface; the recording is written to ``path``."""
+    return {
         "page": re.sub(
             r"<[^>]+>", " ", re.sub(r"(?s)<script.*?</script>", " ", review_page(assessment))
         ),
         "review document": str(complete_document("review", review_document(assessment))),
         "Rerun": " ".join(rerun_texts(assessment, path)).replace("|", " "),
-        "fleet": " ".join(
-            str(row.loop_action) for row in rows_of_assessment(assessment, "flight.tlog")
-        ),
-    }
-    return surface_texts | {
-        "tune": " ".join(texts(tune_blocks(tuning))),
-        "tune, short": " ".join(texts(tune_blocks(tuning, is_full=False))),
-        "tune's next step": tuning.judgement.next_step.sentence_and_remedy,
         "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning, assessment)),
         "tune document": str(complete_document("tune", tune_document("flight", "default", tuning))),
-        "live": " ".join(fact.sentence_and_remedy for fact in facts_of_tuning(tuning)),
-        "files": " ".join(tuning.files(assessment.evidence.signals.telemetry).values()),
     }
 
 

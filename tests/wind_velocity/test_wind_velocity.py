@@ -194,7 +194,7 @@ def test_band_holds_and_a_jump_is_followed():
 @mark.slow
 @mark.parametrize("legs", [5.0, 0.0])
 def test_the_torque_share_is_known_where_the_air_velocity_along_the_body_changes(legs):
-    time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
+    time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5, seconds=80)
     wind = mavdem.estimate_wind(time, attitude, velocity)
     noise = default_rng(0).normal(0.0, 2.0, len(time))
     by_wind = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0)
@@ -305,7 +305,7 @@ def test_hover_takes_the_drag_of_another_flight():
 @mark.slow
 def test_calm_air_is_below_a_speed():
     """In nearly still air only an upper end of the speed is known, and no direction."""
-    wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
+    wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05, seconds=80)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
     # Still air has no gusts either.
     assert wind.gust_interval[0] == 0 < wind.gust
@@ -603,9 +603,10 @@ def test_the_speed_through_the_air_of_a_hover_in_gusts_is_that_of_the_gusts():
 
 @mark.slow
 def test_a_doubtful_speed_is_by_what_adds_most_to_its_variance():
+    hover = {"legs": 0.0, "turning": 0.0, "seconds": 60}
     # In calm air the drag hardly matters, and the unknown lean is as large as all of the wind.
-    calm = mavdem.estimate_wind(*flight(legs=0.0, turning=0.0, wind=(0.3, 0.0), gusts=0.3)[:3])
-    windy = mavdem.estimate_wind(*flight(legs=0.0, turning=0.0, wind=(-6.0, 8.0))[:3])
+    calm = mavdem.estimate_wind(*flight(**hover, wind=(0.3, 0.0), gusts=0.3)[:3])
+    windy = mavdem.estimate_wind(*flight(**hover, wind=(-6.0, 8.0))[:3])
     for wind, by_drag in ((calm, False), (windy, True)):
         assert "drag" in wind.reasons
         assert wind.reasons["speed"].figures["by_drag"] is by_drag
