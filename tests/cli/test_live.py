@@ -246,8 +246,8 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
         monkeypatch.setattr("sitl_scenarios.mavlink.live.monotonic", clock.monotonic)
         session.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or hear(0.0)
         scenario = load("ardupilot_steps")
-        slower = scenario.vehicle.model_copy(update={"parameters": {"SCHED_LOOP_RATE": 200.0}})
-        changes = {"duration": 20.0, "height": 5.0, "vehicle": slower}
+        slower = scenario.vehicle.model_copy(update={"parameters": {"SCHED_LOOP_RATE": 100.0}})
+        changes = {"duration": 18.0, "height": 5.0, "vehicle": slower}
         scenario = scenario.model_copy(update=changes)
         with closing(Air(session, given[-1])) as air:
             watch = Mock()

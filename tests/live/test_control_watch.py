@@ -1,5 +1,6 @@
 """Loss of control in flight: it is alarmed by the judgement of a log, and after it nothing speaks as of a landing."""
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -292,24 +293,31 @@ def test_a_crash_that_the_motion_does_not_show_loses_no_flight():
     assert replayed.stream.status().loss is None
 
 
+@fixture(scope="module")
+def crashed():
+    """A flight in which the autopilot reports a crash at 20 s."""
+    return replayed_with_messages(Spun(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
+
+
 @mark.slow
-@mark.parametrize(
-    "boot_time, take_off", [(0.0, 47.0), (39.5, 43.0)], ids=["in this boot", "in the next"]
-)
-def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_off(
-    boot_time, take_off
-):
-    """The autopilot reports a crash at 20 s; at the time of take-off it reports that it is in the air again."""
-    beat = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
-    replayed = replayed_with_messages(Spun(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
-    status = replayed.stream.status()
-    assert [alarm.figures["reason"].code for alarm in alarms(replayed)] == [
+def test_a_crash_that_the_autopilot_reports_is_no_landing(crashed):
+    status = crashed.stream.status()
+    assert [alarm.figures["reason"].code for alarm in alarms(crashed)] == [
         ReportedEvent.CRASH_DETECTED
     ]
     assert status.loss.code is Ending.LOSS_REPORTED
     assert status.overall_judgement.lights[Light.TRACKING].level is Level.BAD
     in_flight = replace(status, is_flying=True, is_over=False)
     assert in_flight.overall_judgement.next_step.sentence.startswith("Stop the motors.")
+
+
+@mark.slow
+@mark.parametrize(
+    "boot_time, take_off", [(0.0, 47.0), (39.5, 43.0)], ids=["in this boot", "in the next"]
+)
+def test_a_reported_crash_is_over_with_the_next_take_off(crashed, boot_time, take_off):
+    """At the time of take-off the autopilot reports that it is in the air again."""
+    beat = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
     attitudes = [
         (time, message("ATTITUDE", time_boot_ms=round(1e3 * (time - boot_time)), pitch=0.01))
         for time in ticks(40.0, 50.0, RATE)
@@ -319,9 +327,10 @@ def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_of
         for time in ticks(40.0, 50.0, 2.0)
     ]
     beats = [(time, message("HEARTBEAT", base_mode=129, **beat)) for time in ticks(40.0, 50.0, 1.0)]
-    replay(by_time(attitudes, states, beats), replayed.stream)
-    assert replayed.stream.is_flying
-    assert replayed.stream.status().loss is None
+    stream = deepcopy(crashed.stream)
+    replay(by_time(attitudes, states, beats), stream)
+    assert stream.is_flying
+    assert stream.status().loss is None
 
 
 @dataclass(frozen=True)

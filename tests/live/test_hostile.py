@@ -62,16 +62,16 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     odd_frames = []
     values = [float("nan"), 1e38, float("inf"), -700.0] * 5
     stamps = [1, 2**32 - 1, 900_000, 123_456_789] * 5
-    for time, value, stamp in zip(np.arange(8.0, 18.0, 0.5), values, stamps, strict=True):
+    for time, value, stamp in zip(np.arange(8.0, 15.0, 0.35), values, stamps, strict=True):
         odd_frames.append(
             (time + 0.0001, message("ATTITUDE", time_boot_ms=round(time * 1e3) + 5, roll=value))
         )
         odd_frames.append((time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5)))
         odd_frames.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
-    for port, time in enumerate(np.linspace(1.0, 19.0, 250), 1):
+    for port, time in enumerate(np.linspace(1.0, 15.5, 250), 1):
         sent = {"time_usec": round(time * 1e6), "port": port, "servo1_raw": 1500}
         odd_frames.append((time, message("SERVO_OUTPUT_RAW", **sent)))
-    frames = FLIGHT.frames(3.0, 20.0)
+    frames = FLIGHT.frames(3.0, 16.0)
     replayed = replay(by_time(frames, odd_frames))
     assert_array_equal(replayed.table(), replay(frames).table())
     assert VehicleFact.VEHICLE_REBOOTED not in replayed.codes

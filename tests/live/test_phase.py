@@ -194,7 +194,7 @@ def test_a_detector_that_reports_the_ground_in_flight_is_wrong(height_message):
     # The report each second comes just before the next step of the height.
     assert vehicle.phase.contradicted_report.figures["largest_height"] == approx(10.0)
     # Later, the climb is no longer among the messages that are kept.
-    vehicle.fly(40.0, landed=ON_GROUND, height=11.0)
+    vehicle.fly(25.0, landed=ON_GROUND, height=11.0)
     assert vehicle.phase.is_flying
     vehicle.fly(3.0, collective=0.0, landed=ON_GROUND, height=0.0)
     assert not vehicle.phase.is_flying

@@ -45,15 +45,15 @@ TWO_VEHICLES = "px4_two_vehicles_gcslink"
 TO_THE_RESTART = "ap_reboot_rates_never_asked_again"
 """A simulated flight that is replayed whole: the autopilot restarts in it, and sends HEARTBEATs alone then."""
 SECONDS = {
-    "ap_short_with_climb": 82.0,
-    "px4_rate_change_13.8ms": 30.0,
+    "ap_short_with_climb": 68.0,
+    "px4_rate_change_13.8ms": 26.0,
     "ardupilot_wind5_steps": 94.0,
     "px4_wind5_steps": 64.0,
     "dronekit_flight": 60.0,
     "wlichon_baseline": 93.0,
     "bluerobotics_00025": 15.0,
 }
-"""Seconds that are replayed where 45 s are too few or too many: for 20 s of flight, up to the ground, or no flight."""
+"""Seconds that are replayed where 45 s are too few or too many: for 15 s of flight, up to the ground, or no flight."""
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
 KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_PERIOD + 0.25
