@@ -1294,7 +1294,8 @@ class SessionStatus(ImmutableResult):
         """Returns how the parts of a vehicle that sends nothing any more were judged when its last message came.
 
         During the silence, the judgement of many parts only says that no messages come. If such a part was good at the
-        last message, that judgement is returned instead. A part that is judged as bad or to be watched stays so.
+        last message, that judgement is returned instead; and so is a judgement that the message that shows the part has
+        never come, since the silence is not why it is unknown. A part that is judged as bad or to be watched stays so.
 
         Args:
             present_lights: the judgement of each part of the vehicle during the silence, by the name of the part.
@@ -1304,7 +1305,8 @@ class SessionStatus(ImmutableResult):
             return lights
         lights_before_silence = self.status_before_silence._judgement_by_model_and_checks.lights
         for part, light_before_silence in lights_before_silence.items():
-            if light_before_silence.is_good and not lights[part].is_watch_or_bad:
+            is_kept = light_before_silence.is_good or _lacks_a_message(light_before_silence)
+            if is_kept and not lights[part].is_watch_or_bad:
                 lights[part] = light_before_silence
         return lights
 
@@ -1704,6 +1706,18 @@ def cause_of_alarm(fact: Fact) -> Fact:
     if fact.code is LinkFact.LOST_IN_FLIGHT and fact.figures["cause"] is not None:
         return cause_of_alarm(fact.figures["cause"])
     return fact
+
+
+def _lacks_a_message(light: Fact) -> bool:
+    """Returns whether a light is unknown because the message that shows its part of the vehicle does not come.
+
+    Args:
+        light: the judgement of one part of the vehicle.
+    """
+    reason = light.figures.get("reason")
+    if light.code is not Unjudged.NOT_JUDGED or not isinstance(reason, Fact):
+        return False
+    return reason.code is WatchFact.MESSAGE_MISSING and reason.figures["rate"] is None
 
 
 def _is_event(fact: Fact) -> bool:

@@ -704,6 +704,11 @@ def test_no_light_is_good_while_a_flying_vehicle_is_silent(silent):
     before = replace(silent, no_model_reason=None, rates=dict.fromkeys(RATES, 100.0))
     late = replace(silent, status_before_silence=before, analysis_delay=40.0)
     assert {row.name: row.figure for row in light_rows(late)}["log"] == "good 40 s ago"
+    # A message that never came, not the silence, is why a light was unknown.
+    missing = Fact(WatchFact.MESSAGE_MISSING, name="ESTIMATOR_STATUS", rate=None)
+    without = replace(before, watch_facts=(watch(WatchedQuantity.ESTIMATOR, missing),))
+    shown = light_rows(replace(silent, worst_lights={}, status_before_silence=without))
+    assert {row.name: row.figure for row in shown}["estimator"] == "no ESTIMATOR_STATUS"
     mean_wind = WindEstimate(time=3.0, velocity=np.array([3.0, 4.0]), band=np.ones(2))
     windy = replace(silent, mean_wind=mean_wind)
     [wind] = [row for row in light_rows(windy) if row.name == Light.WIND]
