@@ -15,7 +15,7 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.difference.side_titles import side_title
-from mavdem.report.numbers import rounded
+from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import (
     as_clause,
     capitalize_first,
@@ -300,9 +300,11 @@ def _heading_on_same_motor(lights_by_side: Mapping[str, JsonValues]) -> str:
         lights_by_side: the light of the motors in the review document of each log, by side, "A" and "B".
     """
     lights = lights_by_side.values()
+    are_of_fleets = all(len(levels_in_flights(light)) > 1 for light in lights)
+    flights = [_flight_in_heading(side, light) for side, light in lights_by_side.items()]
     [heading] = render_section(
         "difference_same_motor",
-        flights=[_flight_in_heading(side, light) for side, light in lights_by_side.items()],
+        flights=[f"the last flights of {listed(lights_by_side)}"] if are_of_fleets else flights,
         motor=next(iter(lights))["subject"],
         losses=[value_at(light, "figures.loss")[0] for light in lights],
         probabilities=[value_at(light, "figures.motor_probability") for light in lights],

@@ -536,6 +536,8 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     assert heading == (
         "In A and B: motor 3 lost about 20 % and 25 % of its thrust with probability 0.89."
     )
+    flights = {"A": {**weak, "levels": ["good", "bad"]}, "B": {**stronger, "levels": ["bad"] * 2}}
+    assert light_heading(flights).startswith("In the last flights of A and B: motor 3 lost about")
 
 
 @pytest.mark.parametrize(
