@@ -389,8 +389,13 @@ def _cautions_on_gains(advice: AdviceByAxis, lowered_axes: Iterable[str]) -> lis
         for caution in identified_loop.cautions:
             if is_about_gains_to_set(caution):
                 loop_cautions.append((axis, caution))
-    # The axis whose gains can be trusted least comes first; axes with equal percentages stay in order.
-    model_fractions.sort(key=lambda axis_and_fact: round(axis_and_fact[1].figures["share"], 2))
+    least_share_by_sentence = dict[str, float]()
+    for _, fact in model_fractions:
+        sentence = str(fact)
+        share = round(fact.figures["share"], 2)
+        least_share_by_sentence[sentence] = min(share, least_share_by_sentence.get(sentence, share))
+    # The axis whose gains can be trusted least comes first; axes with the same sentence stay in order.
+    model_fractions.sort(key=lambda axis_and_fact: least_share_by_sentence[str(axis_and_fact[1])])
     lowered = [(axis, Fact(GainFact.LOWERED_WITHOUT_MODEL)) for axis in lowered_axes]
     sentences = sentences_by_axes([*lowered, *model_fractions])
     sentences += sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy"))

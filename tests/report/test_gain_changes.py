@@ -129,6 +129,22 @@ def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatc
         assert name in unquote(both.downloads[1].address)
 
 
+def test_gains_that_few_models_accept_are_called_a_step_of_all_their_axes(
+    monkeypatch: MonkeyPatch,
+):
+    monkeypatch.setattr(Loop, "share_meeting", lambda loop, target: 0.0)
+    advice = {}
+    for axis, sure in (("roll", 0.03), ("pitch", 0.01), ("yaw", 0.7)):
+        loop = partial_record(Loop, axis=axis, cautions=())
+        gains = {axis: Gain(2.0, 3.0)}
+        advice[axis] = partial_record(
+            Advice, target=None, gains=gains, stage=Stage.RATE, sure=sure, before=loop
+        )
+    few, most = gain_changes("a.ulg", Hover().telemetry(), advice).cautions
+    assert few.lead == "Roll and pitch:" and "few of the vehicle models" in few.text
+    assert most.lead == "Yaw:" and "in 70 % of the vehicle models" in most.text
+
+
 def test_how_gains_are_loaded_is_said_once_and_for_the_first_stage_alone():
     remedies = {Stage.RATE: "Load them and hover.", Stage.ANGLE: "Load them later."}
     advice = {}
