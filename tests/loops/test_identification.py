@@ -118,18 +118,6 @@ def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
     assert LoopFact.STEERING_SLOW in [caution.code for caution in loop_above_setpoints.cautions]
 
 
-def test_a_loop_has_nearly_its_true_margins_at_400_hz():
-    vehicle = SCENARIO.vehicle.model_copy(update={"parameters": {"IMU_GYRO_RATEMAX": 400}})
-    stream = SCENARIO.stream.model_copy(update={"rate": 400, "rates": {"ATTITUDE_TARGET": 400}})
-    # From a low hover, which begins early, to the 20 s of settled flight that margins take.
-    fast = {"duration": 40.0, "height": 2.0, "vehicle": vehicle, "stream": stream}
-    known, log = logged(SCENARIO.model_copy(update=fast))
-    loop = identified_loop(log)
-    _, phase_margin, gain_margin, _ = known["roll_rate_margins"]
-    assert loop.phase_margin == approx(phase_margin, abs=5.0)
-    assert loop.gain_margin == approx(gain_margin, abs=1.5)
-
-
 def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
     slow = thinned(log, 8)
     assert not loop_of_axis(Signals(slow.vehicles[0]), slow).plant.filtered
