@@ -242,6 +242,10 @@ class StatusLines:
         # s of the monotonic clock.
         self._printed_fault_of_earlier_flight = ""
         self._fault_print_time = -inf
+        # The line of the latest landing, which states what was found until then; empty before any.
+        self._landing_text = ""
+        # Code and subject of the headline at the latest look on the ground after a flight; None in flight.
+        self._headline_on_ground: Hashable = None
         # Number of the boot, and time on its clock, s, of the latest line, which the lines at the end have too.
         self._latest_moment = (0, nan)
         # The event that no vehicle has been found, which is printed if it still holds after a while, and when it came,
@@ -372,6 +376,8 @@ class StatusLines:
             self._store_alarm_end()
         elif has_remedy and fact.remedy:
             self._store_advice(fact.remedy, is_alarm=event.is_alarm)
+        if fact.code is SessionFact.FLIGHT_LEARNED:
+            self._landing_text = fact.sentence
         line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
         self._print(line, style_of_facts(fact))
 
@@ -567,6 +573,7 @@ class StatusLines:
             self._printed_state = state
             self._print_time = now
             self._print_status_line(status)
+        self._print_fault_found_on_ground(status)
         self._print_next_step(status)
 
     def _print_status_line(self, status: SessionStatus) -> None:
@@ -597,6 +604,28 @@ class StatusLines:
         if status.is_in_flight and is_next_step:
             line = f"{NEXT_MARKER} {line}"
         self._print_now(line, status)
+
+    def _print_fault_found_on_ground(self, status: SessionStatus) -> None:
+        """Prints a fault of the latest flight that has become known since its landing, as its verdict.
+
+        Its model may be learned to the end only then, and show small margins, for example. Without this line the next
+        step would change for no reason. A loss, an alarm and the verdict of a recording are events of their own.
+
+        Args:
+            status: State of the live session.
+        """
+        if status.is_in_flight or status.flight_number == 0 or status.recording_verdict is not None:
+            self._headline_on_ground = None
+            return
+        headline = status.overall_judgement.headline
+        former_headline = self._headline_on_ground
+        self._headline_on_ground = (headline.code, headline.subject)
+        is_new = former_headline not in (None, self._headline_on_ground)
+        is_event = status.loss is not None or bool(status.alarms)
+        text = headline_text(headline)
+        is_stated = is_event or text in self._landing_text
+        if is_new and headline.is_watch_or_bad and not is_stated:
+            self._print_now(f"{VERDICT_MARKER} {escape_unprintable(text)}", status)
 
     def _print_link_warning(self, status: SessionStatus) -> None:
         """Prints once that the link has just been lost in flight, where lines are printed below each other.

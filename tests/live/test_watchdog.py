@@ -1370,6 +1370,15 @@ def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys,
         "Fly on",
         "Wait for the result before the next flight",
     ]
+    # A fault that the model shows only after the landing is printed once, before what to do about it.
+    small = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
+    found = replace(landed, worst_lights={Light.MOTORS: small})
+    for status in (landed, found, found):
+        lines.show_status(status)
+    verdict, step = [
+        line for line in capsys.readouterr().out.splitlines() if "VERDICT" in line or "NEXT" in line
+    ]
+    assert f"VERDICT {headline_text(small)}" in verdict and "NEXT" in step
     lines.show_status(sound)
     lines.show_status(sound)
     capsys.readouterr()
