@@ -28,6 +28,7 @@ from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.difference.changes import (
     changes_by_cause,
     changes_by_relevance,
+    doubtful_changes,
     result_sentences,
 )
 from mavdem.report.difference.effort import effort_sentences
@@ -40,6 +41,7 @@ from mavdem.report.difference.lights import (
     bad_lights,
     compared_levels,
     details_below_heading,
+    imu_of_both,
     later_side,
     light_heading,
     lights_of_both,
@@ -101,9 +103,9 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     5. The other lights of the vehicle that are to be watched on one side, and good on the other.
 
     If the gains explain all changed figures, or others are doubtful, whether figures changed comes last: nothing else
-    is certain. Lights that became better then come after the effort of the motors, as what became worse is to be
-    repaired. Gains come before bad lights of which none is bad in B alone: they surely changed, and may be why lights
-    did.
+    is certain. Lights that became better then come after the effort of the motors and after doubtful changes, which may
+    be a damage. Gains come before bad lights of which none is bad in B alone: they surely changed, and may be why
+    lights did.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
@@ -127,7 +129,9 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     )
     worse_lights, better_lights = _sentences_on_worse_and_better_lights(reviewed.reviews)
     effort = effort_sentences(reviewed)
-    has_difference_above = bool(worse_lights or better_lights or effort)
+    # A doubtful change may be a damage as well.
+    is_result_urgent = bool(doubtful_changes(reviewed))
+    has_difference_above = bool(worse_lights or effort or (better_lights and not is_result_urgent))
     result = result_sentences(reviewed, changes, has_difference_above=has_difference_above)
     result += yaw_trim_sentences(reviewed)
     sentences: list[Sentence] = []
@@ -140,7 +144,10 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     if changes_by_cause(difference, changes).unexplained:
         return [*sentences, *effort, *result, *gain_sentences, *worse_lights, *better_lights]
     # The result is then that nothing else changed for sure: it follows all that did.
-    return [*sentences, *gain_sentences, *worse_lights, *effort, *better_lights, *result]
+    sentences += [*gain_sentences, *worse_lights, *effort]
+    if is_result_urgent:
+        return [*sentences, *result, *better_lights]
+    return [*sentences, *better_lights, *result]
 
 
 def _stated_evidence_of_weak_motor(reviewed: ReviewedDifference) -> tuple[QuantityChange, ...]:
@@ -234,6 +241,7 @@ def headline_in_two_sizes(
         if sentence in watched_lights:
             if is_first_difference:
                 blocks.append(_heading_of_watched_light(sentence, reviewed))
+                sentence = _watched_light_below_heading(sentence, reviewed)
             blocks.append(sentence)
         elif sentence.lead in headings:
             blocks += [headline_sentence(heading), _sentence_below_heading(sentence, reviewed)]
@@ -271,6 +279,19 @@ def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) 
     """
     name = _light_name(sentence.lead)
     return headline_sentence(watched_light_heading(lights_of_both(reviewed.reviews)[name]))
+
+
+def _watched_light_below_heading(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+    """Returns the sentence on a light without its levels, if the heading above has them: each IMU's vibration is left.
+
+    Args:
+        sentence: the sentence, whose lead names the light, such as "Vibration:".
+        reviewed: comparison of two states, with the reviews of their logs.
+    """
+    lights_by_side = lights_of_both(reviewed.reviews)[_light_name(sentence.lead)]
+    if not imu_of_both(lights_by_side):
+        return sentence
+    return sentence._replace(text=f"{vibration_changes(lights_by_side)}.")
 
 
 def _large_sentence(sentence: Sentence) -> list[Sentence]:

@@ -356,28 +356,40 @@ def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
         lights_by_side: the light in the review document of each log, by side, "A" and "B".
 
     Returns:
-        A sentence such as "In A: vibration 15.7 m/s² on IMU 2 (watch); 9.4 in B (good).".
+        A sentence such as "Vibration of IMU 2 15.7 → 9.4 m/s²: watch in A, good in B.".
     """
     sides_by_level = {light["level"]: side for side, light in lights_by_side.items()}
     watched_side, good_side = sides_by_level[Level.WATCH], sides_by_level[Level.GOOD]
-    watched_light = lights_by_side[watched_side]
-    good_light = lights_by_side[good_side]
-    has_vibrations = all(
-        "vibration" in (light.get("figures") or {}) for light in lights_by_side.values()
-    )
-    is_of_same_imu = has_vibrations and watched_light.get("subject") == good_light.get("subject")
-    has_clips = any(value_at(light, "figures.clips") for light in lights_by_side.values())
+    lights = lights_by_side.values()
     [heading] = render_section(
         "difference_watched",
         watched_side=watched_side,
         good_side=good_side,
-        # Of clipped samples the sentence of the light tells more than the vibration.
-        imu=watched_light["subject"] if is_of_same_imu and not has_clips else "",
-        watched_vibration=value_at(watched_light, "figures.vibration"),
-        good_vibration=value_at(good_light, "figures.vibration"),
-        clause=_heading_clause(watched_light["sentence"]),
+        imu=imu_of_both(lights_by_side),
+        vibrations=[value_at(light, "figures.vibration") for light in lights],
+        levels=[light["level"] for light in lights],
+        clause=_heading_clause(lights_by_side[watched_side]["sentence"]),
     )
     return heading.text
+
+
+def imu_of_both(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the IMU that vibrates most in both logs, such as "IMU 2", if two figures say what became of it.
+
+    Args:
+        lights_by_side: a light in the review document of each log, by side, "A" and "B".
+
+    Returns:
+        The name; empty if the IMUs differ, if samples were clipped, of which the sentence of the light says more, and
+        for a light on another subject.
+    """
+    subjects = set()
+    for light in lights_by_side.values():
+        has_vibration = "vibration" in (light.get("figures") or {})
+        if not has_vibration or value_at(light, "figures.clips"):
+            return ""
+        subjects.add(light.get("subject") or "")
+    return subjects.pop() if len(subjects) == 1 else ""
 
 
 def _heading_clause(sentence: str) -> str:

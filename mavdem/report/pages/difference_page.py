@@ -66,6 +66,7 @@ from mavdem.report.difference.lights import (
     lights_of_side,
     sentences_on_lights_watched_in_both,
     states_in_flights,
+    vibration_changes,
     vibrations_of_same_imu,
 )
 from mavdem.report.difference.motors import motor_table, motor_warnings
@@ -395,6 +396,9 @@ def _without_tabled_vibration(
     watched_lights = sentences_on_watched_lights(reviewed.reviews)
     shortened_blocks = []
     for block in blocks:
+        # Below a heading with the levels it has the figures alone.
+        if block.text == f"{vibration_changes(lights)}.":
+            continue
         if block in watched_lights and block.lead == f"{Light.VIBRATION.capitalize()}:":
             block = block._replace(text=f"{levels}; the table has the figures.")
         shortened_blocks.append(block)

@@ -351,13 +351,16 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
             light = review["lights"]["vibration"]
             light |= {"subject": "IMU 2", "figures": figures.get(light["level"], {})}
         reviewed = reviewed_difference(unchanged(), reviews)
-        first, *_ = headline_in_two_sizes(reviewed, headline_of_comparison(reviewed))
+        first, second, *_ = headline_in_two_sizes(reviewed, headline_of_comparison(reviewed))
+        assert not figures or second.text == "IMU 2: 16 → 9.4 m/s²."
         return first.lead
 
     assert heading() == "In A: vibration 16 m/s² (watch); good in B."
     figures = {"watch": {"vibration": 15.7}, "good": {"vibration": 9.4}}
-    assert heading(**figures) == "In A: vibration 15.7 m/s² on IMU 2 (watch); 9.4 in B (good)."
+    assert heading(**figures) == "Vibration of IMU 2 15.7 → 9.4 m/s²: watch in A, good in B."
     # On the page the next step follows the heading, and the table alone has the vibration of each IMU.
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(unchanged(), reviews))
+    assert "IMU 2 15.7" in page.replace("\N{NO-BREAK SPACE}", " ") and "IMU 2: 16 →" not in page
     weak = {"level": "watch", "subject": "motor 1", "sentence": "Motor 1 is weak."}
     reviews["A"]["lights"]["motors"] = {"level": "good", "sentence": "Motors even."}
     reviews["B"]["lights"]["motors"] = weak

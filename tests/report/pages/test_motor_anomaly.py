@@ -484,6 +484,15 @@ def test_a_doubtful_trim_is_no_step_where_all_together_show_no_weak_motor():
     )
     assert result.endswith("show no motor that works 8 % harder (probability 0.01).")
     assert next_blocks(reviewed_difference(difference, reviews)) == []
+    # It may be a damage, so that a light that became better follows it.
+    shaken = {"level": "watch", "sentence": "Vibration 16 m/s²."}
+    lights_by_side = {"A": shaken, "B": shaken | {"level": "good"}}
+    reviews_with_vibration = {
+        side: {**reviews[side], "lights": reviews[side]["lights"] | {"vibration": light}}
+        for side, light in lights_by_side.items()
+    }
+    headline = headline_of_comparison(reviewed_difference(difference, reviews_with_vibration))
+    assert [sentence.lead for sentence in headline] == ["No change is certain.", "Vibration:"]
     reviewed = reviewed_difference(difference, reviews)
     headline = headline_of_comparison(reviewed)
     # What the headline says is not said again below it.
