@@ -13,8 +13,7 @@ from recorded_flights import FLIGHT, SLOW, short_flight
 
 from mavdem import Learned, Settings
 from mavdem import learn as learn_model
-from mavdem.assessment.assess import assess
-from mavdem.assessment.axis import Options
+from mavdem.assessment.assess import assess_signals
 from mavdem.cli.learn import default_result_folder
 from mavdem.cli.output import TERMINAL_LINES, print_blocks, print_screen
 from mavdem.cli.streams import print_to_stderr
@@ -22,7 +21,6 @@ from mavdem.dataset.flights import read_flight
 from mavdem.facts import Level
 from mavdem.facts.session import TimeUse
 from mavdem.fleet.row import FlightRow
-from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.motors.motor_changes import MotorChange
@@ -198,9 +196,20 @@ def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(
 @mark.slow
 @mark.usefixtures("logs_read_once")
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
-    """Motor 1 failed: terminal, pages and documents must all have that headline and its remedy."""
+    """Motor 1 failed: terminal, pages and documents must all have that headline and its remedy.
+
+    The log is assessed once, by ``learn``, and ``review`` shows the same assessment.
+    """
     alarm = MotorChange(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.assessment.axis.analysis.motor_alarms", lambda signals: (alarm,))
+    assessments = []
+
+    def kept_assessment(*arguments, **options):
+        assessments.append(assess_signals(*arguments, **options))
+        return assessments[-1]
+
+    monkeypatch.setattr("mavdem.cli.learn.assess_signals", kept_assessment)
+    monkeypatch.setattr("mavdem.cli.review.assess", lambda *_, **__: assessments[-1])
     log = str(short_flight(tmp_path))
     out = tmp_path / "out"
     assert run("learn", log, "--preset", "paper", "--out", out) == 0
@@ -211,7 +220,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     reviewed = " ".join(capsys.readouterr().out.split())
     page = (out / "report.html").read_text()
     document = (out / "report.json").read_text()
-    assessment = assess(read_log(log), axis="roll", options=Options(settings=Settings.paper()))
+    (assessment,) = assessments
     assert assessment.headline.subject == alarm.name and assessment.headline.level is Level.BAD
     headline = words_of(assessment.headline)
     remedy = str(assessment.next_step)
