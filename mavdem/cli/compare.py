@@ -224,7 +224,7 @@ def _exit_code(stop: KeyboardInterrupt | SystemExit) -> int:
 
 
 class _ComparisonProgress:
-    """Shows how far a comparison is, which method is in work in which window, and how long the rest will take.
+    """Shows how far a comparison is, which method is in work in which window and, once a window is done, the time left.
 
     A terminal has a bar with a title. A file or a pipe gets a line after ``SECONDS_BETWEEN_LINES``, and then as often.
     """
@@ -266,8 +266,13 @@ class _ComparisonProgress:
         if self._done_count == self._trial_count:
             return
         elapsed_seconds = time - self._start_time
-        seconds_left = self._run_time.seconds_left(elapsed_seconds)
-        share = elapsed_seconds / (elapsed_seconds + seconds_left)
+        share = self._done_count / self._trial_count
+        seconds_left = None
+        # The methods take very different times, and the first trial of each process loads libraries: before all methods
+        # are done in a window, no time is known.
+        if self._done_count >= len(self._methods):
+            seconds_left = self._run_time.seconds_left(elapsed_seconds)
+            share = elapsed_seconds / (elapsed_seconds + seconds_left)
         # Outcomes come in the order of the trials: the next one is in work, and perhaps later ones on other cores.
         window_index, method_index = divmod(self._done_count, len(self._methods))
         (progress,) = render_section(

@@ -317,9 +317,15 @@ def _rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRan
             losses.append(f"{other} (p {_p_value_text(test)})")
         elif test.result is TestResult.LOWER:
             wins.append(other)
-        elif error_ratios[other] < error_ratios[method]:
+        elif _is_shown_smaller(error_ratios[other], error_ratios[method]):
             smaller.append(other)
     return _MethodRank(method, method in failed_methods, losses, smaller, wins)
+
+
+def _is_shown_smaller(error_ratio: float, other_ratio: float) -> bool:
+    """Returns whether an error ratio is below another one in the tables too, which round both to two digits."""
+    is_shown_equal = _short_number(error_ratio) == _short_number(other_ratio)
+    return error_ratio < other_ratio and not is_shown_equal
 
 
 def _p_value_text(test: Paired) -> str:
@@ -528,10 +534,7 @@ def _better_at_shorter_horizons(comparison: Comparison, kind: ForecastKind) -> d
     for index, seconds in enumerate(summaries[0]["horizon_seconds"][:-1]):
         error_ratios = {summary["method"]: summary["horizons"][index] for summary in summaries}
         best_method = min(error_ratios, key=lambda method: error_ratios[method])
-        best_ratio = error_ratios[best_method]
-        # What the table shows as equal is not called lower.
-        is_shown_lower = _short_number(best_ratio) != _short_number(error_ratios[reference])
-        if best_ratio < error_ratios[reference] and is_shown_lower:
+        if _is_shown_smaller(error_ratios[best_method], error_ratios[reference]):
             horizons_by_method.setdefault(best_method, []).append(_seconds_text(seconds))
     return horizons_by_method
 

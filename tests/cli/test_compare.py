@@ -90,6 +90,8 @@ def test_named_methods_are_compared_on_lines_of_80_columns(quick, monkeypatch, c
     errors = captured.err.replace("\n", " ")
     assert "Comparing 2 methods on 3 windows, 3 of them independent (not overlapping);" in errors
     assert errors.index("Next: `--hop 850` cuts") < errors.index("% done")
+    # The time is known once all methods are done in a window.
+    assert "Window 1 of 3, hold last: 17 % done." in errors
     assert re.search(r"Window 2 of 3, hold last: \d+ % done, about [01] s left", errors)
     monkeypatch.delenv("COLUMNS")
     message = refused(capsys, 2, "compare", FLIGHT, "--methods", "foo")

@@ -280,6 +280,17 @@ def test_the_report_begins_with_the_losses_of_the_model_of_dem_and_of_the_defaul
         "mavdem forecasts, has the smallest error. Its error is significantly smaller than that of "
         "both other methods."
     ) in headline.lead
+    # What the table shows as equal is not called smaller.
+    default, hold, mean = copies[0]
+    scores = {
+        kind: one._replace(squared_error=0.9999 * one.squared_error)
+        for kind, one in default.scores.items()
+    }
+    equal = ((default, replace(hold, scores=scores), mean),)
+    headline, *_ = comparison_report(Comparison(tuple(parts[:1]), predicted.methods, equal))
+    assert (
+        "joint VAR (Bayesian), by which mavdem forecasts, has the smallest error." in headline.lead
+    )
     rows = table_of(compared, SUMMARY).rows
     ratios = [float(row[-2]) for row in rows]
     assert ratios == sorted(ratios)
