@@ -160,7 +160,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert run("diff", "a.bin", "b.bin") == 1
     printed = capsys.readouterr()
     assert "B has no flight with figures. It is empty." in printed.err
-    assert re.search(r"ATC_RAT_RLL_P +0.1 +0.2", printed.out)
+    assert re.search(r"ATC_RAT_RLL_P +0.1 +0.2 +\+100 %", printed.out)
     assert "Parameters: 0 of 2 that A and B have in common are equal; 2 set anew." in printed.out
     assert "Other parameters: 1 more differs; `--verbose` lists it." in printed.out
     assert "FENCE_ENABLE" not in printed.out

@@ -50,7 +50,7 @@ def changed_parameter_sentences(
 
 
 def parameter_blocks(reviewed: ReviewedDifference, *, verbose: bool) -> Blocks:
-    """Returns a table of changed parameters with both values, and how many are equal.
+    """Returns a table of changed parameters with both values and the change of gains, and how many are equal.
 
     Args:
         reviewed: comparison of two states, with the changed parameters.
@@ -60,8 +60,8 @@ def parameter_blocks(reviewed: ReviewedDifference, *, verbose: bool) -> Blocks:
     for parameter in reviewed.parameters:
         if verbose or CONTROL_PARAMETERS.match(parameter.name):
             shown_parameters.append(parameter)
-    rows = parameter_rows(shown_parameters)
-    tables = [Table(["parameter", *STATE_NAMES], rows)] if rows else []
+    rows = parameter_rows(shown_parameters, has_percentages=True)
+    tables = [Table(["parameter", *STATE_NAMES, "change"], rows)] if rows else []
     further_count = len(reviewed.parameters) - len(shown_parameters)
     return [
         *tables,
