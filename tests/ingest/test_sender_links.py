@@ -1,6 +1,7 @@
 """Copies over a second link are dropped, what is missing is counted once, and two vehicles under one id are refused."""
 
 import random
+from functools import cache
 
 import numpy as np
 from mavlink_streams import heartbeat, message, read, tlog
@@ -12,6 +13,7 @@ from mavdem.facts.sources import Repair, SourceFact
 STEP = 0.02
 
 
+@cache
 def sent(duration=20.0, start=100.0, heading=0.5, latitude=47.0, first_sequence=0, system=1):
     """Times, s, and frames of one vehicle: attitude and motors at 50 Hz, a heartbeat and a position a second."""
     frames = []

@@ -1,5 +1,7 @@
 """Frames of a sender that are taken in runs give what they give one by one."""
 
+from functools import cache
+
 import numpy as np
 from pytest import mark
 
@@ -42,23 +44,26 @@ def with_copies(random, frames, share, delay):
     return [frame for _, frame in sorted(arrivals, key=lambda arrival: arrival[0])]
 
 
+@cache
 def streams(seed):
-    """Yields the frames of one link, two links, two vehicles, a restart, and a recording that is repeated."""
+    """Returns the frames of one link, two links, two vehicles, a restart, and a recording that is repeated."""
     random = np.random.default_rng(seed)
     single = vehicle_frames(random, 1500, 10.0, 0.3, 0)
     other = vehicle_frames(random, 1500, 10.0, 1.5, 90)
-    yield with_copies(random, single, 0.02, 40.5)
-    yield single[:400] + with_copies(random, single[400:800], 0.5, 3.5) + single[800:]
-    yield [frame for pair in zip(single, other, strict=False) for frame in pair]
-    yield single + vehicle_frames(random, 800, 1.0, -0.4, 17)
-    yield single + single
+    return [
+        with_copies(random, single, 0.02, 40.5),
+        single[:400] + with_copies(random, single[400:800], 0.5, 3.5) + single[800:],
+        [frame for pair in zip(single, other, strict=False) for frame in pair],
+        single + vehicle_frames(random, 800, 1.0, -0.4, 17),
+        single + single,
+    ]
 
 
 @mark.parametrize("seed", range(2))
 @mark.parametrize("kind", range(5))
 def test_runs_of_frames_give_what_single_frames_give(seed, kind):
     """The reader of files processes many frames at once, the live reader one by one: both must agree."""
-    content = b"".join(list(streams(seed))[kind])
+    content = b"".join(streams(seed)[kind])
     frames = frames_in(content)
     data = np.frombuffer(content, dtype=np.uint8)
     stream = sender_stream_of(data, frames, np.arange(len(frames)))

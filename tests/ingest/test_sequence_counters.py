@@ -1,5 +1,6 @@
 """Two sequence counters under one id: two vehicles are refused, one vehicle on two channels is read as one."""
 
+from functools import cache
 from math import cos, radians, sin
 
 import numpy as np
@@ -26,6 +27,7 @@ HEADING = 0.5
 """Heading of all of them."""
 
 
+@cache
 def swaying(phase=0.0, first_sequence=0, rate=50.0, offset=0.0, start=100.0, burst=1):
     """Arrival times and frames of a vehicle that sways at a phase: attitude and motors, a heartbeat a second.
 

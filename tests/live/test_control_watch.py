@@ -42,19 +42,16 @@ class Rolling(Hover):
 
 @dataclass(frozen=True)
 class Leaving(Rolling):
-    """Leaves its setpoint from ``LOST`` on, faster and faster, and is back after ``back`` s; it lands at ``landed``."""
+    """Leaves its setpoint from ``LOST`` on, faster and faster; it lands at ``landed``."""
 
     hovering: float = 3.0
-    largest: float = np.inf
-    back: float = np.inf
 
     @property
     def landed(self):
         return LOST + 4.0
 
     def roll(self, t):
-        away = np.clip(np.asarray(t) - LOST, 0.0, None)
-        return np.where(away < self.back, np.minimum(3.0 * away**2, self.largest), 0.0)
+        return 3.0 * np.clip(np.asarray(t) - LOST, 0.0, None) ** 2
 
     def motors(self, t):
         outputs = super().motors(t)

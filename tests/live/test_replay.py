@@ -70,7 +70,7 @@ EXACT = 1e-12, 1e-9
     [
         (Flight(version=1, quaternion=True, system=7), EXACT, 0.0),
         (Flight(attitude=120.0, motors=110.0, clock=2**32 / 1e6 - 25), EXACT, 1 / 110),
-        (Flight(attitude=400.0), LOW_PASSED, 5 * 0.01 + 1 / 400),
+        (Flight(attitude=250.0), LOW_PASSED, 5 * 0.01 + 1 / 250),
         (Flight(motors=250.0), LOW_PASSED, 5 * 0.01 + 1 / 250),
         (Flight(motors=50.0), LOW_PASSED, 5 * 0.02 + 1 / 50),
     ],
