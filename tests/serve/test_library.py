@@ -594,7 +594,7 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
     # An anomaly of the motors is stated as on the flight's page.
     assert '<span class="said bad">Motor 1 lost about 25' in page
     assert (
-        'href="/vehicle?name=quad%208" title="quad 8">quad 8</a><span class="said">No flight'
+        'href="/vehicle?name=quad%208" title="quad 8">quad 8</a><span class="said unknown">No flight.'
         in page
     )
 
