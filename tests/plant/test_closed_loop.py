@@ -11,6 +11,7 @@ from pytest import approx, mark, raises
 from scipy.signal import cont2discrete, lfilter
 
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
+from mavdem.loops.identified_plant import physical_plant
 from mavdem.plant.closed_loop import likelihood
 from mavdem.plant.closed_loop.identification import (
     IdentifiedAxis,
@@ -200,10 +201,20 @@ def test_nothing_asked_is_nothing_steered():
     k = len(PARAMETER_NAMES)
     still, steered = axis(fly(4, steered=1e-6), 4), axis(fly(3), 4)
     assert still.reference_share(KNOWN_PLANT) < 0.05
-    covariance = np.eye(k)
-    assert IdentifiedAxis(still, KNOWN_PLANT, covariance, KNOWN_PLANT).steered_frequency == 0.0
+    known = np.zeros((k, k))
+    unsteered_fit = IdentifiedAxis(still, KNOWN_PLANT, known, KNOWN_PLANT)
+    steered_fit = IdentifiedAxis(steered, KNOWN_PLANT, known, KNOWN_PLANT)
+    assert unsteered_fit.steered_frequency == 0.0
     # Steps of the setpoint are quick.
-    assert IdentifiedAxis(steered, KNOWN_PLANT, covariance, KNOWN_PLANT).steered_frequency > 4.0
+    assert steered_fit.steered_frequency > 4.0
+    # Below setpoints' frequencies the phase at the crossover has no further error, above it has one of 3°.
+    crossover = 2.3
+    assert steered_fit.crossover == unsteered_fit.crossover == approx(crossover, rel=0.05)
+    variances = [
+        physical_plant(fit, np.ones(1)).covariance[-1, -1] for fit in (unsteered_fit, steered_fit)
+    ]
+    phase_error = 360 * crossover * np.sqrt(variances[0] - variances[1])
+    assert phase_error == approx(3.0, rel=0.05)
 
 
 @mark.slow

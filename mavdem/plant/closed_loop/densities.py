@@ -347,6 +347,23 @@ class DensityModel:
                 derivatives[:, parameter] += sums[:, number]
         return density, derivatives
 
+    def rate_loop_response(self, theta: Array) -> ComplexArray:
+        """Returns the open-loop response of the rate loop, A C_y F, at the J frequencies themselves (J,).
+
+        Args:
+            theta: logarithms of the parameters (k,).
+        """
+        parameters = LoopParameters.from_logarithms(theta)
+        loop = self._closed_loop(parameters)
+        rate_from_output = (
+            parameters.effect * loop.plant * loop.motor_lag * np.exp(-parameters.delay * self._s)
+        )
+        output_from_rate = parameters.controller * self._controller.from_rate * self._gyro_filter
+        # Alias number 0 is the frequency itself.
+        (base,) = np.flatnonzero(self._alias_numbers == 0)
+        response: ComplexArray = (rate_from_output * output_from_rate)[:, base]
+        return response
+
     def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:
         """Computes the frequency responses of the closed loop at all J frequencies and F aliases of each.
 

@@ -174,6 +174,13 @@ class IdentifiedAxis(NamedTuple):
         is_steered = scipy.ndimage.median_filter(coherence, STEERED_BANDS) >= MIN_STEERED_COHERENCE
         return float(self.posterior.spectra.frequency[is_steered].max(initial=0.0))
 
+    @property
+    def crossover(self) -> float:
+        """Highest frequency of the spectra at which the gain of the rate loop is at least 1, Hz; 0 if there is none."""
+        frequency = self.posterior.spectra.frequency
+        rate_response = self.posterior.densities.rate_loop_response(self.theta)
+        return float(frequency[np.abs(rate_response) >= 1].max(initial=0.0))
+
 
 def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     """Identifies the parameters of one axis by the modes of its posterior.

@@ -38,8 +38,9 @@ DISTURBANCE_DEVIATION = 0.3
 No sum of three components is the spectrum of every wind: those of Dryden and of von Kármán alone, with which turbulence
 is usually described, fall by powers of 2 and 5/3 of the frequency, and so part by 26 % in an octave. Chosen on flights
 of ``first_flight_ardupilot`` whose setpoints end at 5 Hz: 90 % of the 20 intervals of their phase margins hold the
-truth, with 0.2 85 %, and without it 75 %. On other vehicles such intervals are still too narrow: they hold it in 70 %
-of 23 loops (``tools/validation/loops.py --half report --rates 100 --limited --flights 8``).
+truth, with 0.2 85 %, and without it 75 %. On other vehicles such intervals are still too narrow: with
+``UNSTEERED_PHASE_DEVIATION`` they hold it in 74 % of 23 loops (``tools/validation/loops.py --half report --rates 100
+--limited --flights 8``).
 """
 
 DISTURBANCE_OCTAVES = 0.5
