@@ -17,33 +17,33 @@ def faults_before_gains(headline: Fact, lights: NamedFacts) -> Facts:
     """Returns the faults of a vehicle that a pilot mends before loading new gains, such as a weak motor.
 
     New gains fit the vehicle as it flew, and mending the motors, the vibration or the battery changes its control
-    loops. So these are the status lights (judgements of one part with a level) of ``LIGHTS_BEFORE_GAINS`` and the
-    headline of the flight, as far as they are watch or bad, are not about the loops, and can be mended. Motors that
-    only fast commands take to their limits are no such fault: new gains make these commands smaller.
+    loops. A fault is the headline of the flight or one of the status lights (facts with a level, each about one part)
+    in ``LIGHTS_BEFORE_GAINS``, if that is watch or bad and not about the control loops.
 
     Args:
         headline: the most serious fact of the flight.
-        lights: the facts of its status lights by name.
+        lights: its status lights by name.
 
     Returns:
-        The faults, coded findings; empty if nothing is to be mended.
+        The faults; empty if nothing is to be mended.
     """
-    facts_that_matter = [headline]
+    candidates = [headline]
     for name in LIGHTS_BEFORE_GAINS:
         if name in lights:
-            facts_that_matter.append(lights[name])
+            candidates.append(lights[name])
     faults_to_mend = []
     for fault in faults_besides_loops(headline, lights):
-        # What only another flight can clear up is nothing to mend.
-        is_mendable = bool(fault.without_flight_advice.remedy)
-        is_of_gains = is_range_taken_by_commands(fault)
-        if fault in facts_that_matter and is_mendable and not is_of_gains:
+        # A fault whose only remedy is another flight is nothing to mend on the ground.
+        has_remedy_on_ground = bool(fault.without_flight_advice.remedy)
+        # Motors that only fast commands take to their limits are sound: new gains make these commands smaller.
+        is_remedied_by_gains = is_range_taken_by_commands(fault)
+        if fault in candidates and has_remedy_on_ground and not is_remedied_by_gains:
             faults_to_mend.append(fault)
     return tuple(faults_to_mend)
 
 
 def faults_besides_loops(headline: Fact, lights: NamedFacts) -> list[Fact]:
-    """Returns what a flight shows to be watch or bad about anything but its control loops, each finding once.
+    """Returns the faults of a flight that are not about its control loops, such as a weak motor or a low battery.
 
     Args:
         headline: the most serious fact of the flight.
@@ -51,7 +51,7 @@ def faults_besides_loops(headline: Fact, lights: NamedFacts) -> list[Fact]:
             motors.
 
     Returns:
-        The headline, if it is such a finding, and the facts of the lights in their order.
+        Facts with the level watch or bad, each once: the headline first, then the lights in their order.
     """
     candidates = [headline]
     for name, light in lights.items():

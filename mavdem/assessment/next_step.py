@@ -77,8 +77,9 @@ def _advice_of_light(light: Fact) -> Fact | None:
 def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     """Returns the next step after a flight in which something was wrong, such as to replace the propeller of motor 2.
 
-    It is to do what the headline advises, and what some other lights advise besides. After the autopilot's report on a
-    battery that was also measured to be bad, it is only the advice on the measured battery, which has numbers.
+    The pilot should do what the headline advises, and what some other lights advise besides. If the headline is the
+    autopilot's battery warning, and the battery was also measured to be bad, only the advice on the measured battery
+    counts: it has numbers.
 
     Args:
         headline: the most serious fact of the flight, a fault.
@@ -91,19 +92,17 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     """
     power = lights[Light.POWER]
     is_battery_measured = power.is_bad and power.code in MEASURED_BATTERY
-    if headline.code in REPORTS_OF_BATTERY and is_battery_measured:
-        return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=power, also=())
-    reason = headline
     step = Fact(NextStep.DO_AS_ADVISED, headline.level, reason=headline, also=())
+    if headline.code in REPORTS_OF_BATTERY and is_battery_measured:
+        return step.replace(reason=power)
     if advises_to_tune(step):
         # ``mavdem tune`` advises to mend the same faults before its gains are loaded.
         return step.replace(before=faults_before_gains(headline, lights))
     motors = lights[Light.MOTORS]
     has_weak_motor = motors.is_bad or "weak_motor" in headline.figures
-    if headline.code in Ending and has_weak_motor:
-        reason = headline.replace(suspect=motors.subject)
-    other_facts = _lights_to_heed_besides(reason, lights)
-    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=reason, also=other_facts)
+    is_loss = headline.code in Ending
+    reason = headline.replace(suspect=motors.subject) if is_loss and has_weak_motor else headline
+    return step.replace(reason=reason, also=_lights_to_heed_besides(reason, lights))
 
 
 def _lights_to_heed_besides(headline: Fact, lights: NamedFacts) -> Facts:

@@ -68,32 +68,41 @@ def named_simulator(telemetry: Telemetry) -> Simulator | None:
 
 
 def _names_software_simulator(telemetry: Telemetry) -> bool:
-    """Returns whether a log names a simulator in software as its source, so that it is of no real vehicle.
+    """Returns whether a log comes from a simulator in software, by its parameters, board, messages or texts.
 
-    ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has its own airframes, a
-    parameter that connects it to Gazebo, and sensors on a bus for simulation; the type of the bus is in the lowest bits
-    of a sensor's id. Other parameters SIM_… do not count there: firmware of real boards has them too, since it can
-    simulate on the board (https://docs.px4.io/main/en/simulation/hardware). ArduPilot's simulator also sends the true
-    state of the vehicle (``SIMULATOR_MESSAGES``). The simulator of this project (`mavdem fly`) sends a text at boot.
+    ArduPilot's simulator has "SITL" in the name of its board, and sends the true state of the vehicle
+    (``SIMULATOR_MESSAGES``). The simulator of this project (`mavdem fly`) sends a text at boot.
 
     Args:
         telemetry: messages, parameters, hardware and texts of the vehicle.
     """
-    parameters = telemetry.parameters
-    if telemetry.autopilot == "PX4":
-        has_simulator_parameters = parameters.get("SIM_GZ_EN", 0) > 0
-    else:
-        has_simulator_parameters = any(name.startswith("SIM_") for name in parameters)
-    has_simulator_airframe = parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
-    gyro_bus = parameters.get("CAL_GYRO0_ID", 0) % DEVICE_BUS_TYPES
     return (
-        has_simulator_parameters
-        or has_simulator_airframe
-        or gyro_bus == SIMULATED_SENSOR_BUS
+        _has_simulator_parameters(telemetry)
         or "SITL" in telemetry.hardware
         or any(message in telemetry.messages for message in SIMULATOR_MESSAGES)
         or any(text.text.startswith(SCENARIO_TEXT) for text in status_texts(telemetry))
     )
+
+
+def _has_simulator_parameters(telemetry: Telemetry) -> bool:
+    """Returns whether a log has parameters that only a simulator in software has.
+
+    ArduPilot's simulator has parameters SIM_…. PX4's has its own airframes, a parameter that connects it to Gazebo, and
+    sensors on a bus for simulation; the type of the bus is in the lowest bits of a sensor's id. Other parameters SIM_…
+    do not count there: firmware of real boards has them too, since it can simulate on the board
+    (https://docs.px4.io/main/en/simulation/hardware).
+
+    Args:
+        telemetry: autopilot and parameters of the vehicle.
+    """
+    parameters = telemetry.parameters
+    if telemetry.autopilot == "PX4":
+        has_simulator_switch = parameters.get("SIM_GZ_EN", 0) > 0
+    else:
+        has_simulator_switch = any(name.startswith("SIM_") for name in parameters)
+    has_simulator_airframe = parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
+    gyro_bus = parameters.get("CAL_GYRO0_ID", 0) % DEVICE_BUS_TYPES
+    return has_simulator_switch or has_simulator_airframe or gyro_bus == SIMULATED_SENSOR_BUS
 
 
 def _is_without_sensor_noise(signals: Signals) -> bool:

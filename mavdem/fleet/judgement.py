@@ -11,12 +11,13 @@ import json
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from filelock import FileLock
 
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
-from mavdem.fleet.row import FlightRows
+from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.store import Store
 from mavdem.fleet.stored_rows import brief_json, row_of_json
 from mavdem.fleet.table_files import update_table
@@ -30,6 +31,15 @@ RULES_VERSION = 2
 Fleets that were judged by the rules of another version are judged again by the next run. Since version 2 the healthy
 flights of a vehicle end at the first one in which something changed.
 """
+
+
+class _StoredRow(NamedTuple):
+    """A row of the fleet's table, and where the store has it."""
+
+    row_id: int
+    """Number of the row in the SQL table of flights."""
+    row: FlightRow
+
 
 AssessRows = Callable[[FlightRows, FlightRows], FlightRows]
 """A function of all rows of one vehicle, and the rows of its baseline; it returns the same rows with their health."""
@@ -62,7 +72,7 @@ def publish_judgements(store: Store, assess: AssessRows) -> None:
 
 
 def _judgement_mark(healthy: FlightRows) -> str:
-    """Returns the mark of rows that were judged by the present rules with this baseline: a hash of both.
+    """Returns a hash of the rules and the baseline, with which rows are marked when they are judged by these.
 
     Args:
         healthy: rows of the baseline of all vehicles; empty without one.
@@ -84,27 +94,42 @@ def _judge_vehicle(
         healthy_rows: rows of the vehicle in the baseline; empty if it has none.
         mark: mark of rows that are judged now (:func:`_judgement_mark`).
     """
-    selection = "select rowid, row, file from flights where vehicle = ? and file is not null"
-    order = "order by file, log, rowid"
-    unjudged_query = f"{selection} and judged is not ? {order}"
-    stored_rows = store.db.execute(unjudged_query, [vehicle, mark]).fetchall()
-    _, first_text, first_file = stored_rows[0]
-    has_own_name = row_of_json(first_text, first_file).has_own_name
-    # If the name may be that of several vehicles, and there is no baseline, flights are not compared with each other,
-    # so that only the new ones are judged.
-    if healthy_rows or has_own_name:
-        stored_rows = store.db.execute(f"{selection} {order}", [vehicle]).fetchall()
-    row_ids = [row_id for row_id, _, _ in stored_rows]
-    rows = [row_of_json(text, file) for _, text, file in stored_rows]
+    stored_rows = _rows_to_judge(store, vehicle, mark, has_baseline=bool(healthy_rows))
+    rows = [stored_row.row for stored_row in stored_rows]
     judged_rows = assess_safely(rows, assess, healthy_rows)
-    for row_id, row in zip(row_ids, judged_rows, strict=True):
+    for stored_row, judged_row in zip(stored_rows, judged_rows, strict=True):
         store.db.execute(
             "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
-            [json.dumps(row.as_dict()), brief_json(row), mark, row_id],
+            [json.dumps(judged_row.as_dict()), brief_json(judged_row), mark, stored_row.row_id],
         )
     # The Parquet file and the pages of the vehicle are now older than its rows.
     store.db.execute("insert into unpublished (vehicle) values (?)", [vehicle])
     store.db.execute("insert or ignore into outdated_pages values (?)", [vehicle])
+
+
+def _rows_to_judge(
+    store: Store, vehicle: str, mark: str, *, has_baseline: bool
+) -> list[_StoredRow]:
+    """Returns the rows of a vehicle that are to be judged together, in the order of their files.
+
+    These are all its rows. But if its name may be that of several vehicles, and there is no baseline, flights are not
+    compared with each other: then only those without the mark are judged.
+
+    Args:
+        store: the open SQLite store of the fleet.
+        vehicle: name of the vehicle; it has at least one row without the mark.
+        mark: mark of rows that are judged already.
+        has_baseline: whether the vehicle has flights that are known to be healthy.
+    """
+    selection = "select rowid, row, file from flights where vehicle = ? and file is not null"
+    order = "order by file, log, rowid"
+    unjudged_query = f"{selection} and judged is not ? {order}"
+    values = store.db.execute(unjudged_query, [vehicle, mark]).fetchall()
+    _, first_text, first_file = values[0]
+    has_own_name = row_of_json(first_text, first_file).has_own_name
+    if has_baseline or has_own_name:
+        values = store.db.execute(f"{selection} {order}", [vehicle]).fetchall()
+    return [_StoredRow(row_id, row_of_json(text, file)) for row_id, text, file in values]
 
 
 def assess_safely(rows: FlightRows, assess: AssessRows, healthy_rows: FlightRows) -> FlightRows:

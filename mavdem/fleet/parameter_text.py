@@ -10,7 +10,7 @@ from mavdem.ingest.telemetry import Parameters
 
 
 def parse_parameters(text: str) -> Parameters | None:
-    """Parses stored parameters.
+    """Parses the parameters of an autopilot from the text in a fleet's row, such as '{"MC_ROLLRATE_P": 0.15}'.
 
     Args:
         text: JSON object with the value of each parameter by the autopilot's name.
@@ -19,11 +19,13 @@ def parse_parameters(text: str) -> Parameters | None:
         Values by the autopilot's name; None if the text is damaged.
     """
     try:
-        # An integer of any length is a float, which may be infinite.
-        values = json.loads(text, parse_int=float)
+        # Integers are read as floats too; one with too many digits becomes infinite.
+        parameters = json.loads(text, parse_int=float)
     except (ValueError, RecursionError):
         return None
-    is_valid = isinstance(values, dict) and all(
-        isinstance(value, float) and isfinite(value) for value in values.values()
+    if not isinstance(parameters, dict):
+        return None
+    are_finite_numbers = all(
+        isinstance(value, float) and isfinite(value) for value in parameters.values()
     )
-    return values if is_valid else None
+    return parameters if are_finite_numbers else None

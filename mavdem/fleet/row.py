@@ -394,7 +394,7 @@ class FlightRow:
 
     @property
     def is_unjudged_reference(self) -> bool:
-        """Whether other flights are compared with it, but it was not judged itself, as too few others are healthy."""
+        """Whether other flights are compared with this one, which was not judged itself: too few others are healthy."""
         return bool(self.reference) and self.health == UNKNOWN
 
     def as_dict(self) -> JsonValues:

@@ -113,19 +113,29 @@ def assess_rows(
     assessed_rows = []
     for row in rows:
         if row.is_read:
-            assessment = assessments[_flight_key(row)]
-            health_columns = {name: getattr(assessment, name) for name in ASSESSMENT_COLUMNS}
             row = replace(
                 row,
-                **health_columns,
+                **_health_columns(assessments[_flight_key(row)]),
                 residual_mean=residual_mean(row, rows_with_model),
-                health_reason=str(assessment.fact),
-                health_code=assessment.fact.code,
-                health_figures=json.dumps(dict(assessment.fact.figures)),
-                reference=int(assessment.is_healthy),
             )
         assessed_rows.append(row)
     return assessed_rows
+
+
+def _health_columns(assessment: HealthAssessment) -> JsonValues:
+    """Returns the columns of a row of the fleet's table that state the health of the motors in its flight, by name.
+
+    Args:
+        assessment: the health, with the fact (coded finding) that is its reason.
+    """
+    columns: JsonValues = {name: getattr(assessment, name) for name in ASSESSMENT_COLUMNS}
+    return {
+        **columns,
+        "health_reason": str(assessment.fact),
+        "health_code": assessment.fact.code,
+        "health_figures": json.dumps(dict(assessment.fact.figures)),
+        "reference": int(assessment.is_healthy),
+    }
 
 
 def logs_taken_for_healthy(rows: FlightRows) -> set[str]:

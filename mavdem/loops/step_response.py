@@ -275,7 +275,7 @@ def rate_step_response(
         The step response, or the reason why it is not known: a fact, from which reports make a sentence.
     """
     if signals.rate_and_setpoint is None:
-        return _no_setpoint(signals, "rate")
+        return _missing_setpoint(signals, "rate")
     rate, setpoint = signals.rate_and_setpoint
     series = [setpoint, rate]
     attitude = signals.attitude
@@ -302,7 +302,7 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
         The step response, or the reason why it is not known: a fact, from which reports make a sentence.
     """
     if signals.angle_setpoint is None or signals.attitude is None:
-        return _no_setpoint(signals, "attitude")
+        return _missing_setpoint(signals, "attitude")
     attitude = signals.attitude
     series = [unwrapped(signals.angle_setpoint), unwrapped(attitude.angle_series)]
     if signals.axis == "yaw":
@@ -339,8 +339,10 @@ class _AttitudeController(NamedTuple):
         return self.gain if self.has_feedforward else None
 
 
-def _no_setpoint(signals: Signals, loop: str) -> Fact:
-    """Returns the fact that the log has no setpoint of a loop, with the recorder, so that advice can name messages.
+def _missing_setpoint(signals: Signals, loop: str) -> Fact:
+    """Returns the fact that the log has no setpoint of a loop, so that its step response cannot be measured.
+
+    The figure ``recorder`` says in which format the autopilot recorded the log: which messages to log depends on it.
 
     Args:
         signals: logged time series of the vehicle for the axis of the loop.
@@ -418,21 +420,22 @@ def _measured_step_response(
     estimate = _EstimatedResponse(
         signals.axis, loop, impulse_response, spectra, message_interval=1 / sampling_rate
     )
-    return _described_response(estimate, rate_loop)
+    return _response_of_estimate(estimate, rate_loop)
 
 
 def _pieces_with_moving_setpoint(
     signals_on_grid: ResampledSignals, subject: str, response_duration: float
 ) -> list[Array] | Fact:
-    """Returns the pieces of flight in which the setpoint of a loop varies: the others show no response to it.
+    """Returns the pieces of flight in which the setpoint of a loop varies: others show no response to it.
 
     Args:
-        signals_on_grid: pieces with the setpoint in their first row.
+        signals_on_grid: pieces of evenly sampled signals, with the setpoint in their first row.
         subject: the loop, such as "roll rate".
         response_duration: length of the step response to be measured, s.
 
     Returns:
-        The pieces; or the fact that they are too short for ``MIN_WINDOWS`` windows of two such lengths each.
+        The pieces; or the fact that together they are too short: the estimate needs ``MIN_WINDOWS`` windows, each twice
+        as long as the response.
     """
     pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[_SETPOINT]) != 0]
     moving_duration = sum(piece.shape[1] for piece in pieces) / signals_on_grid.rate
@@ -448,10 +451,11 @@ def _pieces_with_moving_setpoint(
 
 
 def _angle_gain_around_rate_loop(signals: Signals) -> float:
-    """Returns the gain, 1/s, by which the attitude controller around a rate loop feeds the angle back to its setpoint.
+    """Returns the gain of the attitude controller around a rate loop, 1/s: rate setpoint per error of the angle.
 
     Args:
-        signals: logged time series of the vehicle for the axis, with the autopilot's parameters if they are known.
+        signals: logged time series of the vehicle for the axis. If the log lacks the autopilot's parameters, the gain
+            is ``DEFAULT_ANGLE_GAIN``.
     """
     controller = controller_if_known(signals)
     return DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
@@ -770,8 +774,8 @@ def _step_and_frequency_responses(estimate: _EstimatedResponse) -> _Responses:
     return _Responses(time, steps, frequency, responses)
 
 
-class _KnownBand(NamedTuple):
-    """How well the flight shows a response: up to which frequency, and with which 90 % intervals."""
+class _ResponsePrecision(NamedTuple):
+    """How well a flight shows the response of a loop: up to which frequency, and with which 90 % intervals."""
 
     coherence: Array
     """Coherence of setpoint and response at the frequencies of their spectra; 0 where the setpoint hardly varies."""
@@ -785,10 +789,10 @@ class _KnownBand(NamedTuple):
     """Half widths of the 90 % interval of the step (K,)."""
 
 
-def _described_response(
+def _response_of_estimate(
     estimate: _EstimatedResponse, rate_loop: Loop | None
 ) -> StepResponse | Fact:
-    """Describes an estimated impulse response by its step and frequency response, with 90 % intervals.
+    """Returns the step and frequency response of a loop, with 90 % intervals, from its estimated impulse response.
 
     The frequency response ends at the highest frequency at which the flight shows it. The identified loop is used only
     for the step, so that the measured frequency response remains a test of the loop.
@@ -802,16 +806,13 @@ def _described_response(
         The step response; or the fact (coded finding) why it is not known (:func:`_reason_for_no_response`).
     """
     deconvolved = _step_and_frequency_responses(estimate)
-    steps_of_fast_loop = _steps_of_fast_loop(rate_loop, deconvolved.time, estimate.message_interval)
-    is_identified = steps_of_fast_loop is not None
-    responses = deconvolved
-    if steps_of_fast_loop is not None:
-        responses = deconvolved._replace(steps=steps_of_fast_loop)
-    band = _known_band(responses, estimate.spectra)
-    reason = _reason_for_no_response(estimate, responses.frequency, band)
+    identified = _steps_of_fast_loop(rate_loop, deconvolved.time, estimate.message_interval)
+    responses = deconvolved if identified is None else deconvolved._replace(steps=identified)
+    precision = _response_precision(responses, estimate.spectra)
+    reason = _reason_for_no_response(estimate, responses.frequency, precision)
     if reason is not None:
         return reason
-    known_count = min(band.coherent_count, band.certain_count)
+    known_count = min(precision.coherent_count, precision.certain_count)
     frequency = responses.frequency[:known_count]
     known_responses = responses.responses[:, :known_count]
     characteristics = step_characteristics(
@@ -823,23 +824,23 @@ def _described_response(
         loop=estimate.loop,
         time=responses.time,
         step=responses.steps[ESTIMATE],
-        step_half=band.step_half_width,
+        step_half=precision.step_half_width,
         frequency=frequency,
         response=known_responses[ESTIMATE],
-        gain_half=band.gain_half_width[:known_count],
+        gain_half=precision.gain_half_width[:known_count],
         max_frequency=frequency[-1],
         windows=estimate.impulse_response.windows,
-        coherence=np.interp(peak_frequency, estimate.spectra.frequency, band.coherence),
-        is_identified=is_identified,
+        coherence=np.interp(peak_frequency, estimate.spectra.frequency, precision.coherence),
+        is_identified=identified is not None,
         unseen_part=_unseen_part(estimate.impulse_response, deconvolved, frequency[-1]),
         **characteristics,
     )
 
 
-def _known_band(responses: _Responses, spectra: WelchSpectra) -> _KnownBand:
-    """Returns how well the flight shows a response, by its draws and by the coherence of setpoint and response.
+def _response_precision(responses: _Responses, spectra: WelchSpectra) -> _ResponsePrecision:
+    """Returns how well a flight shows a response, by its draws and by the coherence of setpoint and response.
 
-    A half width is the standard deviation of the draws times the factor of a 90 % interval.
+    The half width of a 90 % interval is 1.64 standard deviations of the draws.
 
     Args:
         responses: step and frequency responses of the estimate, and of draws.
@@ -847,7 +848,7 @@ def _known_band(responses: _Responses, spectra: WelchSpectra) -> _KnownBand:
     """
     coherence = _coherence_where_driven(spectra)
     gain_deviation = np.abs(responses.responses[DRAWS]).std(axis=0)
-    return _KnownBand(
+    return _ResponsePrecision(
         coherence,
         coherent_count=_coherent_frequency_count(responses.frequency, spectra.frequency, coherence),
         certain_count=_certain_frequency_count(gain_deviation),
@@ -857,41 +858,42 @@ def _known_band(responses: _Responses, spectra: WelchSpectra) -> _KnownBand:
 
 
 def _reason_for_no_response(
-    estimate: _EstimatedResponse, frequency: Array, band: _KnownBand
+    estimate: _EstimatedResponse, frequency: Array, precision: _ResponsePrecision
 ) -> Fact | None:
     """Returns why a flight does not show the response of a loop well enough for it to be reported.
 
     Args:
         estimate: the loop, and the spectra of its setpoint and response.
         frequency: frequencies of the response (F,), Hz.
-        band: how well the flight shows the response.
+        precision: how well the flight shows the response.
 
     Returns:
         The fact (coded finding) that setpoint and response are incoherent, or that the gain or the step is too
         uncertain; None if the response is known.
     """
-    if band.coherent_count < MIN_KNOWN_FREQUENCIES:
-        # All of these are too little: one that is coherent would have made a second frequency known.
+    if precision.coherent_count < MIN_KNOWN_FREQUENCIES:
+        # No coherence above the lowest frequencies is sufficient, or more frequencies would be known: the fact states
+        # the highest one.
         is_above_lowest = estimate.spectra.frequency > frequency[MIN_KNOWN_FREQUENCIES - 1]
         return Fact(
             StepResponseFact.NOT_COHERENT,
             subject=estimate.subject,
             frequency=MIN_FREQUENCY,
-            coherence=band.coherence[is_above_lowest].max(initial=0.0),
+            coherence=precision.coherence[is_above_lowest].max(initial=0.0),
             least_coherence=MIN_COHERENCE,
         )
-    if band.certain_count < MIN_KNOWN_FREQUENCIES:
+    if precision.certain_count < MIN_KNOWN_FREQUENCIES:
         return Fact(
             StepResponseFact.GAIN_UNCERTAIN,
             subject=estimate.subject,
             frequency=MIN_FREQUENCY,
-            band_half_width=band.gain_half_width[:MIN_KNOWN_FREQUENCIES].max(),
+            band_half_width=precision.gain_half_width[:MIN_KNOWN_FREQUENCIES].max(),
         )
-    if band.step_half_width.max() >= MAX_STEP_HALF_WIDTH:
+    if precision.step_half_width.max() >= MAX_STEP_HALF_WIDTH:
         return Fact(
             StepResponseFact.STEP_UNCERTAIN,
             subject=estimate.subject,
-            band_half_width=band.step_half_width.max(),
+            band_half_width=precision.step_half_width.max(),
             largest_half_width=MAX_STEP_HALF_WIDTH,
             sampling_rate=1 / estimate.message_interval,
         )
@@ -966,7 +968,7 @@ def _certain_frequency_count(gain_deviation: Array) -> int:
 def _steps_of_fast_loop(
     rate_loop: Loop | None, time: Array, message_interval: float
 ) -> Array | None:
-    """Returns the step responses of an identified rate loop that is too fast for a deconvolution.
+    """Returns the step responses of an identified rate loop if it rises too fast for its messages to show a step.
 
     Args:
         rate_loop: the identified loop; None if it is not known.
@@ -987,12 +989,11 @@ def _steps_of_fast_loop(
 
 
 def least_rise_time(message_rate: float) -> float:
-    """Returns the shortest rise of a body rate from 10 to 90 % of a step, s, that its messages suffice to measure.
+    """Returns the shortest rise time (10 to 90 % of a step), s, that messages of the body rate can show.
 
-    Deconvolution blurs a loop that rises faster, within fewer than ``MIN_RISE_MESSAGES`` intervals.
+    The estimate blurs the step of a loop that rises within fewer than ``MIN_RISE_MESSAGES`` samples.
 
     Args:
-        message_rate: rate of the messages, Hz. Faster ones are reduced to the highest rate of the samples that a step
-            is estimated from.
+        message_rate: rate of the messages, Hz. There are no more samples than ``MAX_SAMPLING_RATES`` a second.
     """
     return MIN_RISE_MESSAGES / min(message_rate, MAX_SAMPLING_RATES["rate"])

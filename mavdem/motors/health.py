@@ -140,7 +140,7 @@ class _FlightAssessor:
         )
         if unknown_reason is not None:
             return HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
-        evidence = self._evidence(flight, comparable_flights)
+        evidence = self._compare_with_healthy_flights(flight, comparable_flights)
         assessment = _assessment_of_evidence(flight, evidence, comparison)
         if assessment.health is MotorHealth.OK and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
             # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none. How
@@ -149,14 +149,16 @@ class _FlightAssessor:
             return assessment._replace(health=MotorHealth.UNKNOWN, fact=reason)
         return assessment
 
-    def _evidence(self, flight: HealthFigures, comparable_flights: HealthFlights) -> FlightEvidence:
-        """Compares a flight with healthy flights, with the evidence of the flight before it as prior.
+    def _compare_with_healthy_flights(
+        self, flight: HealthFigures, comparable_flights: HealthFlights
+    ) -> FlightEvidence:
+        """Returns the evidence of a change of the motors in a flight, by comparison with healthy flights.
 
-        A healthy flight, or another log of one, is no part of this sequence, and neither is a flight without a date,
-        which has no next one.
+        The evidence of the flight before is its prior, since a change probably persists. Healthy flights are no part of
+        this sequence, and neither is a flight without a date, whose place in it is unknown.
 
         Args:
-            flight: The flight.
+            flight: The flight to compare.
             comparable_flights: Healthy flights with the same geometry of the motors.
         """
         is_healthy = any(is_same_flight(flight, other) for other in self._healthy)

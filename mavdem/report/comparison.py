@@ -27,6 +27,7 @@ from mavdem.experiments.useful_horizons import (
 )
 from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import MethodName, TestResult
+from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
 from mavdem.report.numbers import display_unit, number_with_unit, rounded, with_unit
 from mavdem.report.templates import render_section
@@ -170,30 +171,31 @@ def comparison_report(
     )
     for kind in kinds:
         yield headline_sentence(_ranking_text(comparison, kind))
-    yield _definitions("comparison_legend", comparison)
+    yield _figure_definitions("comparison_legend", comparison)
     for kind in kinds:
         yield _summary_table(comparison, kind)
-    yield from _use_sentences(comparison, kinds)
+    yield from _useful_horizon_sentences(comparison, kinds)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
-    yield _definitions("comparison_details_legend", comparison)
+    yield _figure_definitions("comparison_details_legend", comparison)
     for kind in kinds:
-        yield from _error_blocks(comparison, kind)
+        yield from _error_ratio_blocks(comparison, kind)
     if len(comparison.flights) > 1:
-        yield _table_by_flight(comparison, kinds)
+        yield _error_ratios_by_flight(comparison, kinds)
     for flight in comparison.flights:
         yield from _failure_sentences(comparison, flight)
     if planned_windows is None and len(comparison.methods) > 1:
         yield from _advice_on_pairs(comparison.windows)
 
 
-def _definitions(section: str, comparison: Comparison) -> Table:
-    """Returns a table of what the figures of the tables below it are.
+def _figure_definitions(section: str, comparison: Comparison) -> Table:
+    """Returns a table that defines the figures in the tables below it, such as "error ratio" and "p".
 
     Args:
-        section: name of the section with a paragraph for each figure.
+        section: name of the file in ``report/sections`` that has a paragraph for each figure.
         comparison: errors of all methods.
     """
+    has_ranked_model = bool(set(_ranked_methods(comparison, KNOWN_INPUTS)) - set(TRIVIAL_METHODS))
     definitions = render_section(
         section,
         reference=comparison.methods[0],
@@ -203,7 +205,7 @@ def _definitions(section: str, comparison: Comparison) -> Table:
         pair_count=_pair_count(comparison),
         several=len(comparison.flights) > 1,
         significance=SIGNIFICANCE,
-        is_use_stated=bool(set(_subjects(comparison, KNOWN_INPUTS)) - set(TRIVIAL_METHODS)),
+        is_use_stated=has_ranked_model,
         has_hold=HOLD_LAST in comparison.methods,
         better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
         max_ratio=MAX_USEFUL_RATIO,
@@ -213,7 +215,7 @@ def _definitions(section: str, comparison: Comparison) -> Table:
 
 
 def _pair_count(comparison: Comparison) -> int:
-    """Returns the number of pairs of the paired tests: the flights, or the windows that do not overlap."""
+    """Returns how many pairs of errors a paired test compares: one pair for each flight, or each disjoint window."""
     if _are_flights_pairs(comparison):
         return len(comparison.flights)
     return len(disjoint_windows(comparison.windows))
@@ -262,7 +264,7 @@ def _ranking_text(comparison: Comparison, kind: ForecastKind) -> str:
         kind: kind of forecast, by the data that it may use.
     """
     methods = comparison.methods_of(kind)
-    ranks = [_rank(comparison, method, kind) for method in _subjects(comparison, kind)]
+    ranks = [_method_rank(comparison, name, kind) for name in _ranked_methods(comparison, kind)]
     (paragraph,) = render_section(
         "comparison_ranking",
         forecasts=_forecasts_text(comparison, kind),
@@ -278,20 +280,26 @@ def _ranking_text(comparison: Comparison, kind: ForecastKind) -> str:
     return paragraph.text
 
 
-def _subjects(comparison: Comparison, kind: ForecastKind) -> list[str]:
-    """Returns the methods that the report is about: the model that DEM learns, if it is compared, and the first one.
+def _ranked_methods(comparison: Comparison, kind: ForecastKind) -> list[str]:
+    """Returns the methods whose rank among all the report states: the model that DEM learns, and the first method.
+
+    The others are compared with the first method. The list has one name if that is DEM's model, or if DEM's model makes
+    no such forecasts.
 
     Args:
         comparison: errors of all methods.
         kind: kind of forecast, by the data that it may use.
     """
     methods = comparison.methods_of(kind)
-    subjects = [str(MethodName.PLANT), methods[0]]
-    return [method for method in dict.fromkeys(subjects) if method in methods]
+    first_method = methods[0]
+    learned_model = str(MethodName.PLANT)
+    if learned_model in methods and learned_model != first_method:
+        return [learned_model, first_method]
+    return [first_method]
 
 
-def _rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRank:
-    """Returns how the error of a method compares with that of each other one.
+def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRank:
+    """Returns which other methods have a smaller error than one method, and which have a larger one.
 
     Args:
         comparison: errors of all methods.
@@ -307,12 +315,12 @@ def _rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRan
     losses = []
     smaller = []
     wins = []
+    # The paired test of this method against each other one.
     tests = comparison.with_reference(method).tests(kind)
+    compared_methods = [name for name in tests if name not in failed_methods]
     # The method with the smallest error comes first.
-    for other in sorted(tests, key=lambda name: error_ratios[name]):
+    for other in sorted(compared_methods, key=lambda name: error_ratios[name]):
         test = tests[other]
-        if other in failed_methods:
-            continue
         if test.result is TestResult.HIGHER:
             losses.append(f"{other} (p {_p_value_text(test)})")
         elif test.result is TestResult.LOWER:
@@ -323,7 +331,7 @@ def _rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRan
 
 
 def _is_shown_smaller(error_ratio: float, other_ratio: float) -> bool:
-    """Returns whether an error ratio is below another one in the tables too, which round both to two digits."""
+    """Returns whether an error ratio is below another one, and looks so in the tables, which round to two digits."""
     is_shown_equal = _short_number(error_ratio) == _short_number(other_ratio)
     return error_ratio < other_ratio and not is_shown_equal
 
@@ -334,15 +342,15 @@ def _p_value_text(test: Paired) -> str:
 
 
 def _are_flights_pairs(comparison: Comparison) -> bool:
-    """Returns whether the pairs of the test are flights, of which there are enough; otherwise they are windows."""
+    """Returns whether paired tests compare whole flights; if there are too few, they compare windows of flights."""
     return len(comparison.flights) >= MIN_PAIRS
 
 
 def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
-    """Returns the table with a row for each method: its RMSE at some horizons, its error ratio, and the test's p-value.
+    """Returns a table of the methods, the best first: RMSE at three horizons, error ratio, and p-value of the test.
 
-    The method with the lowest error ratio comes first. The horizons are 0.1 and 0.5 s, in which a controller acts, and
-    the whole test part.
+    The horizons are 0.1 and 0.5 s, in which a controller acts, and the whole test part. A star marks the method against
+    which the others are tested.
 
     Args:
         comparison: errors and tests of all methods; the first method is the one that the others are compared with.
@@ -352,13 +360,6 @@ def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
     tests = comparison.tests(kind)
     train = comparison.windows[0].train
     horizons = _summary_horizons(comparison, kind)
-    header = [f"inputs {kind}: RMSE to (s)"]
-    for output, unit in zip(train.output_names, train.output_units, strict=True):
-        unit_name = display_unit(unit).name
-        title = f"{output} ({unit_name})" if unit_name else output
-        for horizon in horizons:
-            header.append(f"{title} {horizon.label}")
-    header += ["error ratio", "p"]
     rows = []
     for summary in comparison.over_flights(kind):
         method = summary["method"]
@@ -370,7 +371,23 @@ def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
         row.append(_short_number(summary["relative"]))
         row.append(_short_number(tests[method].p_value) if method in tests else "")
         rows.append(row)
-    return Table(header, rows)
+    rmse_headers = _rmse_headers(train, horizons)
+    return Table([f"inputs {kind}: RMSE to (s)", *rmse_headers, "error ratio", "p"], rows)
+
+
+def _rmse_headers(flight: Flight, horizons: Sequence[_Horizon]) -> list[str]:
+    """Returns the headers of the columns of RMSE, such as "angle (°) 0.1": for each output one at each horizon.
+
+    Args:
+        flight: a flight with the outputs' names and units.
+        horizons: lengths of the forecasts.
+    """
+    headers = []
+    for output, unit in zip(flight.output_names, flight.output_units, strict=True):
+        unit_name = display_unit(unit).name
+        title = f"{output} ({unit_name})" if unit_name else output
+        headers += [f"{title} {horizon.label}" for horizon in horizons]
+    return headers
 
 
 def _summary_horizons(comparison: Comparison, kind: ForecastKind) -> list[_Horizon]:
@@ -389,25 +406,27 @@ def _summary_horizons(comparison: Comparison, kind: ForecastKind) -> list[_Horiz
 
 
 def _median_rmse(
-    comparison: Comparison, method: str, kind: ForecastKind, seconds: float, output: int
+    comparison: Comparison, method: str, kind: ForecastKind, seconds: float, output_index: int
 ) -> float:
-    """Returns the RMSE of a method's forecasts of one output, in the output's unit; of several flights the median.
+    """Returns the RMSE of a method's forecasts of one output, in the output's unit: the median over all flights.
 
     Args:
         comparison: errors of all methods.
         method: name of the method.
         kind: kind of forecast, by the data that it may use.
         seconds: length of the forecasts, s.
-        output: index of the output.
+        output_index: index of the output among those of the model, such as 0 for the angle.
     """
     errors = []
     for flight in comparison.flights:
         squared_errors = _mean_squared_errors(comparison, flight, method, kind, seconds)
-        errors.append(sqrt(squared_errors[output]))
+        errors.append(sqrt(squared_errors[output_index]))
     return median(errors)
 
 
-def _use_sentences(comparison: Comparison, kinds: Sequence[ForecastKind]) -> list[Sentence]:
+def _useful_horizon_sentences(
+    comparison: Comparison, kinds: Sequence[ForecastKind]
+) -> list[Sentence]:
     """Returns a sentence for each kind of forecast on how far ahead it is useful, and why not farther.
 
     Args:
@@ -418,7 +437,7 @@ def _use_sentences(comparison: Comparison, kinds: Sequence[ForecastKind]) -> lis
     sentences = []
     for kind in kinds:
         useful_horizons = []
-        for method in _subjects(comparison, kind):
+        for method in _ranked_methods(comparison, kind):
             if method not in TRIVIAL_METHODS:
                 useful_horizons.append(_useful_horizon(comparison, method, kind))
         sentences += render_section(
@@ -435,9 +454,9 @@ def _use_sentences(comparison: Comparison, kinds: Sequence[ForecastKind]) -> lis
 
 
 def _useful_horizon(comparison: Comparison, method: str, kind: ForecastKind) -> _UsefulHorizon:
-    """Returns how far ahead forecasts of a method are useful, and their error there in each flight.
+    """Returns how far ahead forecasts of a method are useful, such as 0.25 s, and their error there in each flight.
 
-    A horizon counts only if the method is useful at all shorter ones, too.
+    A horizon counts only if the forecasts are useful at all shorter ones, too.
 
     Args:
         comparison: errors of all methods.
@@ -462,10 +481,10 @@ def _useful_horizon(comparison: Comparison, method: str, kind: ForecastKind) -> 
 def _angle_errors(
     comparison: Comparison, method: str, kind: ForecastKind, seconds: float
 ) -> list[str]:
-    """Returns the RMSE of the first output in each flight, as text in the unit in which it is shown.
+    """Returns the RMSE of the forecast angle in each flight as text, such as "3.1" degrees.
 
-    The first output is the angle, which pilots compare with their own. Of more flights than ``MAX_LISTED_FLIGHTS`` the
-    least and the largest are returned.
+    The angle is the first output of the model. Of more flights than ``MAX_LISTED_FLIGHTS`` only the least and the
+    largest error are returned.
 
     Args:
         comparison: errors of all methods.
@@ -491,7 +510,7 @@ def _seconds_text(seconds: float) -> str:
 def _mean_squared_errors(
     comparison: Comparison, flight: str, method: str, kind: ForecastKind, seconds: float
 ) -> Sequence[float]:
-    """Returns the mean squared error of a method's forecasts in one flight, one for each output of the model.
+    """Returns the mean squared errors of a method's forecasts in one flight, one for each output of the model.
 
     Args:
         comparison: errors of all methods.
@@ -557,8 +576,8 @@ def _test_length(comparison: Comparison) -> str:
     return shortest if shortest == longest else f"{shortest}–{longest}"
 
 
-def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
-    """Returns the table with the error ratio of each method at all horizons, and how often it is no use.
+def _error_ratio_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
+    """Returns a table with the error ratio of each method at all horizons, and in how many windows it failed.
 
     A caution stands before the table if the 90 % band of the first method holds too few of the samples.
 
@@ -588,7 +607,7 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
     return blocks
 
 
-def _table_by_flight(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
+def _error_ratios_by_flight(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
     """Returns a table with each method's error ratio over the whole test part in each flight.
 
     Args:

@@ -335,10 +335,11 @@ def urgency_and_age(flights: Flights) -> UrgencyAndAge:
 
 
 def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
-    """Returns the texts about one vehicle on a fleet's page: on its latest judged flight, and on all its flights.
+    """Returns the texts about one vehicle on a fleet's page: what is wrong, in which flights, and what to do.
 
-    The health of a flight is the judgement of its motors by comparison with the vehicle's other flights: "ok", "drift",
-    "fault" or "unknown". A drift or a fault is an anomaly.
+    Two judgements are stated. The health of a flight is that of its motors by comparison with the vehicle's other
+    flights: "ok", "drift", "fault" or "unknown"; a drift or a fault is an anomaly. The headline of a flight is the most
+    serious fact that its own log shows, such as a crash.
 
     Args:
         flights: flights of the vehicle in order of date, at least one; each has a row for each axis.
@@ -346,10 +347,10 @@ def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
     """
     health = vehicle_health(flights)
     has_anomaly = health in ANOMALOUS_HEALTHS
-    # It gives the motor, the probability and the reason.
     latest_anomalous_row = _latest_anomalous_row(flights)
     counts_by_health = Counter(worst_health(flight) for flight in flights)
     anomalous_healths = [name for name in ANOMALOUS_HEALTHS if counts_by_health[name]]
+    # The section has two paragraphs. The row of the latest anomaly has its motor, its probability and its reason.
     latest_flight, all_flights = render_section(
         "fleet_vehicle",
         health=health,
@@ -364,7 +365,7 @@ def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
         is_shared=has_shared_name(flights),
         has_reason=has_reason,
     )
-    # Motors that are healthy now may have had an anomaly in an earlier flight.
+    # An anomaly of an earlier flight that the latest one no longer has is past: nothing is to be done about it.
     present_anomaly = latest_anomalous_row if has_anomaly else None
     reason = ""
     if present_anomaly is not None:
@@ -374,12 +375,14 @@ def vehicle_texts(flights: Flights, *, has_reason: bool = True) -> VehicleTexts:
         reason=reason,
         all_flights=all_flights.text,
         next_step=_next_step(flights, present_anomaly),
-        finding=_finding(flights, reason, latest_flight.text),
+        finding=_present_fault(flights, reason, latest_flight.text),
     )
 
 
-def _finding(flights: Flights, reason: str, latest_flight_text: str) -> str:
-    """Returns what is wrong with a vehicle: a bad headline of its latest flight, then an anomaly of its motors.
+def _present_fault(flights: Flights, reason: str, latest_flight_text: str) -> str:
+    """Returns in sentences what is wrong with a vehicle, such as "Motor 2 lost about 20 % of its thrust.".
+
+    A bad headline of its latest flight comes first, then an anomaly of its motors.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date; at least one flight.

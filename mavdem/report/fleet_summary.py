@@ -124,7 +124,7 @@ def fleet_blocks(
             Level.WATCH, summaries, vehicles_of_headline
         ),
         simulated_flights=counts.simulated_flights,
-        undecided_flights=_labels_of_undecided_flights(summaries, names),
+        undecided_flights=_labels_of_possibly_simulated_flights(summaries, names),
         bad_names=bad_names,
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
@@ -149,10 +149,10 @@ def fleet_blocks(
     ]
 
 
-def _labels_of_undecided_flights(
+def _labels_of_possibly_simulated_flights(
     summaries: Sequence[VehicleSummary], names: GivenNames
 ) -> list[str]:
-    """Returns names and days of the flights whose logs do not show whether they were simulated.
+    """Returns labels of the flights whose logs do not show whether they were simulated: "flight.ulg, 2026-03-09".
 
     Args:
         summaries: summary of the flights under each name.
@@ -164,7 +164,7 @@ def _labels_of_undecided_flights(
 def _urgent_vehicle_lines(
     vehicles: Sequence[_LabelledVehicle], names: GivenNames, *, lists_follow: bool
 ) -> list[Sentence]:
-    """Returns a line for each of several vehicles that need a look, and how many further ones have none.
+    """Returns a line for each of the vehicles that need a look, the most urgent first, and one that counts the rest.
 
     Args:
         vehicles: the vehicles that the headline counts, the most urgent first.
@@ -173,7 +173,7 @@ def _urgent_vehicle_lines(
             line does.
 
     Returns:
-        The lines, the most urgent vehicle first. There is none for a single vehicle, which the headline itself names.
+        The lines; empty for a single vehicle, which the headline itself names.
     """
     urgent = [vehicle for vehicle in vehicles if vehicle.flights.needs_look]
     if len(urgent) < 2:
@@ -190,15 +190,17 @@ def _urgent_vehicle_lines(
 def _watched_vehicle_lines(
     vehicles: Sequence[_LabelledVehicle], names: GivenNames
 ) -> list[Sentence]:
-    """Returns a line for each vehicle that is to be watched, for a terminal, where no list of all vehicles follows.
+    """Returns a line for each vehicle that is to be watched, and one that counts the vehicles beyond the first few.
+
+    They are for a terminal: a page has a list of all vehicles instead.
 
     Args:
         vehicles: the vehicles that the headline counts, the most urgent first.
         names: names that were given to vehicles and flights.
 
     Returns:
-        The lines, at most ``MAX_VEHICLE_LINES``, and how many vehicles have none. There is none for a single vehicle of
-        which the headline itself says what is to be watched.
+        At most ``MAX_VEHICLE_LINES`` lines and that of the rest. Empty if the only vehicle with a warning is one to be
+        watched: the headline itself says why.
     """
     watched = [vehicle for vehicle in vehicles if _is_only_watched(vehicle.flights)]
     has_urgent_vehicle = any(vehicle.flights.needs_look for vehicle in vehicles)
@@ -211,12 +213,12 @@ def _watched_vehicle_lines(
 
 
 def _vehicle_line(vehicle: _LabelledVehicle, names: GivenNames, *, has_step: bool) -> Sentence:
-    """Returns the line of a vehicle: its label, what is wrong, in which flight, and what to do.
+    """Returns the line of a vehicle: what is wrong, in which flight, and what to do.
 
-    An example of the text: "motor 2 lost about 20 % of its thrust (flight.ulg, 2026-03-09) · Check motor 2."
+    For example "quad 1: motor 2 lost about 20 % of its thrust (flight.ulg, 2026-03-09) · Check motor 2."
 
     Args:
-        vehicle: the vehicle.
+        vehicle: the vehicle, with the label that begins the line.
         names: names that were given to flights.
         has_step: whether the line says what to do.
     """

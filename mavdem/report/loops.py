@@ -171,7 +171,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     if tuning.axes_also_to_lower:
         summary += render_section("tune_also_to_lower", axes=tuning.axes_also_to_lower)
     is_after_repair = not _has_next_step_on_loops(tuning.judgement)
-    summary += _sentences_towards_gains(_steps_towards_gains(tuning), is_after_repair)
+    summary += _sentences_towards_gains(_ground_steps_by_axis(tuning), is_after_repair)
     return [*summary, *_sentences_on_flight_for_gains(tuning, is_after_repair)]
 
 
@@ -203,59 +203,62 @@ def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> lis
     return [Sentence(flight.sentence, lead)] if flight.sentence else []
 
 
-def _steps_towards_gains(tuning: Tuning) -> dict[str, list[str]]:
-    """Returns what to do on the ground, such as a parameter to set, so that the next log gives gains for more axes.
+def _ground_steps_by_axis(tuning: Tuning) -> dict[str, list[str]]:
+    """Returns for each axis what to do on the ground so that the next log gives its gains, such as to set a parameter.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
 
     Returns:
-        By axis, the sentences on what to do that the next step does not state. Left out is an axis without any, and one
-        that gets gains from this log.
+        Sentences by axis, without what the next step states. An axis that gets gains from this log, or for which there
+        is nothing to do, is left out.
     """
     steps_by_axis = {}
     for axis in tuning.axes:
         gets_gains = _gain_outcome(tuning, axis) not in OUTCOMES_WITHOUT_GAINS
-        if gets_gains or _needs_useless_flight(tuning, axis):
+        if gets_gains or _is_advised_flight_useless(tuning, axis):
             continue
-        steps = _steps_besides_next_step(tuning, _remedies_besides_flight(tuning, axis))
+        steps = _remedies_not_stated_yet(tuning, _remedies_besides_flight(tuning, axis))
         if steps:
             steps_by_axis[axis] = steps
     return steps_by_axis
 
 
-def _needs_useless_flight(tuning: Tuning, axis: str) -> bool:
-    """Returns whether all that is advised for an axis is a flight, although no flight can lead to its gains.
+def _is_advised_flight_useless(tuning: Tuning, axis: str) -> bool:
+    """Returns whether another flight is all that is advised for an axis, and cannot lead to its gains.
 
-    Gains of a controller that the log does not describe cannot be computed from any flight.
+    No flight can if the log does not describe the controller, for example because it lacks parameters.
 
     Args:
-        tuning: advice on the gains of each axis, and the faults of controllers.
+        tuning: advice on the gains of each axis, and the axes whose controllers are not known (``controller_faults``).
         axis: "roll", "pitch" or "yaw".
     """
-    advises_only_flight = _conclusion_on_gains(tuning.axes[axis]).advises_only_flight
-    return axis in tuning.controller_faults and advises_only_flight
+    is_controller_unknown = axis in tuning.controller_faults
+    return is_controller_unknown and _conclusion_on_gains(tuning.axes[axis]).advises_only_flight
 
 
-def _steps_besides_next_step(tuning: Tuning, remedies: Iterable[str]) -> list[str]:
-    """Returns those of some remedies that the next step does not state, without what the report says of the flight.
+def _remedies_not_stated_yet(tuning: Tuning, remedies: Iterable[str]) -> list[str]:
+    """Returns remedies without those that the next step or the report's sentence on the flight already states.
 
     Args:
         tuning: the judgement of the flight, with its next step and with faults that are not about loops.
-        remedies: what to do, one or several sentences each; a remedy that another one contains is left out.
+        remedies: what to do, one or several sentences each.
+
+    Returns:
+        The remedies, each once; one that is part of another one is left out.
     """
     texts_in_next_step = _texts_in_next_step(tuning)
     next_step = str(tuning.judgement.next_step).lower()
     remedies_of_flight = [fault.remedy for fault in _faults_besides_loops(tuning)]
-    steps = []
+    new_remedies = []
     for remedy in _without_contained_texts([*dict.fromkeys(remedies)]):
         is_in_next_step = remedy.removesuffix(".").lower() in next_step
         if is_in_next_step or remedy in texts_in_next_step:
             continue
-        step = _without_texts(remedy, remedies_of_flight)
-        if step:
-            steps.append(step)
-    return steps
+        new_part = _without_texts(remedy, remedies_of_flight)
+        if new_part:
+            new_remedies.append(new_part)
+    return new_remedies
 
 
 def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
@@ -308,7 +311,7 @@ def _sentences_towards_gains(
     """Returns the sentences on what leads to gains, such as "For gains of roll and pitch: fly doublets.".
 
     Args:
-        steps_by_axis: what to do by axis, in sentences (:func:`_steps_towards_gains`).
+        steps_by_axis: what to do by axis, in sentences (:func:`_ground_steps_by_axis`).
         is_after_repair: whether the next step, such as a repair, comes before these steps.
 
     Returns:
@@ -416,10 +419,10 @@ def outcome_by_axis(tuning: Tuning) -> dict[str, str]:
 
 
 def margin_overview(tuning: Tuning, *, names_axis: bool) -> list[Table]:
-    """Returns tables of the margins now and with gains to load, such as "29 (23 to 35) → 44", below their goal.
+    """Returns tables of the margins now and with new gains, such as "29 (23 to 35) → 44", below a row with their goal.
 
-    Each loop of an axis has a row, with a second line for its intervals on a phone. Axes of which something else is to
-    be done with the gains have a table of their own (:func:`_overview_header`); doubtful margins come last.
+    Each loop of an axis has a row, with a second line for its intervals on a phone. Axes whose gains are treated alike,
+    such as those with gains to load, share a table (:func:`_margins_header`); doubtful margins come last.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
@@ -431,7 +434,7 @@ def margin_overview(tuning: Tuning, *, names_axis: bool) -> list[Table]:
     advice_by_header = dict[str, list[Advice]]()
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
-            advice_by_header.setdefault(_overview_header(tuning, axis), []).append(advice)
+            advice_by_header.setdefault(_margins_header(tuning, axis), []).append(advice)
     doubtful_advice = advice_by_header.pop(DOUBTFUL_HEADER, None)
     if doubtful_advice is not None:
         advice_by_header[DOUBTFUL_HEADER] = doubtful_advice
@@ -548,8 +551,8 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
     return [*outcome_sentences(tuning), *tables]
 
 
-def _overview_header(tuning: Tuning, axis: str) -> str:
-    """Returns the first header of the table in which the overview of a tuning has the loops of an axis.
+def _margins_header(tuning: Tuning, axis: str) -> str:
+    """Returns the header above the margins of an axis, which says of which gains they are, such as "now → new".
 
     Axes with the same header share a table.
 
@@ -558,9 +561,13 @@ def _overview_header(tuning: Tuning, axis: str) -> str:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        "now → new", or "now" if no axis has gains to load; "now → tried" if another flight is to confirm new gains of
-        this axis; "now → stage 2" if they wait for a flight with those of another axis; "as flown" if the vehicle must
-        be repaired first, which changes the margins; ``DOUBTFUL_HEADER`` if they may be wrong.
+        The first of these that applies:
+
+        - ``DOUBTFUL_HEADER`` if the margins may be wrong.
+        - "now → tried" if another flight is to confirm the new gains of this axis.
+        - "as flown" if the vehicle must be repaired first, which changes the margins.
+        - "now → stage 2" if the new gains wait for a flight with those of another axis.
+        - "now → new", or "now" if no axis has gains to load.
     """
     advice = tuning.axes[axis]
     # An axis has a fact instead of advice only if its loop is not identified.
@@ -668,7 +675,7 @@ def tune_blocks(
     """
     blocks = Blocks()
     shown_remedies = _texts_in_next_step(tuning)
-    for remedies_above in _steps_towards_gains(tuning).values():
+    for remedies_above in _ground_steps_by_axis(tuning).values():
         shown_remedies.update(remedies_above)
     axes_in_shared_sentences: list[str] = []
     for axes in _axes_with_same_conclusion(tuning):
@@ -686,7 +693,7 @@ def tune_blocks(
         # The gains of axes with the same advice were described together, above.
         if axis not in axes_in_shared_sentences:
             facts += _facts_on_new_gains(tuning, axis)
-        facts = _facts_besides_headline(tuning, axis, facts, headline_above)
+        facts = _without_reason_in_headline(tuning, axis, facts, headline_above)
         report = _joined_sentences(facts, headline_above)
         remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
         shown_remedies.update(remedies)
@@ -706,13 +713,13 @@ def tune_blocks(
     return blocks
 
 
-def _facts_besides_headline(
+def _without_reason_in_headline(
     tuning: Tuning, axis: str, facts: Iterable[Fact], headline_above: str
 ) -> list[Fact]:
-    """Returns facts on the gains of an axis without the reason for no gains that the headline above them states.
+    """Returns facts on the gains of an axis so that their sentences do not repeat a reason from the headline.
 
-    The sentence that no gains are advised states its other reasons. If there are none, it says "for the reason above".
-    It is left out if that is a repair, since the overview above says so already.
+    Only the fact that no gains are advised changes. Its sentence then states the other reasons, or, if there are none,
+    says "for the reason above". It is left out if that reason is a repair: the overview above says so already.
 
     Args:
         tuning: advice on the gains of each axis.
@@ -749,13 +756,13 @@ def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
 def _sentences_on_gains(
     tuning: Tuning, axes: list[str], shown_remedies: set[str], headline_above: str
 ) -> list[Sentence]:
-    """Returns the sentence on what to do with the gains of several axes, of which the same is to be said, and why.
+    """Returns the sentence on what to do with the gains of several axes, and why.
 
     Args:
         tuning: advice on the gains of each axis; the loops of these axes are identified.
-        axes: the axes.
-        shown_remedies: remedies that the report shows in other places, which is not repeated; that of these sentences
-            is added to it.
+        axes: axes with the same advice for the same reasons.
+        shown_remedies: remedies that the report shows elsewhere, which are not repeated. The remedy of this sentence is
+            added to the set.
         headline_above: headline that stands above the report, which is not repeated as the reason for no gains.
     """
     # The facts are the same for all axes.
@@ -765,19 +772,19 @@ def _sentences_on_gains(
     if conclusion.remedy not in shown_remedies:
         remedies.append(conclusion.remedy)
         shown_remedies.add(conclusion.remedy)
-    stated_facts = _facts_besides_headline(tuning, axes[0], facts, headline_above)
+    stated_facts = _without_reason_in_headline(tuning, axes[0], facts, headline_above)
     report = " ".join(str(fact) for fact in stated_facts)
     return _sentences_on_axes(axes, report, remedies)
 
 
 def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str) -> list[Sentence]:
-    """Returns why some axes get no gains: their loops are not known for the same reason.
+    """Returns the sentence that says why some axes get no gains: their loops are not known.
 
-    What leads to gains stands in the summary (:func:`tune_summary`).
+    What to do to get gains stands in the summary (:func:`tune_summary`).
 
     Args:
         tuning: for these axes the fact (coded finding) that says why their loops are not known.
-        axes: the axes.
+        axes: axes whose loops are not known for the same reason.
         headline_above: headline that stands above the report, which is not repeated as the reason; empty without one.
     """
     axis = axes[0]
@@ -1032,18 +1039,20 @@ def goal_reached_sentences(tuning: Tuning) -> list[Sentence]:
 
 
 def sentences_on_reached_goal(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
-    """Returns whether axes reach the goal of the margins with the gains to set or to keep, and in how many models.
+    """Returns a sentence on whether the axes reach the goal of the margins with the gains to set or to keep.
 
-    The models are those of the vehicle that agree with the flight. Axes with the same numbers share a clause of the
-    sentence.
+    It states what share of the vehicle models that agree with the flight reach it, such as 84 %. Axes with the same
+    share have one clause of the sentence.
 
     Args:
         advice_by_axis: advice on the gains of each axis whose margins are known.
     """
-    shares_of_axes = {axis: _shares_with_goal(advice) for axis, advice in advice_by_axis.items()}
-    axes_by_shares = group_by(shares_of_axes, shares_of_axes.__getitem__)
+    shares_by_axis = {}
+    for axis, advice in advice_by_axis.items():
+        shares_by_axis[axis] = _shares_reaching_goal(advice)
+    axes_by_shares = group_by(shares_by_axis, shares_by_axis.__getitem__)
     expects_another_step = any(
-        shares.prospect is _GoalProspect.IMPROBABLE for shares in shares_of_axes.values()
+        shares.prospect is _GoalProspect.IMPROBABLE for shares in shares_by_axis.values()
     )
     return render_section(
         "tune_goal_reached",
@@ -1067,7 +1076,7 @@ class _GoalProspect(StrEnum):
     """Most models miss it even with the thrust of the flight."""
 
 
-class _SharesWithGoal(NamedTuple):
+class _SharesReachingGoal(NamedTuple):
     """How many of the models of the vehicle reach the goal of the margins on an axis."""
 
     prospect: _GoalProspect
@@ -1078,22 +1087,22 @@ class _SharesWithGoal(NamedTuple):
     """Share with more and with less thrust, too, as a text."""
 
 
-def _shares_with_goal(advice: Advice) -> _SharesWithGoal:
-    """Returns how many models reach the goal of the margins with the gains to set or, if none change, to keep.
+def _shares_reaching_goal(advice: Advice) -> _SharesReachingGoal:
+    """Returns the shares of vehicle models that reach the goal of the margins with the gains to set or to keep.
 
     Args:
-        advice: advice on the axis.
+        advice: advice on an axis; without gains to set, its loop "after" is the one that flew.
     """
     share_as_flown = advice.after.share_meeting(advice.target)
     is_certain = margin_rating(advice.after, advice.target).is_good
     prospect = _goal_prospect(share_as_flown, advice.sure, is_certain=is_certain)
-    return _SharesWithGoal(prospect, model_share(share_as_flown), model_share(advice.sure))
+    return _SharesReachingGoal(prospect, model_share(share_as_flown), model_share(advice.sure))
 
 
 def _goal_prospect(
     share_as_flown: float, share_at_all_thrusts: float, *, is_certain: bool
 ) -> _GoalProspect:
-    """Returns whether an axis reaches the goal of the margins.
+    """Returns how probable it is that an axis reaches the goal of the margins.
 
     Args:
         share_as_flown: fraction of the models that reach it with the thrust of the flight.
@@ -1164,7 +1173,7 @@ def tune_details(tuning: Tuning) -> Blocks:
     blocks = Blocks()
     if compared.by_header:
         blocks += margin_tables(
-            compared.by_header, compared.doubtful_headers, left_out=TUNED_FIGURES
+            compared.by_header, compared.doubtful_headers, omitted_figures=TUNED_FIGURES
         )
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
@@ -1500,7 +1509,7 @@ def _faults_in_flight(
         if decision is not None and decision.reason.is_watch_or_bad:
             faults[axis] = decision
     texts_elsewhere = [headline_above, report, *_texts_in_next_step(tuning)]
-    for steps in _steps_towards_gains(tuning).values():
+    for steps in _ground_steps_by_axis(tuning).values():
         texts_elsewhere += steps
     return decision_sentences(faults, texts_elsewhere, lead_end=" in flight:")
 
@@ -2235,29 +2244,30 @@ def filter_sentences(loop: Loop) -> list[Sentence]:
 
 
 def margin_tables(
-    loops: LoopsByAxis, doubtful: Container[str] = (), left_out: Container[str] = ()
+    loops: LoopsByAxis,
+    doubtful_headers: Container[str] = (),
+    omitted_figures: Container[str] = (),
 ) -> Iterator[Table]:
-    """Yields two tables of stability margins: one of the rate loops, then one of the attitude loops around them.
+    """Yields a table of the stability margins of rate loops, then one of the attitude loops around them.
 
     Args:
         loops: the loops to compare, by the header of their column, such as "now" and "new".
-        doubtful: the headers of the loops that a measured response speaks against; their columns are called doubtful.
-        left_out: figures of ``LOOP_FIGURES`` that stand elsewhere.
+        doubtful_headers: headers of the loops that a measured response contradicts; "(doubtful)" is added to them.
+        omitted_figures: names of ``LOOP_FIGURES``, such as "phase_margin", that the reader finds elsewhere.
 
     Yields:
         A table with a row for each of the other ``LOOP_FIGURES`` and a column for each of ``loops``.
     """
     models = [loop.model for loop in loops.values()]
-    headers = _marked_headers(loops, doubtful)
+    headers = _marked_headers(loops, doubtful_headers)
     for loop_name in LOOP_NAMES:
         rows = [["model of the plant", *models]]
-        for attribute, figure in LOOP_FIGURES.items():
-            if attribute in left_out:
+        for figure_name, figure in LOOP_FIGURES.items():
+            if figure_name in omitted_figures:
                 continue
             row = [figure.header]
             for loop in loops.values():
-                open_loop = loop.open_loop(loop_name)
-                row.append(_figure_text(open_loop, attribute))
+                row.append(_figure_text(loop.open_loop(loop_name), figure_name))
             rows.append(row)
         yield Table([f"{loop_name} loop (90 % interval)", *headers], rows)
 
@@ -2376,16 +2386,17 @@ def axes_by_gain_sentence(
 
 
 def _gain_sentences(advice: Advice, *, has_gains_above: bool = False) -> list[Sentence]:
-    """Returns sentences on what the advised gains of one axis are expected to do.
+    """Returns sentences on what to expect of the advised gains of one axis, such as how far wind will tilt the vehicle.
 
-    They state the expected deviation of the angle in wind, what comes after this step if it does not reach the margins,
-    unusual ratios of the gains, and the noise in the demand. The template "loop_gains" makes them.
+    Further ones state what comes after this step if it does not reach the margins, unusual ratios of the gains, and how
+    much noise of the gyro heats the motors. The template "loop_gains" makes them.
 
     Args:
         advice: the gains that flew and the advised ones, with the control loop that has each of them, and notes.
-        has_gains_above: whether the page has at its top to check the motors' temperature.
+        has_gains_above: whether the page begins with the gains to load and how to try them. That includes to check the
+            motors' temperature, which is then not repeated here.
     """
-    # Notes that say why the gains are no others stand beside the gains.
+    # Notes on why the gains are not others are shown with the gains themselves.
     unusual_notes = [note for note in advice.notes if note.code not in REASONS_FOR_GAINS]
     return render_section(
         "loop_gains",

@@ -370,17 +370,27 @@ def warnings_of_lights(judgement: Judgement, light_names: Sequence[Light]) -> li
 
 
 def remarks_on_wind(judgement: Judgement) -> list[Sentence]:
-    """Returns how much lean the wind took, and the warnings of the lights of ``WIND_LIGHTS`` about anything else.
+    """Returns the sentence "Lean: the mean lean is 40 % of the lean allowed." and warnings that concern the wind.
 
-    A pilot asks whether the vehicle can fly in such a wind. Its lean answers that even where the drag, and so the
-    speed of the wind, is known only roughly.
+    The lean tells a pilot whether the vehicle can fly in such a wind, even if its drag, and with it the speed of the
+    wind, is known only roughly.
 
     Args:
         judgement: headline, next step and all status lights of the flight.
+
+    Returns:
+        The sentence on the lean, which also states a warning of the wind light, and a warning of the estimator's light.
+        Without a lean to report, only the warnings of the two lights (``WIND_LIGHTS``).
     """
     light = judgement.lights[Light.WIND]
-    has_lean = light.code is WindLight.WIND_BLEW and light.figures["share"] > 0
-    if not has_lean or light.figures["calm"] or light.figures["reason"] is not None:
+    is_wind_known = light.code is WindLight.WIND_BLEW
+    # Nobody asks for the lean in still air, and the figure "reason" says why the wind, and so the lean, is in doubt.
+    if (
+        not is_wind_known
+        or light.figures["share"] <= 0
+        or light.figures["calm"]
+        or light.figures["reason"] is not None
+    ):
         return warnings_of_lights(judgement, WIND_LIGHTS)
     (lean,) = render_section("wind_lean", light=light)
     if light.is_watch_or_bad:

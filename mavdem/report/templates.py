@@ -296,18 +296,18 @@ def _advises_flight(code: Code, template_name: str) -> bool:
 
 
 def _template_values(fact: Fact) -> dict[str, Any]:
-    """Returns the variables of a fact's templates by name, such as ``subject`` "motor 1" and ``level`` "bad".
+    """Returns the values that the template of a fact's sentence may use, such as ``subject`` "motor 1", by name.
 
-    They are the attributes of the fact (a coded finding), its figures, and what the medium can show, such as a
-    terminal. Jinja raises an error for an undefined variable. Figures that templates ask for, but that most facts do
-    not have, therefore get a default here.
+    They are the attributes and figures of the fact (a coded finding), and what the medium of the output, such as a
+    terminal, can show. Jinja raises an error for a name without a value. Figures that only some facts have, and that
+    templates of others test, therefore get a default here.
 
     Args:
-        fact: the fact. Two of its figures are flags: ``is_grounded`` if the vehicle must not fly, so that advice to fly
-            is left out, and ``is_added`` if its text follows another one that forbids to fly already.
+        fact: the fact. If its figure ``is_grounded`` is true, the vehicle must not fly, and templates leave out advice
+            to fly. If ``is_added`` is true, the sentence follows another one that says "Do not fly before …".
     """
     medium = MEDIUM.get()
-    # A second sentence that forbids to fly continues the first: "Do not fly before … Nor fly before …".
+    # The first words of advice not to fly: "Do not fly before motor 1 is inspected. Nor fly before …".
     ban = "Nor fly" if fact.figures.get("is_added") else BAN
     values = {
         "remedy": "",
@@ -863,16 +863,16 @@ def _step_in_flight(fact: Fact) -> str:
 
 
 def after_landing(step: Fact | str) -> str:
-    """Returns what a pilot who is to land has to do afterwards, with when to do it.
+    """Returns a sentence on what a pilot in flight has to do later, such as "After landing: Inspect motor 3.".
 
-    For example "After landing: Inspect motor 3." A step that is a flight, such as to hover for longer, is for the next
-    one: "In the next flight: Hover for 10 s or longer."
+    Advice that needs a flight is for the next one: "In the next flight: Hover for 10 s or longer."
 
     Args:
-        step: the step, a fact or its sentence; a sentence counts as a step on the ground.
+        step: what to do, a fact or its sentence; a sentence counts as a step on the ground.
     """
-    is_flight = isinstance(step, Fact) and step.without_flight_advice.sentence != step.sentence
-    lead = "In the next flight" if is_flight else "After landing"
+    # The sentence of advice to fly becomes another one without that advice.
+    needs_flight = isinstance(step, Fact) and step.without_flight_advice.sentence != step.sentence
+    lead = "In the next flight" if needs_flight else "After landing"
     return f"{lead}: {without_full_stop(step)}."
 
 

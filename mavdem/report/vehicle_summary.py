@@ -159,7 +159,7 @@ class NamedFlight(NamedTuple):
     """Address of its page; empty without one."""
 
     def label(self, names: GivenNames) -> str:
-        """Returns name and day of the flight, such as "flight.ulg, 2026-03-09".
+        """Returns the name of the flight and its day, UTC, such as "flight.ulg, 2026-03-09".
 
         Args:
             names: names that users gave to flights.
@@ -277,23 +277,20 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     Returns:
         The summary, which can be stored as JSON.
     """
-    # The table has one flight a log, so that rows which are grouped by flight are grouped by log too. Some logs have no
-    # flight that can be analysed: they are listed, but not counted as flights.
+    # The table has one flight for each log, so grouping by flight also groups by log. Logs without a flight that can be
+    # analysed are listed, but not counted as flights.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
     real_flights = [flight for flight in flights if not log_row(flight).simulated]
     vehicle = _vehicle_of_flights(name, real_flights, flights)
     counts_simulated = _counts_simulated_flights(vehicle, real_flights)
+    parameter_set_numbers = _parameter_set_numbers(logs)
     lines = []
     counted_logs = []
-    # The number of each set of control parameters: most flights of a vehicle have the same.
-    parameter_sets: dict[str, int] = {}
     for log in logs:
-        is_counted = counts_simulated or not log_row(log).simulated
-        parameters = log_row(log).control_parameters
-        parameter_set = None
-        if _has_parameters(log_row(log)):
-            parameter_set = parameter_sets.setdefault(parameters or "", len(parameter_sets))
+        row = log_row(log)
+        parameter_set = parameter_set_numbers.get(row.control_parameters or "")
+        is_counted = counts_simulated or not row.simulated
         lines.append(flight_line(log, is_counted=is_counted, parameter_set=parameter_set))
         if is_counted:
             counted_logs.append(log)
@@ -309,10 +306,27 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         light_counts=_light_counts(counted_logs),
         winds=_mean_winds(counted_logs),
         lines=lines,
-        parameter_sets=[*parameter_sets],
+        parameter_sets=[*parameter_set_numbers],
         undecided_flights=_undecided_flights(real_flights),
         unused=_unused_rows(rows),
     )
+
+
+def _parameter_set_numbers(logs: Flights) -> dict[str, int]:
+    """Numbers the different sets of control parameters that a vehicle flew with, since most flights have the same.
+
+    Args:
+        logs: rows of each log of the vehicle.
+
+    Returns:
+        The number of each set, from 0, by the set as the rows have it: a text, the JSON object of values by name.
+    """
+    numbers: dict[str, int] = {}
+    for log in logs:
+        row = log_row(log)
+        if _has_parameters(row):
+            numbers.setdefault(row.control_parameters or "", len(numbers))
+    return numbers
 
 
 def _has_parameters(row: FlightRow) -> bool:
@@ -321,12 +335,12 @@ def _has_parameters(row: FlightRow) -> bool:
 
 
 def _undecided_flights(flights: Flights) -> list[NamedFlight]:
-    """Returns the flights whose logs have nothing by which a simulation would show, so that they count as flown.
+    """Returns the flights that may have been simulated, since their logs would not show it; they count as flown.
 
-    A simulator shows by its parameters, or by the kind of its board. Some logs of ground stations have neither.
+    The parameters of a simulator or the kind of its board show it. Some logs of ground stations have neither.
 
     Args:
-        flights: rows of each flight of which no log shows that it was simulated.
+        flights: rows of each flight that is not known to be simulated.
     """
     undecided = []
     for flight in flights:
@@ -471,7 +485,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
 
 
 def _named_flight(row: FlightRow) -> NamedFlight:
-    """Returns a flight as sentences name it, from one of its rows in the fleet's table."""
+    """Returns file, day and link of a flight, by which sentences name it, from one of its rows in the fleet's table."""
     line = flight_line([row])
     return NamedFlight(line.cell("flight"), line.content, row.past_date, line.link)
 

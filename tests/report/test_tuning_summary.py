@@ -50,7 +50,7 @@ from mavdem.report.pages.loop_chapters import sentences_without_response
 from mavdem.report.pages.page import Chapter
 from mavdem.report.pages.step_captions import gain_caption, step_caption
 from mavdem.report.pages.tune_page import (
-    _only_points_to_headline,
+    _repeats_headline,
     rate_disagreement_sentences,
 )
 from mavdem.report.templates import Medium, render_section, sentences_for
@@ -621,9 +621,9 @@ def test_a_step_that_does_not_rise_within_its_length_has_a_bound(rise_time, text
 def test_a_chapter_that_only_points_to_the_headline_is_left_out():
     tuning = tuning_of(LIMITED, LIMITED, {})
     pointer = Sentence("no gains, for the reason above.", "Roll and pitch:")
-    assert _only_points_to_headline(Chapter("Margins", [pointer]), tuning)
+    assert _repeats_headline(Chapter("Margins", [pointer]), tuning)
     finding = Sentence("No gains, because a motor was at its limit.", "Roll:")
-    assert not _only_points_to_headline(Chapter("Margins", [pointer, finding]), tuning)
+    assert not _repeats_headline(Chapter("Margins", [pointer, finding]), tuning)
     oscillates = Fact(MarginsLight.OSCILLATES, Level.BAD, reason=None)
     [pointer] = sentences_without_gains(tuning_of(oscillates, LIMITED, {}), ["yaw"])
     assert pointer == Sentence("no gains, until the oscillation has ended.", "Yaw:")

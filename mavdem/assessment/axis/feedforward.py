@@ -15,18 +15,20 @@ from mavdem.loops.rate_setpoint import RATE_FEEDFORWARD_PARAMETER, has_rate_feed
 
 
 def feedforward_finding(evidence: Evidence, axis: str) -> Fact | None:
-    """Returns the finding that feed-forward, and no gain, explains most of how far an axis exceeds its setpoint.
+    """Returns the fact that an axis overshoots its setpoint because of feed-forward; None if that is not the cause.
 
-    The identified loop predicts the gain |T| from setpoint to angle with and without the feed-forward. It explains the
-    measured gain if the prediction with it is nearer to that by ratio.
+    Feed-forward adds the derivative of the angle setpoint to the rate setpoint. The identified loop predicts how far
+    the angle moves with it and without it. Feed-forward is the cause if the prediction with it is nearer to what was
+    measured. For example, the angle moved 1.4 times as far as its setpoint, and the predictions are 1.3 with
+    feed-forward and 1.0 without it.
 
     Args:
         evidence: signals, loops and tracking of the vehicle.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The fact with the measured ``ratio`` at a ``frequency``, Hz, and both predictions. None if the axis does not
-        exceed its setpoint, if its loop is not identified, or if the autopilot does not feed forward, as far as known.
+        The fact with the measured ``ratio`` of angle to setpoint at a ``frequency``, Hz, and both predictions. None
+        also if the loop is not identified, or if the autopilot is not known to use feed-forward.
     """
     tracking = evidence.tracking.get(axis)
     loop = evidence.loops[axis]
@@ -38,9 +40,10 @@ def feedforward_finding(evidence: Evidence, axis: str) -> Fact | None:
     if not has_rate_feedforward(signals, settled_flight(signals), loop.controller):
         return None
     frequency = tracking.figures["frequency"]
-    ratio_with_feedforward = _predicted_ratio(loop, frequency, has_feedforward=True)
-    ratio_without_feedforward = _predicted_ratio(loop, frequency, has_feedforward=False)
+    ratio_with_feedforward = _predicted_angle_ratio(loop, frequency, has_feedforward=True)
+    ratio_without_feedforward = _predicted_angle_ratio(loop, frequency, has_feedforward=False)
     ratio = tracking.figures["ratio"]
+    # Half and twice the measured ratio are equally wrong, so errors are compared by their logarithms.
     error_with_feedforward = abs(log(ratio / ratio_with_feedforward))
     error_without_feedforward = abs(log(ratio / ratio_without_feedforward))
     if error_with_feedforward >= error_without_feedforward:
@@ -57,13 +60,13 @@ def feedforward_finding(evidence: Evidence, axis: str) -> Fact | None:
     )
 
 
-def _predicted_ratio(loop: Loop, frequency: float, *, has_feedforward: bool) -> float:
-    """Returns how many times as far as its setpoint an angle moves at a frequency, Hz, as the identified loop predicts.
+def _predicted_angle_ratio(loop: Loop, frequency: float, *, has_feedforward: bool) -> float:
+    """Returns the predicted ratio of an angle to its setpoint, such as 1.2 if it moves 20 % further than its setpoint.
 
     Args:
-        loop: the loops of the axis.
-        frequency: the frequency.
-        has_feedforward: whether the autopilot adds the slope of the setpoint to the setpoint of the rate.
+        loop: the identified rate and attitude loops of the axis.
+        frequency: frequency of a sinusoidal setpoint, Hz.
+        has_feedforward: whether the autopilot adds the derivative of the angle setpoint to the rate setpoint.
     """
     response = predicted_attitude_response(loop, has_feedforward=has_feedforward)
     return float(np.interp(frequency, loop.attitude.frequency, np.abs(response)))

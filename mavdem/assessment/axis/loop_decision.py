@@ -143,16 +143,19 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     if decision is None:
         decision = _decision_without_fault(observations)
     if observations.vehicle_repairs:
-        return _with_repair_as_action(decision, observations.vehicle_repairs)
+        return _decision_to_repair_first(decision, observations.vehicle_repairs)
     return decision
 
 
-def _with_repair_as_action(decision: LoopDecision, repairs: Facts) -> LoopDecision:
-    """Returns a decision whose action is to repair the vehicle first, and which forbids to compute gains.
+def _decision_to_repair_first(decision: LoopDecision, repairs: Facts) -> LoopDecision:
+    """Returns the decision on an axis of a vehicle that needs a repair: to repair it, and to compute no gains before.
+
+    The diagnosis of the loop, such as that its margins are too small, stays.
 
     Args:
-        decision: the decision on a vehicle without a fault. If it has no action, none is added.
-        repairs: why the vehicle must be repaired, at least one reason; the first one is the action.
+        decision: what would be decided if the vehicle needed no repair. If nothing is to be done about the loop, the
+            repair is not named either.
+        repairs: why the vehicle must be repaired, at least one reason; the action is the remedy of the first one.
     """
     action = None
     if decision.action is not None:
@@ -259,28 +262,33 @@ def _loop_below_goal(margins: AxisMargins) -> Loop | None:
 def _decision_on_uncertain_loop(
     observations: LoopObservations, loop_fact: Fact
 ) -> LoopDecision | None:
-    """Returns the decision on an axis whose identified loop may have margins below the goal.
+    """Returns the decision to fly doublets on an axis whose stability margins are not certain.
 
-    Its margins are uncertain if too many other models that fit the flight as well have smaller margins, or if a
-    measured response contradicts the loop. The action is to fly doublets, which show the margins better.
+    They are not certain if too many models that fit the flight as well as the identified loop have smaller margins, or
+    if a measured response contradicts the loop. Doublets (quick stick inputs to both sides) show the margins better.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
-        loop_fact: the fact about the margins of the identified loop, which warns.
+        loop_fact: the fact (a coded finding) that the margins of the identified loop may be below the goal.
 
     Returns:
         The decision, with the diagnosis "unknown". None if a response contradicts the loop and the axis follows its
         setpoint badly: then the tracking, which is measured, decides.
     """
     margins = observations.margins
-    if margins.contradiction is not None and observations.tracking.is_watch_or_bad:
+    contradiction = margins.contradiction
+    if contradiction is not None and observations.tracking.is_watch_or_bad:
         return None
     action = _advice_to_fly_doublets(margins, loop_fact)
-    reason = loop_fact.replace(action=action)
-    reasons_against_gains: Facts = ()
-    if margins.contradiction is not None:
-        reasons_against_gains = (margins.contradiction,)
-    return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, reasons_against_gains)
+    # From a loop that is only uncertain, gains may be computed: ``Advice.is_sound`` tells whether they may be loaded.
+    reasons_against_gains = () if contradiction is None else (contradiction,)
+    return LoopDecision(
+        margins.axis,
+        LoopDiagnosis.UNKNOWN,
+        reason=loop_fact.replace(action=action),
+        action=action,
+        reasons_against_gains=reasons_against_gains,
+    )
 
 
 def _decision_by_measurement(
@@ -772,15 +780,15 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
 
 
 def _joined_reductions(reductions: Sequence[Fact]) -> Fact:
-    """Joins the actions to lower the gains of single axes to one action for all these axes.
+    """Joins the advice to lower gains of roll and the advice to lower gains of pitch, say, to one piece of advice.
 
     Args:
-        reductions: the action of each axis, at least one. Its figures are the ``axis``, the ``changes`` of gains, and,
-            if gains changed in flight, the facts on that as ``changed``.
+        reductions: the advice for each axis, at least one. Its figures are the ``axis``, the ``changes`` of gains, each
+            with name, present and lower value, and, if gains changed in flight, the facts about that as ``changed``.
 
     Returns:
-        An action with the changes of all axes, and their names as ``names``. The action of a single axis stays as it
-        is.
+        The advice with the changes of all axes, whose names are its figure ``names``. Advice for a single axis stays as
+        it is.
     """
     first_reduction = reductions[0]
     if len(reductions) == 1:

@@ -155,7 +155,7 @@ class Tuning(NamedTuple):
 
     @property
     def failure(self) -> Fact | None:
-        """The refusal, if no gains are lowered either: the tuning then leaves the gains of every axis undecided."""
+        """The fact why the tuning has no gains to set, neither new ones nor lower ones; None if it has some."""
         return None if self.gains_to_lower else self.refusal
 
     def files(self, vehicle: Telemetry) -> dict[str, str]:
@@ -282,11 +282,11 @@ def tune_loops(
 
 
 def _feedforward_findings(evidence: Evidence, axes: Iterable[str]) -> Facts:
-    """Returns the findings that feed-forward explains how far axes exceed their setpoints.
+    """Returns for each axis that overshoots its setpoint because of feed-forward the fact that says so.
 
     Args:
         evidence: signals, loops and tracking of the vehicle.
-        axes: the requested axes; those without such a finding (:func:`feedforward_finding`) are left out.
+        axes: the requested axes; most have no such fact (:func:`feedforward_finding`).
     """
     findings = [feedforward_finding(evidence, axis) for axis in axes]
     return tuple(finding for finding in findings if finding is not None)
@@ -414,19 +414,12 @@ def _advice_on_loop(
         attitude_doubt: that the measured response of the angle differs from the predicted one; None if it does not.
         raises_sound_gains: whether the user wants higher gains even if the loop has the wanted margins already.
     """
-    reasons_against_gains = (
-        reasons_of_vehicle if decision is None else decision.reasons_against_gains
-    )
     # An axis that follows its setpoint too slowly has its gains raised in any case.
     is_too_slow = decision is not None and decision.is_too_slow
     loop = loop_at_end_of_log(flown_loop)
-    must_be_repaired = decision is not None and bool(decision.repairs)
-    if loop is not flown_loop or must_be_repaired:
-        # A measured response, which may contradict the identified loop, was measured with the gains that flew. That its
-        # margins are in doubt is said besides a repair, too.
-        for reason in reasons_for_no_gains(flown_loop):
-            if reason not in reasons_against_gains:
-                reasons_against_gains = (*reasons_against_gains, reason)
+    reasons_against_gains = _reasons_against_gains(
+        flown_loop, reasons_of_vehicle, decision, have_gains_changed=loop is not flown_loop
+    )
     raises_gains = raises_sound_gains or is_too_slow
     advise_gains = partial(advise, tune=margins, attitude_doubt=attitude_doubt)
     is_request_of_decision = (
@@ -447,6 +440,36 @@ def _advice_on_loop(
         loop_with_notch = loop.with_parameters(notch_parameters)
         advice = advise_gains(loop_with_notch, raises_sound_gains=raises_gains)
     return advice
+
+
+def _reasons_against_gains(
+    flown_loop: Loop,
+    reasons_of_vehicle: Facts,
+    decision: LoopDecision | None,
+    *,
+    have_gains_changed: bool,
+) -> Facts:
+    """Returns why no gains may be computed from an identified loop, such as a repair that the vehicle needs.
+
+    :func:`advise` looks for reasons of the loop itself, such as a measured response that contradicts it, only if there
+    are no others. Here they are added beside a repair, so that the pilot knows of both, and if gains changed after the
+    flight, since :func:`advise` is then not given the loop that flew.
+
+    Args:
+        flown_loop: rate and attitude loop of the axis, with the gains that flew.
+        reasons_of_vehicle: reasons why no gains of any axis may be raised.
+        decision: what was decided on the loop, with all reasons against new gains; None for an axis without a decision.
+        have_gains_changed: whether the vehicle now has other gains than those that flew.
+
+    Returns:
+        The reasons, each once.
+    """
+    reasons = reasons_of_vehicle if decision is None else decision.reasons_against_gains
+    must_be_repaired = decision is not None and bool(decision.repairs)
+    if not have_gains_changed and not must_be_repaired:
+        return reasons
+    reasons_of_loop = reasons_for_no_gains(flown_loop)
+    return (*reasons, *(reason for reason in reasons_of_loop if reason not in reasons))
 
 
 def _reasons_without_loop(assessment: Assessment, axes: Sequence[str]) -> dict[str, Fact]:

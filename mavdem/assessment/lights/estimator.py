@@ -146,15 +146,18 @@ def estimator_light(evidence: Evidence) -> Fact:
 
 
 def _missing_estimator_message(telemetry: Telemetry) -> str | None:
-    """Returns the message with the state of the estimator that a received flight lacks, such as "ESTIMATOR_STATUS".
-
-    None if one came, or if the log was not received but recorded by the autopilot, which has other names for it.
+    """Returns the name of the MAVLink message with the estimator's state that was not received: "ESTIMATOR_STATUS".
 
     Args:
         telemetry: messages of the vehicle.
+
+    Returns:
+        The name, which depends on the autopilot. None if such a message was received, or if the log is the autopilot's
+        own, which has no MAVLink messages.
     """
-    has_come = any(name in telemetry.messages for name in ESTIMATOR_FLAG_MESSAGES)
-    if telemetry.translated_from or has_come:
+    was_received = any(name in telemetry.messages for name in ESTIMATOR_FLAG_MESSAGES)
+    is_log_of_autopilot = bool(telemetry.translated_from)
+    if was_received or is_log_of_autopilot:
         return None
     return estimator_message(telemetry.autopilot)
 

@@ -14,13 +14,14 @@ from mavdem.facts.margins import MarginsLight
 def margins_light(evidence: Evidence) -> Fact:
     """Returns the status light of the stability margins, such as that pitch has too small a phase margin.
 
-    The first of these cases applies:
+    The first of these facts that a flight has is the light:
 
-    1. In a limit cycle there is no margin: the light is that fact.
-    2. The worst fact about any axis warns: the light is that fact.
-    3. The margins of roll or pitch are good, and so is the light; good margins of yaw alone do not suffice.
-    4. By the estimate roll or pitch has its margins, but the log is too slow to be sure: the light is that fact.
-    5. The margins are unknown.
+    1. The vehicle is no multirotor, so that its loops are not judged.
+    2. It is in a limit cycle, in which there is no margin.
+    3. The margins of an axis are too small: the fact about the worst axis.
+    4. The margins of roll or pitch are good; good margins of yaw alone do not suffice.
+    5. Roll or pitch has its margins by the estimate, but the log is too slow to be sure.
+    6. The margins are unknown.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

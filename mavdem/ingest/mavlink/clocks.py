@@ -93,14 +93,9 @@ def boot_clock(
             )
             repairs += further_repairs
         if len(positions) and len(readings.positions):
-            # A message whose stamp was ignored repeats the last time of its own type: the time of another type would
-            # look like a time at which this message was sent.
-            readings_before = last_rows_before(readings.positions, positions)
             rows = np.searchsorted(message_type.positions, positions)
-            times = boot_times[message_type.message]
-            times.time[rows] = readings.time[readings_before]
-            if times.boot.flags.writeable:
-                times.boot[rows] = readings.boot[readings_before]
+            readings_before = last_rows_before(readings.positions, positions)
+            _assign_times(boot_times[message_type.message], rows, readings, readings_before)
     if heartbeats is not None and late_heartbeats is not None:
         rows = np.searchsorted(heartbeats.positions, late_heartbeats.positions)
         boot_times["HEARTBEAT"].time[rows] = late_heartbeats.time
@@ -109,12 +104,32 @@ def boot_clock(
     return BootClock(boot_times, repairs, delays)
 
 
+def _assign_times(
+    times: BootTimes, rows: Rows, readings: ClockReadings, readings_before: Rows
+) -> None:
+    """Writes the times of N stamped messages of one type into the arrays for all messages of this type.
+
+    A message whose stamp was ignored as an outlier repeats the last time of its own type: the time of another type
+    would look like a time at which this message was sent.
+
+    Args:
+        times: Times and boots of all messages of the type, which are changed. If the component never restarted, the
+            array of boots is a constant 0 that cannot be written.
+        rows: The rows of the stamped messages in these arrays (N,).
+        readings: The readings of the boot clock by the stamps that were not ignored.
+        readings_before: The rows of the last reading up to each message (N,).
+    """
+    times.time[rows] = readings.time[readings_before]
+    if times.boot.flags.writeable:
+        times.boot[rows] = readings.boot[readings_before]
+
+
 def _late_heartbeats(
     reference: ClockReadings,
     heartbeats: HeartbeatStates | None,
     receive_times: ReceiveTimes | None,
 ) -> ClockReadings | None:
-    """Returns the HEARTBEATs of the last boots, in which no message of the reference type came; None without any.
+    """Returns the HEARTBEATs of the last boots, during which the reference type was not sent; None without such boots.
 
     A HEARTBEAT has no stamp: its time follows from when it was received (:func:`heartbeats_after_restarts`).
 

@@ -134,9 +134,9 @@ def fleet_page(
         widths=[column.width for column in COLUMNS.values()],
         areas={name: column.area for name, column in COLUMNS.items()},
         first=_table_without_scripts(cells),
-        all_flights=_count_words(lines),
+        all_flights=_number_of_flights_text(lines),
         table=_table_of_scripts(lines, cells, serial_labels)
-        | _searched_parameters(lines, summaries),
+        | _parameters_to_search(lines, summaries),
     )
 
 
@@ -196,7 +196,7 @@ def _table_of_scripts(
     }
 
 
-def _count_words(lines: Sequence[FlightLine]) -> str:
+def _number_of_flights_text(lines: Sequence[FlightLine]) -> str:
     """Returns how many flights and other logs the table has, such as "12 flights and 6 logs not used"."""
     unused_count = sum(_is_unused(line) for line in lines)
     words = counted(len(lines) - unused_count, "flight")
@@ -205,32 +205,37 @@ def _count_words(lines: Sequence[FlightLine]) -> str:
     return f"{words} and {counted(unused_count, 'log')} not used"
 
 
-def _searched_parameters(
+def _parameters_to_search(
     lines: Sequence[FlightLine], summaries: Sequence[VehicleSummary]
 ) -> JsonValues:
-    """Returns what the page's script searches beside the table: control parameters and heights of the flights.
+    """Returns control parameters and heights of the flights, by which the page's script can search the table.
+
+    Most flights of a vehicle have the same parameters, so each set is stored once and flights refer to it by number.
 
     Args:
         lines: lines of the flights, in the order of the table.
         summaries: summary of the flights under each name, with the vehicle's sets of parameters.
 
     Returns:
-        Plain JSON values: ``parameters``, all sets, each a value by name; ``parameter_sets``, the number of each
-        flight's set, and ``heights``, m, both None where they are not known.
+        Plain JSON values: ``parameters``, a list of all sets, each a value by name; ``parameter_sets``, for each flight
+        the index of its set in that list; and ``heights``, m. The last two have None where they are not known.
     """
-    sets: list[Parameters] = []
-    first_numbers = {}
+    all_sets: list[Parameters] = []
+    # The sets of all vehicles follow each other in one list: the index of each vehicle's first one.
+    first_index_by_vehicle = {}
     for summary in summaries:
-        first_numbers[summary.name] = len(sets)
+        first_index_by_vehicle[summary.name] = len(all_sets)
         # A damaged set counts as empty.
-        sets += [parse_parameters(text) or {} for text in summary.parameter_sets]
-    numbers = []
+        all_sets += [parse_parameters(text) or {} for text in summary.parameter_sets]
+    set_indices: list[int | None] = []
     for line in lines:
-        number = line.parameter_set
-        numbers.append(None if number is None else first_numbers[line.vehicle] + number)
+        if line.parameter_set is None:
+            set_indices.append(None)
+        else:
+            set_indices.append(first_index_by_vehicle[line.vehicle] + line.parameter_set)
     return {
-        "parameters": sets,
-        "parameter_sets": numbers,
+        "parameters": all_sets,
+        "parameter_sets": set_indices,
         "heights": [line.height for line in lines],
     }
 
@@ -461,7 +466,7 @@ def _vehicle_sections(
     Returns:
         The sections, the most urgent vehicle first.
     """
-    vehicles = _vehicles_told_apart(summaries)
+    vehicles = _vehicles_with_known_identity(summaries)
     summaries_by_name = {summary.name: summary for summary in summaries}
     names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name))
     names_with_several_flights = [
@@ -488,11 +493,13 @@ def _vehicle_sections(
     return sections
 
 
-def _vehicles_told_apart(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
-    """Returns the vehicles that have a section on a fleet's page, by their name.
+def _vehicles_with_known_identity(
+    summaries: Sequence[VehicleSummary],
+) -> dict[str, VehicleFlights]:
+    """Returns what is known of each vehicle whose flights are surely its own, by its name.
 
-    A name that is a MAVLink system id may be shared by several vehicles. It counts as one vehicle only if its flights
-    were compared with a baseline.
+    These vehicles have a section on a fleet's page. A name that is a MAVLink system id may be shared by several
+    vehicles. It counts as one vehicle only if its flights were compared with a baseline.
 
     Args:
         summaries: summary of the flights under each name.

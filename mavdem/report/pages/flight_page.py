@@ -253,7 +253,7 @@ def log_page(
             changes = changes._replace(loading=loading_sentences(advice))
         evidence = headline_evidence(assessment.headline, assessment.lights)
         timeline = assessment_timeline(assessment, has_all_flights=True)
-        events = _log_events(assessment, timeline, joined_sentences(evidence))
+        events = _listed_events(assessment, timeline, joined_sentences(evidence))
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = _log_chapters(name, assessment, contents, timeline, advice)
@@ -286,15 +286,19 @@ def _gains_to_load(name: str, assessment: Assessment, advice: AdviceByAxis) -> G
     )
 
 
-def _log_events(
+def _listed_events(
     assessment: Assessment, timeline: Timeline | None, evidence_of_headline: str
 ) -> list[PageEvent]:
-    """Returns the events of a log for the list on its page, with their dates in UTC and messages around a loss.
+    """Returns the list of events on the page of a log, such as a failsafe or the loss of a motor.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
-        timeline: charts of the flight over time, if it has any, in which the events are marked.
-        evidence_of_headline: sentence with the measurements that confirm the headline, which stands above the events.
+        timeline: charts of the flight over time, in which the numbers of the events are marked; None for none.
+        evidence_of_headline: sentence with the measurements that confirm the headline. It stands above the list, whose
+            events do not repeat it.
+
+    Returns:
+        The events. Bad ones have their time in UTC, and a loss of the vehicle the autopilot's messages around it.
     """
     events = _numbered_events(
         assessment.events,
@@ -404,7 +408,7 @@ def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> 
         headline_sentence(heading.finding),
         *details,
         *evidence,
-        *_margin_sentences(assessment),
+        *_explanation_of_small_margins(assessment),
         judgement_sentences(assessment.judgement).next_step,
         *_sentences_on_last_position(assessment),
         *flight_sentences(assessment, has_headline_above=True),
@@ -434,7 +438,7 @@ def _sentences_on_last_position(assessment: Assessment) -> list[Sentence]:
     return render_section("last_position", position)
 
 
-def _margin_sentences(assessment: Assessment) -> list[Sentence]:
+def _explanation_of_small_margins(assessment: Assessment) -> list[Sentence]:
     """Returns the sentence that explains a headline on too small stability margins of the control loops.
 
     Args:
@@ -443,12 +447,13 @@ def _margin_sentences(assessment: Assessment) -> list[Sentence]:
     Returns:
         A list with the sentence; empty if the headline is about something else.
     """
-    if assessment.evidence is None:
+    evidence = assessment.evidence
+    if evidence is None:
         return []
-    margins: list[Fact] = []
-    for margins_of_axis in assessment.evidence.margins:
-        margins += margins_of_axis.facts
-    return margin_sentences(assessment.headline, assessment.evidence.identified_loops, margins)
+    facts_on_margins: list[Fact] = []
+    for margins in evidence.margins:
+        facts_on_margins += margins.facts
+    return margin_sentences(assessment.headline, evidence.identified_loops, facts_on_margins)
 
 
 def unfold_chapters_of_warnings(
@@ -1392,7 +1397,7 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import statement_of_headline, verdict_on_present_flight
 
-    judgement = _judgement_beside_place(status.session_judgement)
+    judgement = _without_place_in_headline(status.session_judgement)
     sentences = judgement_sentences(judgement)
     heading = sentences.headline
     if not status.is_over:
@@ -1414,13 +1419,13 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     return summary
 
 
-def _judgement_beside_place(judgement: Judgement) -> Judgement:
-    """Returns a judgement whose headline, if it is a link lost in flight, does not say where the vehicle was.
+def _without_place_in_headline(judgement: Judgement) -> Judgement:
+    """Returns a judgement whose headline "link lost in flight" does not say where the vehicle was.
 
-    A card of the page says that (:func:`mavdem.report.live.headline_reason`).
+    Another part of the page does (:func:`mavdem.report.live.headline_reason`). Other headlines stay as they are.
 
     Args:
-        judgement: the judgement of the vehicle in the session.
+        judgement: the judgement of the vehicle in a live session.
     """
     if judgement.headline.code is not LinkFact.LOST_IN_FLIGHT:
         return judgement

@@ -154,41 +154,41 @@ def sentences_without_response(responses: Responses) -> list[Sentence]:
     Args:
         responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
     """
-    names_by_reason = dict[str, list[str]]()
-    facts_by_reason = dict[str, list[Fact]]()
+    fact_by_loop = {}
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
             measured = response.measured
-            if isinstance(measured, Fact) or measured.is_doubtful:
-                fact = measured if isinstance(measured, Fact) else measured.fact
-                reason = _reason_of_any_loop(fact)
-                facts_by_reason.setdefault(reason, []).append(fact)
-                names_by_reason.setdefault(reason, []).append(f"{axis} {loop_name}")
+            if isinstance(measured, Fact):
+                fact_by_loop[f"{axis} {loop_name}"] = measured
+            elif measured.is_doubtful:
+                fact_by_loop[f"{axis} {loop_name}"] = measured.fact
+    loops_by_reason = group_by(fact_by_loop, lambda loop: _reason_without_loop(fact_by_loop[loop]))
     sentences = []
-    for reason, facts in facts_by_reason.items():
-        fact = _fact_for_all_loops(facts)
-        sentences.append(Sentence(str(fact.replace(subject=listed(names_by_reason[reason])))))
+    for loops_with_reason in loops_by_reason.values():
+        fact = _common_reason([fact_by_loop[loop] for loop in loops_with_reason])
+        sentences.append(Sentence(str(fact.replace(subject=listed(loops_with_reason)))))
     return sentences
 
 
-def _reason_of_any_loop(fact: Fact) -> str:
-    """Returns a text that is the same for two loops if one sentence can say why neither has a measured step.
+def _reason_without_loop(fact: Fact) -> str:
+    """Returns why the step of a loop is not known, as a text without the loop, which is equal for equal reasons.
 
     Args:
-        fact: why the step of a loop is not known, a coded finding with the loop as its subject.
+        fact: the reason, a coded finding whose subject is the loop, such as "roll rate".
     """
     if fact.code is StepResponseFact.STEP_UNCERTAIN:
-        # Uncertain steps of several loops share a sentence, which states the narrowest band of them.
+        # Steps that are uncertain by different amounts have the same reason.
         return str(fact.code)
-    # Without their subject, such as "roll rate", equal reasons have equal sentences.
     return str(fact.replace(subject=""))
 
 
-def _fact_for_all_loops(facts: Sequence[Fact]) -> Fact:
-    """Returns the fact that says why none of some loops has a measured step: of uncertain steps the least uncertain.
+def _common_reason(facts: Sequence[Fact]) -> Fact:
+    """Returns the fact that says for several loops why their steps are not known.
+
+    Of uncertain steps it is the least uncertain one: all others are at least as uncertain.
 
     Args:
-        facts: the same reason for each loop, as coded findings.
+        facts: the reason for each loop, coded findings that differ only in the loop and in how uncertain its step is.
     """
     if len(facts) == 1 or facts[0].code is not StepResponseFact.STEP_UNCERTAIN:
         return facts[0]
@@ -326,7 +326,7 @@ def loops_chapters(
     group = Group.of_axes(columns, assessment.lights[Light.MARGINS], LOOP_CAPTION)
     yield Chapter("Control loops", summary, [group._replace(has_common_x=True)])
     figures: Blocks = [
-        *margin_tables(_loops_by_header(loops_by_axis), doubtful=evidence.axes_with_doubtful_loop)
+        *margin_tables(_loops_by_header(loops_by_axis), evidence.axes_with_doubtful_loop)
     ]
     figures += _advised_gain_blocks(advice_with_gains, has_gains_above=has_gains_above)
     figures += loop_cautions(advice)

@@ -138,8 +138,7 @@ def _render_tune_page(
         ),
         Chapter("More figures of the loops, and their basis", tune_details(tuning), folded=True),
     ]
-    # A chapter that only points to the headline says nothing.
-    chapters = [chapter for chapter in chapters if not _only_points_to_headline(chapter, tuning)]
+    chapters = [chapter for chapter in chapters if not _repeats_headline(chapter, tuning)]
     summary: Blocks = [*tune_summary(tuning, result)]
     blocks_beside_gains: Blocks = [*margin_overview(tuning, names_axis=True)]
     blocks_beside_gains += goal_reached_sentences(tuning)
@@ -161,14 +160,14 @@ def _render_tune_page(
     return render_document(name, SUBTITLE, summary, chapters, head=head)
 
 
-def _only_points_to_headline(chapter: Chapter, tuning: Tuning) -> bool:
-    """Returns whether all that a chapter says is that axes have no gains, for the reason that the headline states.
+def _repeats_headline(chapter: Chapter, tuning: Tuning) -> bool:
+    """Returns whether a chapter says only that axes get no gains for the reason in the headline.
 
-    The gains at the top of the page have that beside each axis.
+    Such a chapter is left out: the top of the page says the same beside each axis.
 
     Args:
-        chapter: the chapter of the margins, or another one.
-        tuning: the advice for each axis.
+        chapter: a chapter of the page.
+        tuning: the advice for each axis, and the headline.
     """
     axes_without_gains = [axis for axis in tuning.axes if not tuning.lowers_gains_of(axis)]
     if not axes_without_gains:
@@ -227,10 +226,10 @@ def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Bloc
 
 
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
-    """Returns the chapter of step responses: as measured, predicted, and with advised gains.
+    """Returns the chapter with charts of step responses: as measured, predicted, and with advised gains.
 
-    Where no response was measured, only those that the identified loop predicts are drawn. Without a loop either, the
-    reason stands in the place of the chart, if another axis has such a chart, and otherwise below all charts.
+    If no response of a loop was measured, its chart has only what the identified loop predicts. If no loop was
+    identified either, the reason takes the place of the chart; without any chart it is all that the chapter has.
 
     Args:
         tuning: the advice for each axis.
