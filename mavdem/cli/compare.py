@@ -253,10 +253,10 @@ class _ComparisonProgress:
         self._start_time: float | None = None
 
     def __call__(self, outcome: Outcome) -> None:
-        """Counts the outcome of one method in one window, and shows the progress.
+        """Counts the outcome of one method in one window as done, and shows the progress.
 
         Args:
-            outcome: the outcome.
+            outcome: the outcome, with the time that it took.
         """
         time = perf_counter()
         self._done_count += 1
@@ -266,16 +266,30 @@ class _ComparisonProgress:
         if self._done_count == self._trial_count:
             return
         elapsed_seconds = time - self._start_time
-        share = self._done_count / self._trial_count
         seconds_left = None
+        share = self._done_count / self._trial_count
         # The methods take very different times, and the first trial of each process loads libraries: before all methods
         # are done in a window, no time is known.
         if self._done_count >= len(self._methods):
             seconds_left = self._run_time.seconds_left(elapsed_seconds)
             share = elapsed_seconds / (elapsed_seconds + seconds_left)
+        text = self._progress_text(share, seconds_left)
+        self._show_bar(share, text)
+        is_line_due = time - self._last_line_time >= SECONDS_BETWEEN_LINES
+        if is_line_due and not stderr_is_terminal():
+            print_to_stderr(f"{text}.")
+            self._last_line_time = time
+
+    def _progress_text(self, share: float, seconds_left: float | None) -> str:
+        """Returns how far the comparison is, which method is in work in which window, and the time left.
+
+        Args:
+            share: part of the run that is done, from 0 to 1.
+            seconds_left: estimate of the time left, s; None while it is not known.
+        """
         # Outcomes come in the order of the trials: the next one is in work, and perhaps later ones on other cores.
         window_index, method_index = divmod(self._done_count, len(self._methods))
-        (progress,) = render_section(
+        [progress] = render_section(
             "comparison_progress",
             method=self._methods[method_index].name,
             window=window_index + 1,
@@ -284,8 +298,4 @@ class _ComparisonProgress:
             seconds_left=seconds_left,
             slow_method=self._run_time.slow_method(),
         )
-        self._show_bar(share, progress.text)
-        is_line_due = time - self._last_line_time >= SECONDS_BETWEEN_LINES
-        if is_line_due and not stderr_is_terminal():
-            print_to_stderr(f"{progress.text}.")
-            self._last_line_time = time
+        return progress.text

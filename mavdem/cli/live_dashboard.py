@@ -141,7 +141,7 @@ class Dashboard:
                     self._server = _start_live_server(link, address, rights, web_server)
                     resources.callback(self._server.close)
                 if missing_view is None and not shows_nothing:
-                    self._open_view(rrd, connect, web_server)
+                    self._start_rerun_view(rrd, connect, web_server)
             except OSError as error:
                 raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, reason=error) from None
             # What was started goes on until ``close``.
@@ -159,15 +159,17 @@ class Dashboard:
                 missing_server,
             )
 
-    def _open_view(
+    def _start_rerun_view(
         self, rrd: Path | None, connect: str | None, web_server: WebServer | None
     ) -> None:
-        """Opens the view, which sends the flight to Rerun: into a file, to viewers, and to the server for browsers.
+        """Starts to send the flight to Rerun: to a recording, to a viewer, and to Rerun's server for browsers.
+
+        Without any of the three, a viewer is started on the screen of this machine.
 
         Args:
-            rrd: Recording to write; None for none.
-            connect: URL of a Rerun viewer; None for none.
-            web_server: Server of Rerun that has the data for browsers; None for none.
+            rrd: Path of the recording; None for none.
+            connect: URL of a running viewer; None for none.
+            web_server: Rerun's server for browsers; None for none.
 
         Raises:
             click.BadParameter: ``connect`` is no URL.

@@ -348,11 +348,9 @@ class StatusLines:
             self._print_event_above_status(event, ends_alarm=ends_alarm)
 
     def _print_event_below(self, event: Event, *, ends_alarm: bool) -> None:
-        """Prints an event below the earlier lines, as to a file, with what to do about it.
+        """Prints an event as a line below the earlier ones, as to a file, unless another line or the status states it.
 
-        Not printed are ``UNPRINTED_STATES``, among which a pilot would overlook an alarm; a verdict that the line just
-        before states; and, for now, that no vehicle has been found. ``_print_no_vehicle_event`` prints that later, if
-        it still holds.
+        That no vehicle has been found is only stored: ``_print_no_vehicle_event`` prints it later, if it still holds.
 
         Args:
             event: What was found, and when.
@@ -363,12 +361,7 @@ class StatusLines:
             self._no_vehicle_event = event
             self._no_vehicle_time = monotonic()
             return
-        # At a take-off the line on the fault of the flight before may come first: it states the verdict on that flight.
-        is_fault_stated = _is_recent(self._fault_print_time) and (
-            fact.sentence in self._printed_fault_of_earlier_flight
-        )
-        is_stated_verdict = fact.code is SessionFact.FLIGHT_VERDICT and is_fault_stated
-        if is_stated_verdict or fact.code in UNPRINTED_STATES:
+        if fact.code in UNPRINTED_STATES or self._is_verdict_printed(fact):
             return
         # Whether a vehicle on the ground may take off depends on its earlier flights, which the next step considers.
         has_remedy = fact.code is not SessionFact.NOT_FLYING
@@ -380,6 +373,18 @@ class StatusLines:
             self._landing_text = fact.sentence
         line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
         self._print(line, style_of_facts(fact))
+
+    def _is_verdict_printed(self, fact: Fact) -> bool:
+        """Returns whether a fact is the verdict on a flight that a line has just stated.
+
+        At a take-off, the line on the fault of the flight before may come before the verdict on that flight.
+
+        Args:
+            fact: What an event has found.
+        """
+        is_verdict = fact.code is SessionFact.FLIGHT_VERDICT
+        is_in_printed_line = fact.sentence in self._printed_fault_of_earlier_flight
+        return is_verdict and is_in_printed_line and _is_recent(self._fault_print_time)
 
     def _store_advice(self, advice: str, *, is_alarm: bool) -> None:
         """Stores what a printed line advises, so that the next step does not repeat it right after.
@@ -520,12 +525,12 @@ class StatusLines:
             status: State of the live session, with a fact (coded finding) for each of these quantities: since when it
                 is watched, or why it is not.
         """
-        reportable_facts = _facts_to_report(_watch_facts_to_print(status))
+        reportable_facts = _facts_to_report(_watch_facts_without_alarm(status))
         is_updated_in_place = self.terminal_text is not None
         if is_updated_in_place:
             # A status that is updated in place names all that is not watched: what is watched again needs no line.
-            self._forget_lines_on_watched(reportable_facts)
-            reportable_facts = _facts_to_print_above_status(reportable_facts)
+            self._forget_reasons_of_watched(reportable_facts)
+            reportable_facts = _unwatched_facts(reportable_facts)
         changed_facts = []
         changes: dict[Hashable, Hashable] = {}
         for quantity, fact in reportable_facts.items():
@@ -540,11 +545,12 @@ class StatusLines:
             text = escape_unprintable(watched_quantities_text(changed_facts))
             self._print_now(text, status)
 
-    def _forget_lines_on_watched(self, watch_facts: dict[Hashable, Fact]) -> None:
-        """Forgets what was printed on quantities that are watched now, so that a later failure is printed again.
+    def _forget_reasons_of_watched(self, watch_facts: dict[Hashable, Fact]) -> None:
+        """Forgets why quantities were not watched that are watched now, so that the same reason is printed once more.
 
         Args:
-            watch_facts: a fact (coded finding) on each quantity, by vehicle and quantity.
+            watch_facts: For each quantity, such as vibration, since when it is watched, or why it is not. Keys are the
+                vehicle and the quantity.
         """
         for quantity, fact in watch_facts.items():
             if _is_watched(fact):
@@ -606,10 +612,11 @@ class StatusLines:
         self._print_now(line, status)
 
     def _print_fault_found_on_ground(self, status: SessionStatus) -> None:
-        """Prints a fault of the latest flight that has become known since its landing, as its verdict.
+        """Prints a fault of the latest flight that is found only after the landing, such as small stability margins.
 
-        Its model may be learned to the end only then, and show small margins, for example. Without this line the next
-        step would change for no reason. A loss, an alarm and the verdict of a recording are events of their own.
+        The model of a flight may be learned to the end only then. Without this line, the next step would change for no
+        visible reason. A fault that another line states is left out: a loss, an alarm, what the line on the landing
+        has, and the verdict of the recording.
 
         Args:
             status: State of the live session.
@@ -620,11 +627,11 @@ class StatusLines:
         headline = status.overall_judgement.headline
         former_headline = self._headline_on_ground
         self._headline_on_ground = (headline.code, headline.subject)
-        is_new = former_headline not in (None, self._headline_on_ground)
-        is_event = status.loss is not None or bool(status.alarms)
+        has_changed = former_headline not in (None, self._headline_on_ground)
+        has_event = status.loss is not None or bool(status.alarms)
         text = headline_text(headline)
-        is_stated = is_event or text in self._landing_text
-        if is_new and headline.is_watch_or_bad and not is_stated:
+        is_stated = has_event or text in self._landing_text
+        if has_changed and headline.is_watch_or_bad and not is_stated:
             self._print_now(f"{VERDICT_MARKER} {escape_unprintable(text)}", status)
 
     def _print_link_warning(self, status: SessionStatus) -> None:
@@ -708,8 +715,7 @@ class StatusLines:
         Args:
             status: State of the live session.
         """
-        judgement = status.session_judgement
-        next_step = judgement.next_step
+        next_step = status.session_judgement.next_step
         content = next_step.without_measurements
         is_settled = self._is_next_step_settled(status)
         self._latest_next_step = content
@@ -717,7 +723,8 @@ class StatusLines:
             return
         text = escape_unprintable(next_step)
         is_same_text = text == self._printed_next_text
-        if self._printed_next_text.startswith(f"{text.removesuffix('.')}: "):
+        is_beginning_of_printed = self._printed_next_text.startswith(f"{text.removesuffix('.')}: ")
+        if is_beginning_of_printed:
             # "Fly on: quick small movements …" was printed, and only the addition does not hold any more.
             return
         self._printed_next_step = content
@@ -726,11 +733,11 @@ class StatusLines:
             self._print_now(f"{NEXT_MARKER} {text}", status)
 
     def _is_next_step_settled(self, status: SessionStatus) -> bool:
-        """Returns whether the next step may be printed at this look at the status.
+        """Returns whether the next step can be printed now, since it will hardly change in the next seconds.
 
-        While nothing warns, a step must be the same in two looks, since it may change from second to second at the end
-        of a climb; and after a landing it waits until the flight is judged, which may change it. After the end of an
-        alarm it is printed at once, since the advice of the alarm does not hold any more.
+        It may change from second to second, as at the end of a climb: it must be the same in two successive states.
+        After a landing it may change until the flight is judged. It is printed at once if the headline warns, or if an
+        alarm has just ended, whose advice does not hold any more.
 
         Args:
             status: State of the live session.
@@ -738,7 +745,7 @@ class StatusLines:
         judgement = status.session_judgement
         if judgement.headline.is_watch_or_bad:
             return True
-        if _awaits_judgement_of_flight(status):
+        if _is_flight_still_unjudged(status):
             return False
         is_unchanged = judgement.next_step.without_measurements == self._latest_next_step
         has_alarm_ended = _is_recent(self._alarm_end_time)
@@ -784,8 +791,8 @@ def _state_to_print(status: SessionStatus) -> PrintedState:
     )
 
 
-def _awaits_judgement_of_flight(status: SessionStatus) -> bool:
-    """Returns whether a flight has ended that neither its model nor its recording has judged so far.
+def _is_flight_still_unjudged(status: SessionStatus) -> bool:
+    """Returns whether the latest flight has ended, but neither its model nor its recording has judged it yet.
 
     Args:
         status: State of the live session.
@@ -817,13 +824,13 @@ def _fault_of_earlier_flight(status: SessionStatus) -> str:
     return unrepaired_fault_text(status)
 
 
-def _watch_facts_to_print(status: SessionStatus) -> Facts:
-    """Returns the facts that say since when each quantity, such as vibration, is watched for faults, or why it is not.
+def _watch_facts_without_alarm(status: SessionStatus) -> Facts:
+    """Returns since when each quantity, such as vibration, is watched for faults, or why it is not.
 
-    Left out are the oscillation and the motors while an alarm is on them, which shows that they are watched.
+    Left out are the oscillation and the motors during an alarm on them, which shows that they are watched.
 
     Args:
-        status: State of the session, with its active alarms.
+        status: State of the session, with a fact for each quantity, which is its subject, and with the active alarms.
     """
     alarmed_codes = [cause_of_alarm(alarm).code for alarm in status.active_alarms]
     alarmed_quantities = []
@@ -849,20 +856,22 @@ def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:
     return reportable_facts
 
 
-def _facts_to_print_above_status(watch_facts: dict[Hashable, Fact]) -> dict[Hashable, Fact]:
-    """Returns the facts that need a line above a status that is updated in place: those on what is not watched.
+def _unwatched_facts(watch_facts: dict[Hashable, Fact]) -> dict[Hashable, Fact]:
+    """Returns the facts on quantities that are not watched for faults, to be printed above the status on a terminal.
 
-    The motors are left out while they have no reference: next step and table say so, and count the seconds down.
+    Left out are motors that only wait until their outputs in hover are known, with which later ones are compared: the
+    status counts the seconds down.
 
     Args:
-        watch_facts: a fact (coded finding) on each quantity, by vehicle and quantity.
+        watch_facts: For each quantity, such as vibration, since when it is watched, or why it is not. Keys are the
+            vehicle and the quantity.
     """
     unwatched_facts = {}
     for quantity, fact in watch_facts.items():
         if _is_watched(fact):
             continue
-        lacks_reference = fact.figures["reason"].code is WatchFact.REFERENCE_SHORT
-        if not lacks_reference:
+        waits_for_reference = fact.figures["reason"].code is WatchFact.REFERENCE_SHORT
+        if not waits_for_reference:
             unwatched_facts[quantity] = fact
     return unwatched_facts
 

@@ -151,7 +151,9 @@ class Backlog:
         return task in self.postponed_tasks
 
     def update(self, dropped_datagrams: int) -> Fact | None:
-        """Measures how late the analysis is, puts tasks off accordingly, and returns what is to be reported of it.
+        """Measures the delay of the analysis, decides which tasks wait for it, and returns what to tell the user.
+
+        The delay is how long the oldest frame that is not analysed has waited.
 
         Args:
             dropped_datagrams: number of datagrams lost so far, because they were not read in time.
@@ -161,11 +163,10 @@ class Backlog:
             session that began late catches up, its delay is expected, and nothing is reported.
         """
         now = clock.monotonic()
-        # How long the oldest frame that is not analysed has waited.
         delay = now - self.analysed_until
         self.longest_delay = max(self.longest_delay, delay)
         self.alarm_delay.update(delay, now)
-        self._put_off_tasks(delay)
+        self._postpone_tasks(delay)
         is_delay_expected = now < self._catch_up_end
         if is_delay_expected:
             return None
@@ -173,8 +174,10 @@ class Backlog:
             return self._report_of_delay(delay, now)
         return self._report_of_recovery(dropped_datagrams, now)
 
-    def _put_off_tasks(self, delay: float) -> None:
-        """Decides which tasks wait, and whether the process that learns is paused, until the analysis has caught up.
+    def _postpone_tasks(self, delay: float) -> None:
+        """Decides which tasks wait until the analysis has caught up, and whether the process that learns is paused.
+
+        Learning is resumed at a smaller delay than it is paused, so that it does not change all the time.
 
         Args:
             delay: how long the oldest frame that is not analysed has waited, s.
@@ -184,7 +187,6 @@ class Backlog:
             self.suspends_learning = True
         elif delay < STEP_SECONDS:
             self.suspends_learning = False
-        # Between both limits it stays as it is, so that learning is not paused and resumed all the time.
 
     def _report_of_delay(self, delay: float, now: float) -> Fact | None:
         """Returns the report that the analysis is late, if that is new or the delay has doubled since the last report.

@@ -656,7 +656,7 @@ class LiveSession:
         # Each segment of rows has a format object of its own.
         is_new_segment = row_format is not learning.row_format
         if is_new_segment:
-            self._prepare_for_segment(row_format)
+            self._start_segment(row_format)
         learning.is_free_flight = row.is_free_flight
         if row.is_settled:
             self.flight.settled_seconds += row_format.dt
@@ -681,11 +681,11 @@ class LiveSession:
         self._presentation.add_to_history(row, row_format, estimate, wind, pose)
         self._presentation.show(row, pose, estimate, model, wind)
 
-    def _prepare_for_segment(self, row_format: RowFormat) -> None:
-        """Prepares learner, history and display for rows of another segment, such as those after a gap in the stream.
+    def _start_segment(self, row_format: RowFormat) -> None:
+        """Starts another segment of rows (samples of motors and motion at one time), as after a gap in the stream.
 
-        They may have other motors or another time step: the learner continues if both are the same, or else begins
-        anew, and the charts get the names of the motors.
+        If its motors and time step are those of the segment before, the learner continues; otherwise it begins anew.
+        The charts get the names of the motors.
 
         Args:
             row_format: names of motors and outputs, units and time step of the rows that follow.
@@ -876,16 +876,16 @@ class LiveSession:
             return self._earlier_model
 
     def _final_model_of_flight(self) -> Learned:
-        """Returns the model of the latest flight to keep at the end of the session.
+        """Returns the model of the latest flight, which is kept at the end of the session.
 
         Raises:
-            NotLearnable: no model was learned. The error states why nothing could be learned
-                (:attr:`_obstacle_to_learning`) or, without such a reason, that this computer had no time to learn from
-                most samples, or what the learner states.
+            NotLearnable: there is no model. The error states the first of these reasons that applies: nothing came to
+                learn from (:attr:`_reason_without_samples`); this computer had no time to learn from most samples; or
+                the reason of the learner, such as too few samples.
         """
-        obstacle = self._obstacle_to_learning
-        if obstacle is not None:
-            raise NotLearnable(obstacle)
+        reason = self._reason_without_samples
+        if reason is not None:
+            raise NotLearnable(reason)
         try:
             return self.flight.learning.final_model(self.stream.parameters)
         except NotLearnable as error:
@@ -894,10 +894,11 @@ class LiveSession:
             raise
 
     @property
-    def _obstacle_to_learning(self) -> Fact | None:
-        """Why the link gave nothing to learn from in the latest flight; None where it gave samples.
+    def _reason_without_samples(self) -> Fact | None:
+        """Why no samples came to learn from in the latest flight; None without such a reason.
 
-        That is because attitude and motor outputs could not be used, or because no vehicle was followed.
+        Either the messages with attitude and motor outputs could not be used, or no vehicle was followed, such as
+        because several were received and none was chosen.
         """
         has_samples = self.flight.learning.learner is not None
         if not has_samples and self.flight.unusable_messages_reason is not None:
@@ -1116,27 +1117,37 @@ class LiveSession:
 
 
 def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
-    """Returns the report why no model is learned now, or that one is, in the form that fits the present status.
+    """Returns the report that a model is being learned now, or why none is.
+
+    During an alarm, and before it is judged whether the vehicle oscillates, the report does not advise to fly on.
 
     Args:
         reason: why no model is learned now; None if one is.
         status: the present status of the session, with its alarms and the loss of the vehicle.
     """
-    if reason is None:
-        report = Fact(SessionFact.BEING_LEARNED, Level.GOOD)
-    elif reason.code is SessionFact.FLIGHT_OVER and status.loss is not None:
-        # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
-        report = reason.replace(reason=None)
-    elif status.is_switched_off:
-        # A vehicle that is switched off after its landing is no fault of the link, which nobody need check.
-        report = reason.replace(is_after_landing=True)
-    else:
-        report = reason
+    report = Fact(SessionFact.BEING_LEARNED, Level.GOOD)
+    if reason is not None:
+        report = _reason_after_end(reason, status)
     is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
     if is_alarmed or status.is_oscillation_unjudged:
-        # During an alarm, and before it is judged whether the vehicle oscillates, no report must advise to fly on.
         return report.without_flight_advice
     return report
+
+
+def _reason_after_end(reason: Fact, status: SessionStatus) -> Fact:
+    """Returns why no model is learned, without what was said before if the flight has ended.
+
+    Args:
+        reason: why no model is learned now.
+        status: the present status of the session.
+    """
+    if reason.code is SessionFact.FLIGHT_OVER and status.loss is not None:
+        # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
+        return reason.replace(reason=None)
+    if status.is_switched_off:
+        # A vehicle that is switched off after its landing is no fault of the link, which nobody need check.
+        return reason.replace(is_after_landing=True)
+    return reason
 
 
 def _without_measurements(reason: Fact | None) -> Hashable:

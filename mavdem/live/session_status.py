@@ -697,21 +697,22 @@ class SessionStatus(ImmutableResult):
         if not is_earlier_flight_worst:
             return latest_judgement
         if self._is_in_air and self.loss is None:
-            return self._judgement_after_end_in_air(latest_judgement, earlier_verdict)
+            return self._judgement_with_landing_first(latest_judgement, earlier_verdict)
         next_step = earlier_verdict.judgement.next_step
         return replace(latest_judgement, headline=earlier_verdict.fact, next_step=next_step)
 
-    def _judgement_after_end_in_air(
+    def _judgement_with_landing_first(
         self, latest_judgement: Judgement, earlier_verdict: FlightVerdict
     ) -> Judgement:
-        """Returns the judgement after a session that ended in flight, an earlier flight of which had a worse fault.
+        """Returns the judgement of a session that ended with the vehicle in the air, if an earlier flight had a fault.
 
-        The vehicle in the air comes first: its landing, or the search for it if its link was lost. The fault of the
-        earlier flight and its repair come second.
+        The vehicle in the air matters more than the fault. The headline says that the session ended in flight, and
+        then names the fault; the next step is to land, and then to repair it.
 
         Args:
-            latest_judgement: judgement of the flight in which the session ended.
-            earlier_verdict: verdict on the earlier flight.
+            latest_judgement: judgement of the flight in which the session ended. It is returned as it is if the link to
+                the vehicle was lost, since its next step is then to search for the vehicle.
+            earlier_verdict: verdict on the earlier flight, whose fault is worse than those of the latest one.
         """
         if self.link_loss is not None:
             return latest_judgement
@@ -738,9 +739,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _warning_by_library(self) -> Fact | None:
-        """The warning of a fault that the library of recordings found in a flight before this session; None without.
+        """The warning that a fault may still be there which an earlier recording in the library has shown.
 
-        There is none either if a flight of this session has shown meanwhile whether the fault is still there.
+        None if the library knows no fault of the vehicle, or if a flight of this session has shown since whether the
+        fault is still there.
         """
         fault = self.fault_in_library
         if fault is None or self._was_fault_checked_again:
@@ -830,16 +832,15 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _likely_cause_of_silence(self) -> Fact | None:
-        """The fault of the vehicle that may have ended its messages; None if no such fault was known before.
+        """The fault by which the vehicle may have stopped sending, such as an empty battery; None without such a fault.
 
-        It is the first of these: a fault for which a pilot must land at once, such as a loss of control; then what is
-        wrong with the power supply, such as an empty battery. Both explain a silence better than a radio link out of
-        range.
+        Two kinds of faults explain a silence better than a vehicle out of radio range: first one for which a pilot must
+        land at once, such as a loss of control, and then one of the power supply.
         """
         judgement = self._judgement_by_model_and_checks
-        most_urgent_fact = self._alarm_or_headline(judgement.headline)
-        if self._is_urgent(most_urgent_fact):
-            return most_urgent_fact
+        worst_fault = self._alarm_or_headline(judgement.headline)
+        if self._is_urgent(worst_fault):
+            return worst_fault
         power_light = judgement.lights[Light.POWER]
         if power_light.is_watch_or_bad:
             return power_light
@@ -864,23 +865,32 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _judgement_by_model(self) -> Judgement:
-        """The judgement of the flight by the learned model; before there is a model, one that says why there is none.
+        """The judgement of the flight by the learned model: a headline, a next step, and a light for each part.
 
-        A judgement has a headline, a next step, and for each part of the vehicle a light: the fact (coded finding) that
-        judges this part.
+        A light judges one part of the vehicle, such as its motors. Before a model is learned, the headline names a
+        motor that lost thrust, or else says why there is no model.
         """
-        preliminary_lights = self._preliminary_lights
-        if self.model_judgement is None:
-            headline = self._weak_motors[0] if self._weak_motors else self._reason_without_model
-            return replace(unjudged(headline), lights=preliminary_lights)
-        # A model does not show how the vehicle tracks its setpoints, nor how good the autopilot's estimator is. The
-        # lights of both only say that they are judged later; here they get the reason why not in flight.
-        lights = dict(self.model_judgement.lights)
+        if self.model_judgement is not None:
+            lights = self._lights_with_reasons(self.model_judgement.lights)
+            return replace(self.model_judgement, lights=lights)
+        headline = self._weak_motors[0] if self._weak_motors else self._reason_without_model
+        return replace(unjudged(headline), lights=self._preliminary_lights)
+
+    def _lights_with_reasons(self, lights_by_model: NamedFacts) -> dict[str, Fact]:
+        """Returns the lights of a model, of which those on tracking and estimator say why they are not judged yet.
+
+        No model shows how well the vehicle follows its setpoints, nor how good the autopilot's estimator is. By the
+        model alone, these two lights only say that they are judged after the flight.
+
+        Args:
+            lights_by_model: the judgement of each part of the vehicle by the model, by the name of the part.
+        """
+        lights = dict(lights_by_model)
         for part in (Light.TRACKING, Light.ESTIMATOR):
             if lights[part].code is Unjudged.JUDGED_LATER:
-                reason = preliminary_lights[part].figures["reason"]
+                reason = self._preliminary_lights[part].figures["reason"]
                 lights[part] = lights[part].replace(reason=reason)
-        return replace(self.model_judgement, lights=lights)
+        return lights
 
     @property
     def _preliminary_lights(self) -> dict[str, Fact]:
@@ -1305,7 +1315,8 @@ class SessionStatus(ImmutableResult):
             return lights
         lights_before_silence = self.status_before_silence._judgement_by_model_and_checks.lights
         for part, light_before_silence in lights_before_silence.items():
-            is_kept = light_before_silence.is_good or _lacks_a_message(light_before_silence)
+            lacks_message = _is_unknown_without_message(light_before_silence)
+            is_kept = light_before_silence.is_good or lacks_message
             if is_kept and not lights[part].is_watch_or_bad:
                 lights[part] = light_before_silence
         return lights
@@ -1505,10 +1516,8 @@ class SessionStatus(ImmutableResult):
             reason = None if watch_fact is None else watch_fact.figures.get("reason")
             if reason is None:
                 continue
-            is_message_missing = (
-                reason.code is WatchFact.MESSAGE_MISSING and reason.figures["rate"] is None
-            )
-            if is_message_missing or reason.code is WatchFact.BATTERY_NOT_JUDGED:
+            is_not_judged = reason.code is WatchFact.BATTERY_NOT_JUDGED
+            if is_not_judged or _states_missing_message(reason):
                 names.append(str(quantity))
         return tuple(names)
 
@@ -1708,15 +1717,19 @@ def cause_of_alarm(fact: Fact) -> Fact:
     return fact
 
 
-def _lacks_a_message(light: Fact) -> bool:
-    """Returns whether a light is unknown because the message that shows its part of the vehicle does not come.
+def _is_unknown_without_message(light: Fact) -> bool:
+    """Returns whether a part of the vehicle is not judged because the message that shows it does not come.
 
     Args:
-        light: the judgement of one part of the vehicle.
+        light: the judgement of the part, such as the estimator.
     """
     reason = light.figures.get("reason")
-    if light.code is not Unjudged.NOT_JUDGED or not isinstance(reason, Fact):
-        return False
+    is_not_judged = light.code is Unjudged.NOT_JUDGED
+    return is_not_judged and isinstance(reason, Fact) and _states_missing_message(reason)
+
+
+def _states_missing_message(reason: Fact) -> bool:
+    """Returns whether a reason says that a message does not come at all, and not that its rate is too low."""
     return reason.code is WatchFact.MESSAGE_MISSING and reason.figures["rate"] is None
 
 
@@ -1796,18 +1809,16 @@ def verdict_after_requests(recording_verdict: Fact, absent_messages: frozenset[s
 
 
 def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
-    """Returns the light (judgement) of one part of the vehicle, such as the motors, after its recording was judged.
-
-    It is the judgement by the recording, which has all that was received, so that terminal, live page and the page of
-    the recording agree. Where the recording leaves the part unknown, what was found in flight is not forgotten.
+    """Returns the final judgement of one part of the vehicle, such as the motors, after the recording was judged.
 
     Args:
-        recorded_light: the judgement of this part by the recording.
+        recorded_light: the judgement of this part by the recording, which has all that was received.
         light_in_flight: the judgement of this part by the checks in flight.
 
     Returns:
-        The light of the recording. If that is unknown, a bad light in flight stays, and a good one becomes
-        ``GOOD_IN_FLIGHT_ALONE``: an unknown light that states what was good in flight, and what the recording lacks.
+        The judgement by the recording. If that is unknown, a bad judgement in flight stays, so that its fault is not
+        forgotten. A good one becomes ``GOOD_IN_FLIGHT_ALONE``: an unknown light that states what was good in flight,
+        and what the recording lacks.
     """
     if recorded_light.level is not Level.UNKNOWN:
         return recorded_light
@@ -1883,14 +1894,17 @@ def _verdict_by_shown_lights(recording_verdict: Fact, lights: NamedFacts) -> Fac
 
 
 def _judgement_with_bad_lights(judgement: Judgement) -> Judgement:
-    """Returns a judgement whose headline states the most important fault, if a part of the vehicle is judged bad.
+    """Returns a judgement whose headline states the most important fault of the vehicle.
 
-    Events, such as a loss of control, come before faults that last: a diverging height, for instance, before the
-    vibration that causes it. Without an event, an oscillation comes first, since it drives the motors to their limits.
-    Otherwise a headline that states a bad fault already stays.
+    Of the parts that are judged bad, it is the first of these:
+
+    1. an event, such as a loss of control, which comes before what causes it, such as vibration;
+    2. an oscillation, since it drives the motors to their limits;
+    3. the fault that the headline states already;
+    4. the first bad part.
 
     Args:
-        judgement: headline, next step, and lights: the fact that judges each part of the vehicle, one of them bad.
+        judgement: headline, next step, and for each part of the vehicle a light, which judges it; at least one is bad.
     """
     bad_lights = [light for light in judgement.lights.values() if light.is_bad]
     bad_events = [light for light in bad_lights if _is_event(light)]

@@ -46,16 +46,14 @@ class SilenceMonitor:
         self._has_received = False
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Records the arrival of messages, and returns how long the link was silent before them.
+        """Stores when a batch of messages arrived, and returns how long no message came before it, s.
 
-        The caller passes messages of the followed vehicle; while none is followed, messages of any sender.
+        The duration is 0 for the first batch of the session.
 
         Args:
-            first_arrival: when the first of these messages arrived, s of the monotonic clock.
-            last_arrival: when the last of these messages arrived, s of the monotonic clock.
-
-        Returns:
-            The time from the last message before to the first of these, s; 0 if these are the first of all.
+            first_arrival: when the first message of the batch arrived, s of the monotonic clock. The messages are those
+                of the followed vehicle; while none is followed, those of any sender.
+            last_arrival: when the last one arrived, s of the monotonic clock.
         """
         if self._has_received:
             silence_seconds = first_arrival - self.message_time

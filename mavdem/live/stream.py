@@ -354,11 +354,13 @@ class LiveStream:
 
         Fields of the status that concern learning and judging are left empty; ``StatusReport`` fills them in.
         """
-        status = self._with_flight(self._status_of_link())
-        return self._with_findings(self._with_place(status))
+        status = self._status_of_link()
+        status = self._with_flight_phase(status)
+        status = self._with_position(status)
+        return self._with_findings(status)
 
     def _status_of_link(self) -> SessionStatus:
-        """Returns a status with the vehicle, its clock and its messages: their rates, losses and damage."""
+        """Returns a status that has only the vehicle, its clock, and the rates and losses of its messages."""
         vehicle = self.followed_vehicle
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
@@ -372,8 +374,8 @@ class LiveStream:
             undecoded_frames=self.frame_reader.undecoded_frames,
         )
 
-    def _with_flight(self, status: SessionStatus) -> SessionStatus:
-        """Returns a status with the flight: whether it goes on, since when, and how it has ended or was lost."""
+    def _with_flight_phase(self, status: SessionStatus) -> SessionStatus:
+        """Adds to a status whether the vehicle flies, since when, and how its flight ended: by a landing or a loss."""
         watchdog = self._review.watchdog
         loss = None if watchdog.loss is None else self._loss_with_weak_motor(watchdog.loss)
         return replace(
@@ -388,9 +390,9 @@ class LiveStream:
             ground_contact=watchdog.ground_contact,
         )
 
-    def _with_place(self, status: SessionStatus) -> SessionStatus:
-        """Returns a status with where the vehicle is: in its own coordinates, from its take-off, home, and on Earth."""
-        # Where the take-off was not seen, a position in the air was taken for its place.
+    def _with_position(self, status: SessionStatus) -> SessionStatus:
+        """Adds to a status where the vehicle is: by its estimator, from its take-off, from home, and on Earth."""
+        # If the take-off was not seen, the stored take-off position may be one in the air.
         is_takeoff_seen = isfinite(self.takeoff_time)
         return replace(
             status,
@@ -402,7 +404,7 @@ class LiveStream:
         )
 
     def _with_findings(self, status: SessionStatus) -> SessionStatus:
-        """Returns a status with what is found without a model: what is watched, alarms, lights and the wind."""
+        """Adds to a status what is found without a model: what is watched for faults, alarms, lights and the wind."""
         return replace(
             status,
             watch_facts=self.watch_facts,

@@ -85,8 +85,7 @@ class VehicleReview:
             boot: number of the new boot.
         """
         recent_messages = RecentMessages(boot)
-        for text in self._texts_since_last_attitude():
-            # The text came before the first attitude, which begins the new clock.
+        for text in self._texts_of_new_boot():
             recent_messages.add("STATUSTEXT", 0.0, text.values)
         self._begin_boot(recent_messages, self.watchdog, was_flying=self.phase.is_flying)
 
@@ -131,14 +130,16 @@ class VehicleReview:
         """Number of the latest flight in the session, from 1; 0 before the first. A bounce begins no other flight."""
         return self.watchdog.status_lights.flight_number
 
-    def _texts_since_last_attitude(self) -> list[TimedValues]:
-        """Returns the texts of the autopilot that came after the last message of a boot.
+    def _texts_of_new_boot(self) -> list[TimedValues]:
+        """Returns the status texts that the autopilot has sent since its restart, which may say why it restarted.
 
-        If the clock begins again, they are of the new boot, which only attitudes prove. They may say why the autopilot
-        has restarted.
+        The restart is noticed only now, at an attitude whose time stamp begins again near zero. A text has no stamp,
+        and got the latest time of the former boot's clock. So the texts with that time are those that came after all
+        stamped messages of the former boot.
         """
         texts = self.recent_messages.rows.get("STATUSTEXT", [])
-        return [text for text in texts if text.time >= self._message_time]
+        latest_time_of_former_boot = self._message_time
+        return [text for text in texts if text.time >= latest_time_of_former_boot]
 
     def proceed(self, now: float, rows: RowBuilder) -> None:
         """Begins a review when one is due, and performs the next step of the present review when that is due.
@@ -361,7 +362,7 @@ class VehicleReview:
             is_flying=is_flying,
             settled_start=settled_start,
         )
-        self._report_with_basis(new_reports)
+        self._report_facts(new_reports)
         if is_flying and self.watchdog.is_thorough:
             self._pending_steps.append(self._review_lights)
             if self.watchdog.is_tracking_due:
@@ -384,20 +385,20 @@ class VehicleReview:
         The balance of the motors is tested with each of their samples (``MotorAlarms``), not by this review. But the
         user sees in one list what is watched and what is not, and the watchdog keeps that list.
         """
-        self._report_with_basis(self.watchdog.finish_review(self._motion, self.phase.takeoff_time))
+        self._report_facts(self.watchdog.finish_review(self._motion, self.phase.takeoff_time))
         self._note_loss()
         now = self._review_time
         reason = self._motor_alarms.reason_not_watched(now, is_flying=self.phase.is_flying)
         self.watchdog.set_motors_watched(reason, now)
 
-    def _report_with_basis(self, facts: Iterable[Fact]) -> None:
-        """Reports facts of the watchdog; a take-off and a landing name the message that shows them.
+    def _report_facts(self, facts: Iterable[Fact]) -> None:
+        """Reports what the watchdog has found to the user, such as an alarm, a take-off or a landing.
 
-        The watchdog takes both from the phase of flight, which judges by the land detector or by the motors. A take-off
-        is recognised a moment later, and states when it was: from then on the time of the flight is counted.
+        To a take-off and a landing it adds what shows them: the autopilot's land detector, or the motors. A take-off is
+        recognised a moment late. It is reported with the time when it was, from which the flight time is counted.
 
         Args:
-            facts: the facts, in the order in which they are reported.
+            facts: what was found, in the order in which it is reported.
         """
         takeoff_time = self.phase.takeoff_time
         for fact in facts:

@@ -1003,18 +1003,14 @@ class Watchdog:
         return reported_ends
 
     def _end_alarm(self, quantity: WatchedQuantity, review: Review) -> Fact | None:
-        """Removes an active alarm, and updates the status light of its fault.
+        """Removes an active alarm, and returns the report that it is over; None if that is not reported.
 
-        If that was a fault of the present moment (``PRESENT_FAULTS``), its status light then states that the fault is
-        over, at the same level as before, since the flight had the fault. Other lights already state when it was.
+        The status light of a fault of the present moment (``PRESENT_FAULTS``) says from then on that the fault is over.
+        Its level stays as it was, since the flight had the fault. Other lights have stated when it was all along.
 
         Args:
             quantity: what the alarm is about, such as the vibration.
-            review: the review that ends.
-
-        Returns:
-            The fact that the alarm is over, with the time, s, at which its fault was found last; None if that is not
-            reported.
+            review: the review that ends, with the time and whether the vehicle flies.
         """
         fault_time = self.alarms.last_found(quantity)
         is_end_reported = self._is_end_reported(quantity, review)

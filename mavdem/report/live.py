@@ -520,16 +520,15 @@ def statement_of_repair(unrepaired_fault: Fact) -> str:
 def closing_lines(status: SessionStatus) -> list[str]:
     """Returns the last lines that a session prints: what it found, and what to do next.
 
-    After one flight they are the headline and the next step. After several, they are the verdict on each flight (its
-    headline), the worst first, with its next step: so a fault of the first flight is not forgotten because the last one
-    was sound. An earlier flight without a fault has no next step, since what was to be done then is out of date. If the
-    session ended in flight, a single next step comes before all verdicts: to land, and what to do after that.
+    After one flight these are the headline and the next step. After several, they are the verdict on each flight (its
+    headline) and its next step, the worst flight first, so that a fault of the first flight is not forgotten because
+    the last one was sound. If the session ended in flight, see :func:`_closing_lines_in_flight`.
 
     Args:
         status: state of the session at its end.
 
     Returns:
-        The lines: each verdict, and below it its next step, unless there is none or the verdict says it already.
+        The lines, such as "Flight 1: motor 3 lost about 25 % of its thrust." and "Next: check motor 3.".
     """
     verdicts = status.verdicts_worst_first
     if len(verdicts) < 2:
@@ -537,28 +536,38 @@ def closing_lines(status: SessionStatus) -> list[str]:
     if _is_landing(status.session_judgement.next_step):
         return _closing_lines_in_flight(status)
     lines = []
-    unrepaired_fault = status.unrepaired_fault
     for verdict in verdicts:
         lines.append(verdict.fact.sentence)
-        step = _next_step_of_verdict(verdict, verdict.judgement.next_step, status)
-        step_text = "" if step is None else step.sentence
-        if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
-            # The fault may have been repaired since, of which this line speaks.
-            step_text = unrepaired_fault.remedy
-        if step_text and step_text not in headline(verdict.judgement.headline):
+        step_text = _next_step_text(verdict, status)
+        is_in_verdict = step_text in headline(verdict.judgement.headline)
+        if step_text and not is_in_verdict:
             lines.append(f"{NEXT_STEP_LEAD}{step_text}")
     return lines
 
 
+def _next_step_text(verdict: FlightVerdict, status: SessionStatus) -> str:
+    """Returns the sentence on what to do about one of several flights of a session; empty if nothing is to be done.
+
+    Args:
+        verdict: the verdict on the flight.
+        status: state of the session at its end.
+    """
+    unrepaired_fault = status.unrepaired_fault
+    if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
+        # The fault may have been repaired since, of which this sentence speaks.
+        return unrepaired_fault.remedy
+    step = _next_step_if_current(verdict.judgement.next_step, verdict, status)
+    return "" if step is None else step.sentence
+
+
 def _closing_lines_in_flight(status: SessionStatus) -> list[str]:
-    """Returns the last lines of a session of several flights that ended in flight.
+    """Returns the last lines of a session that ended in flight, after several flights.
+
+    They say that the session ended in flight; what to do next, first to land and then what each flight with a fault
+    demands; and the verdict on each flight, the worst first.
 
     Args:
         status: state of the session at its end; its next step is to land.
-
-    Returns:
-        That the session ended in flight; the next step, to land and then to do what each flight with a fault demands;
-        and the verdict on each flight, the worst first.
     """
     verdict_lines = []
     steps_after_landing = []
@@ -567,7 +576,7 @@ def _closing_lines_in_flight(status: SessionStatus) -> list[str]:
         step_after_landing = _step_after_landing(verdict.judgement.next_step)
         if step_after_landing is None:
             continue
-        step = _next_step_of_verdict(verdict, step_after_landing, status)
+        step = _next_step_if_current(step_after_landing, verdict, status)
         if step is not None:
             steps_after_landing.append(step)
     landing = status.session_judgement.next_step
@@ -581,41 +590,42 @@ def _closing_lines_in_flight(status: SessionStatus) -> list[str]:
 
 
 def _joined_steps(steps: Sequence[Fact]) -> str:
-    """Returns the sentences of several next steps, each once.
+    """Returns several next steps as one text, for example "Do not fly before … is repaired. Nor fly before …".
 
-    Of steps that forbid to fly, only the first says "Do not fly before …": the next ones go on with "Nor fly before …".
+    A sentence that two flights share, since they had the same fault, is in the text once.
 
     Args:
         steps: what to do next, the most important first.
     """
-    sentences: dict[str, str] = {}
+    stated_sentences = set[str]()
+    texts = []
     is_ban_stated = False
     for step in steps:
         sentence = step.sentence
-        if sentence in sentences:
-            # An earlier flight of the session had the same fault.
+        if sentence in stated_sentences:
             continue
+        stated_sentences.add(sentence)
         reason = step.figures.get("reason")
         if is_ban_stated and isinstance(reason, Fact):
+            # The sentence then begins with "Nor fly before" instead of "Do not fly before".
             step = step.replace(reason=reason.replace(is_added=True))
-        sentences[sentence] = step.sentence
+        texts.append(step.sentence)
         is_ban_stated = is_ban_stated or BAN in sentence
-    return " ".join(sentences.values())
+    return " ".join(texts)
 
 
-def _next_step_of_verdict(
-    verdict: FlightVerdict, next_step: Fact, status: SessionStatus
+def _next_step_if_current(
+    next_step: Fact, verdict: FlightVerdict, status: SessionStatus
 ) -> Fact | None:
-    """Returns what to do about one of several flights of a session.
+    """Returns the next step of one of several flights of a session, unless it is out of date at the end; then None.
+
+    It is out of date if an earlier flight was sound, or if the step is to fly and the worst fault of the session
+    forbids that. After a sound last flight there is nothing to do either if that fault forbids to fly.
 
     Args:
-        verdict: the verdict on the flight (its headline).
-        next_step: its next step, or the part of it that follows the landing.
+        next_step: the next step of the flight, or the part of it that follows the landing.
+        verdict: the verdict on the flight.
         status: state of the session at its end.
-
-    Returns:
-        The next step of a flight with a fault, and of the latest flight unless the worst fault of the session forbids
-        to fly; otherwise None.
     """
     must_not_fly = status.verdicts_worst_first[0].judgement.headline.forbids_flight
     has_fault = verdict.judgement.headline.is_watch_or_bad

@@ -1,6 +1,6 @@
 """Cautions on the flights of two compared states: flights that belong to both, and states that are a mixture."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
@@ -46,7 +46,7 @@ class MixedSide(NamedTuple):
 
     @property
     def has_sound_flights(self) -> bool:
-        """Whether the motors are good in some flight, or taken for healthy: the state surely changed then."""
+        """Whether the motors are good in some flight, or in a flight with which others are compared as healthy."""
         return any(state in self.counts for state in (Level.GOOD, REFERENCE))
 
     @property
@@ -100,28 +100,47 @@ def mixed_sides(reviewed: ReviewedDifference) -> list[MixedSide]:
 
 
 def _mixed_side(reviewed: ReviewedDifference, side: str) -> MixedSide | None:
-    """Returns in which flights of a side the motors warn and in which not; None if they warn in all or in none."""
+    """Returns a side whose motors warn in some flights and not in others; None if they warn in all or in none.
+
+    Args:
+        reviewed: comparison of two states, with the review documents of both sides.
+        side: "A" or "B".
+    """
     light = value_at(reviewed.reviews.get(side, {}), f"lights.{Light.MOTORS}") or {}
     states = states_in_flights(light) if light else []
     warned_count = sum(states.count(level) for level in WARNING_LEVELS)
-    if not 0 < warned_count < len(states):
+    if warned_count in (0, len(states)):
         return None
-    warned_flights: list[JsonValues] = []
-    other_flights: list[JsonValues] = []
+    warned_flights = []
+    other_flights = []
     for state, flight in zip(states, light.get("flights") or (), strict=False):
-        flights_of_state = warned_flights if state in WARNING_LEVELS else other_flights
-        flights_of_state.append(flight)
-    warned_days = {flight["day"] for flight in warned_flights}
-    other_days = {flight["day"] for flight in other_flights}
+        if state in WARNING_LEVELS:
+            warned_flights.append(flight)
+        else:
+            other_flights.append(flight)
     is_warning_rarer = len(warned_flights) <= len(other_flights)
     return MixedSide(
         side,
         counts={state: states.count(state) for state in STATES_WORST_FIRST if state in states},
         total=len(states),
-        are_apart_in_days="" not in warned_days | other_days and warned_days.isdisjoint(other_days),
+        are_apart_in_days=_are_on_different_days(warned_flights, other_flights),
         smaller_group=_flight_names(warned_flights if is_warning_rarer else other_flights),
         has_smaller_group_warning=is_warning_rarer,
     )
+
+
+def _are_on_different_days(
+    first_flights: Iterable[JsonValues], second_flights: Iterable[JsonValues]
+) -> bool:
+    """Returns whether no two flights of two groups were flown on the same day; False if some day is not known.
+
+    Args:
+        first_flights, second_flights: flights as a review document has them, each with its ``day``, empty if unknown.
+    """
+    first_days = {flight["day"] for flight in first_flights}
+    second_days = {flight["day"] for flight in second_flights}
+    are_days_known = "" not in first_days | second_days
+    return are_days_known and first_days.isdisjoint(second_days)
 
 
 def _flight_names(flights: Sequence[JsonValues]) -> str:

@@ -41,7 +41,7 @@ from mavdem.report.difference.lights import (
     bad_lights,
     compared_levels,
     details_below_heading,
-    imu_of_both,
+    imu_with_comparable_vibration,
     later_side,
     light_heading,
     lights_of_both,
@@ -88,24 +88,44 @@ MAX_HEADLINE_EFFECTS = 3
 """Largest number of figures of loops that the headline names with the gains: a choice."""
 
 
+class _HeadlineParts(NamedTuple):
+    """The differences that the headline of a comparison states, each as sentences; empty where there is none."""
+
+    cautions: list[Sentence]
+    """That the states are of two vehicles, or one of a simulation."""
+
+    lights: list[Sentence]
+    """On the lights (judgements of one subject each, such as the motors) that are bad on a side, and on motors that are
+    judged differently."""
+
+    effort: list[Sentence]
+    """Whether all motors work harder."""
+
+    result: list[Sentence]
+    """Whether compared figures changed."""
+
+    gains: list[Sentence]
+    """On changed gains, and their effects."""
+
+    worse_lights: list[Sentence]
+    """On the other lights that are good in the earlier log and to be watched in the later one."""
+
+    better_lights: list[Sentence]
+    """On those that are good in the later log."""
+
+    has_unexplained_change: bool
+    """Whether some compared figure changed for which the gains, for example, are no explanation."""
+
+
 def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the sentences at the head of a comparison, on the terminal and on pages: the differences that matter.
 
-    They come in this order; where A and B are the same flight, only that is said.
+    They come in the order of :class:`_HeadlineParts`, with these exceptions:
 
-    1. Whether the states are of two vehicles, or one of a simulation.
-    2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
-       where both sides warn of different motors, or one side does and the other does not. Figures of the motor that it
-       names are its evidence, and no result of their own.
-    3. Whether all motors work harder, and whether compared figures changed. One change is named: of a loop with a bad
-       margin, or else the surest one. If the trims of all motors are those of another yaw trim, that is named too.
-    4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
-    5. The other lights of the vehicle that are to be watched on one side, and good on the other.
-
-    If the gains explain all changed figures, or others are doubtful, whether figures changed comes last: nothing else
-    is certain. Lights that became better then come after the effort of the motors and after doubtful changes, which may
-    be a damage. Gains come before bad lights of which none is bad in B alone: they surely changed, and may be why
-    lights did.
+    - Where A and B are the same flight, only that is said.
+    - Changed gains come before bad lights of which none is bad in B alone: they surely changed, and may be the cause.
+    - If the gains explain all changed figures, the result says only that nothing else changed for sure. So it comes
+      last, or before the lights that became better if some change is doubtful, since that may be a damage.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
@@ -116,6 +136,34 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     difference = reviewed.difference
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
+    parts = _headline_parts(reviewed)
+    gains = parts.gains
+    sentences = [*parts.cautions]
+    if _do_gains_come_first(bad_lights(reviewed.reviews), reviewed):
+        sentences += gains
+        gains = []
+    sentences += parts.lights
+    if parts.has_unexplained_change:
+        sentences += [*parts.effort, *parts.result, *gains]
+        return [*sentences, *parts.worse_lights, *parts.better_lights]
+    sentences += [*gains, *parts.worse_lights, *parts.effort]
+    if doubtful_changes(reviewed):
+        return [*sentences, *parts.result, *parts.better_lights]
+    return [*sentences, *parts.better_lights, *parts.result]
+
+
+def _headline_parts(reviewed: ReviewedDifference) -> _HeadlineParts:
+    """Returns the differences that the headline of a comparison states.
+
+    Figures of the motor that a light names are its evidence, and no result of their own. Of the figures that changed,
+    one is named: of a loop with a bad margin, or else the surest one. If the trims of all motors are those of another
+    yaw trim, that is named too. Gains are those of loops with a bad margin or a changed figure, or else all changed
+    gains.
+
+    Args:
+        reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
+    """
+    difference = reviewed.difference
     evidence = _stated_evidence_of_weak_motor(reviewed)
     lights = bad_lights(reviewed.reviews)
     light_sentences = _sentences_on_lights(lights, reviewed, evidence)
@@ -124,30 +172,23 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     changed_axes = {
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
     }
-    gain_sentences = _sentences_on_gains(
-        reviewed, changes, bad_axes | changed_axes, light_sentences
-    )
-    worse_lights, better_lights = _sentences_on_worse_and_better_lights(reviewed.reviews)
+    worse_lights, better_lights = _sentences_on_watched_lights_by_change(reviewed.reviews)
     effort = effort_sentences(reviewed)
-    # A doubtful change may be a damage as well.
-    is_result_urgent = bool(doubtful_changes(reviewed))
-    has_difference_above = bool(worse_lights or effort or (better_lights and not is_result_urgent))
+    # Lights that became better stand above the result only if no change is doubtful.
+    are_better_lights_above = bool(better_lights) and not doubtful_changes(reviewed)
+    has_difference_above = bool(worse_lights or effort or are_better_lights_above)
     result = result_sentences(reviewed, changes, has_difference_above=has_difference_above)
-    result += yaw_trim_sentences(reviewed)
-    sentences: list[Sentence] = []
-    if reviewed.are_two_vehicles:
-        sentences += identity_cautions(reviewed)
-    if _do_gains_come_first(lights, reviewed):
-        sentences += gain_sentences
-        gain_sentences = []
-    sentences += light_sentences
-    if changes_by_cause(difference, changes).unexplained:
-        return [*sentences, *effort, *result, *gain_sentences, *worse_lights, *better_lights]
-    # The result is then that nothing else changed for sure: it follows all that did.
-    sentences += [*gain_sentences, *worse_lights, *effort]
-    if is_result_urgent:
-        return [*sentences, *result, *better_lights]
-    return [*sentences, *better_lights, *result]
+    axes_of_gains = bad_axes | changed_axes
+    return _HeadlineParts(
+        cautions=identity_cautions(reviewed) if reviewed.are_two_vehicles else [],
+        lights=light_sentences,
+        effort=effort,
+        result=[*result, *yaw_trim_sentences(reviewed)],
+        gains=_sentences_on_gains(reviewed, changes, axes_of_gains, light_sentences),
+        worse_lights=worse_lights,
+        better_lights=better_lights,
+        has_unexplained_change=bool(changes_by_cause(difference, changes).unexplained),
+    )
 
 
 def _stated_evidence_of_weak_motor(reviewed: ReviewedDifference) -> tuple[QuantityChange, ...]:
@@ -241,7 +282,7 @@ def headline_in_two_sizes(
         if sentence in watched_lights:
             if is_first_difference:
                 blocks.append(_heading_of_watched_light(sentence, reviewed))
-                sentence = _watched_light_below_heading(sentence, reviewed)
+                sentence = _sentence_below_heading_of_light(sentence, reviewed)
             blocks.append(sentence)
         elif sentence.lead in headings:
             blocks += [headline_sentence(heading), _sentence_below_heading(sentence, reviewed)]
@@ -281,15 +322,17 @@ def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) 
     return headline_sentence(watched_light_heading(lights_of_both(reviewed.reviews)[name]))
 
 
-def _watched_light_below_heading(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
-    """Returns the sentence on a light without its levels, if the heading above has them: each IMU's vibration is left.
+def _sentence_below_heading_of_light(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+    """Returns what is said of a watched light below the heading that states its levels.
+
+    On vibration, it is the vibration of each IMU in both logs alone. Other sentences stay as they are.
 
     Args:
-        sentence: the sentence, whose lead names the light, such as "Vibration:".
+        sentence: the sentence on the light, with its levels. Its lead names the light, such as "Vibration:".
         reviewed: comparison of two states, with the reviews of their logs.
     """
     lights_by_side = lights_of_both(reviewed.reviews)[_light_name(sentence.lead)]
-    if not imu_of_both(lights_by_side):
+    if not imu_with_comparable_vibration(lights_by_side):
         return sentence
     return sentence._replace(text=f"{vibration_changes(lights_by_side)}.")
 
@@ -419,7 +462,7 @@ def _effects_of_gains(
     changes: Iterable[QuantityChange],
     difference: VehicleDifference,
 ) -> list[str]:
-    """Returns the changes of loops that follow from changed gains of the same axis, such as "phase margin 38 → 52°".
+    """Returns which figures of the loops changed because gains of the same axis did, such as "phase margin 38 → 52°".
 
     Args:
         gains: the changed gains.
@@ -479,24 +522,33 @@ def _sentences_on_bad_lights(
         reviewed: comparison of the two states, with the margins of both.
     """
     sentences = []
-    stated_sentences = set[str]()
+    stated_reasons = set[str]()
     for light in lights:
         change_of_margin = _change_of_bad_margin(light, reviewed)
         if change_of_margin:
             text = f"{light.levels}: {change_of_margin}."
-        elif all(reason.sentence in stated_sentences for reason in light.reasons):
-            text = f"{light.levels}, for the cause stated above."
         else:
-            # If the light is bad in both logs for different reasons, one of the two may have been stated already.
-            reason_texts = []
-            for reason in light.reasons:
-                if reason.sentence in stated_sentences:
-                    reason = reason._replace(sentence="as stated above.")
-                reason_texts.append(reason.text)
-            text = f"{light.levels}. {' '.join(reason_texts)}{light.remark}"
-            stated_sentences.update(reason.sentence for reason in light.reasons)
+            text = _text_on_bad_light(light, stated_reasons)
+            stated_reasons.update(reason.sentence for reason in light.reasons)
         sentences.append(Sentence(text, lead=_lead_of_light(light.name)))
     return sentences
+
+
+def _text_on_bad_light(light: BadLight, stated_reasons: Collection[str]) -> str:
+    """Returns the levels of a bad light in both logs and why it is bad, such as "bad in A, good in B. Motor 3 lost …".
+
+    Args:
+        light: the light. It has two reasons if it is bad in both logs for different ones.
+        stated_reasons: sentences on the reasons that were stated above: the text refers to them.
+    """
+    if all(reason.sentence in stated_reasons for reason in light.reasons):
+        return f"{light.levels}, for the cause stated above."
+    reason_texts = []
+    for reason in light.reasons:
+        if reason.sentence in stated_reasons:
+            reason = reason._replace(sentence="as stated above.")
+        reason_texts.append(reason.text)
+    return f"{light.levels}. {' '.join(reason_texts)}{light.remark}"
 
 
 def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
@@ -601,7 +653,7 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
         reviews: review documents of both logs, by side, "A" and "B". A document without lights, such as the review of a
             fleet, is compared with nothing.
     """
-    worse_lights, better_lights = _sentences_on_worse_and_better_lights(reviews)
+    worse_lights, better_lights = _sentences_on_watched_lights_by_change(reviews)
     return [*worse_lights, *better_lights]
 
 
@@ -615,8 +667,10 @@ class _WorseAndBetterLights(NamedTuple):
     """On the lights that are good in the later log."""
 
 
-def _sentences_on_worse_and_better_lights(reviews: Mapping[str, Review]) -> _WorseAndBetterLights:
-    """Returns the sentences of :func:`sentences_on_watched_lights`, those on lights that became worse by themselves.
+def _sentences_on_watched_lights_by_change(reviews: Mapping[str, Review]) -> _WorseAndBetterLights:
+    """Returns a sentence on each light with the level "watch" in one log and "good" in the other, by its later level.
+
+    Lights of the motors, the wind and the log are left out (:func:`sentences_on_watched_lights`).
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B". The later one is that of the later date, or "B".

@@ -232,58 +232,57 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
 
 
 def _level_text(side: str, light: JsonValues) -> str:
-    """Returns the level of a status light in a log, or in all flights of a fleet, the last of which the light judges.
+    """Returns the level of a status light on one side of a comparison, such as "good in A".
+
+    A side may be a fleet, that is several flights. The text is then, for example, "good in all 3 flights of A" or "bad
+    in 2 of 5 flights of A, the last one too".
 
     Args:
         side: "A" or "B".
-        light: the light; that of a fleet has the levels of its flights in order of date as ``levels``.
-
-    Returns:
-        A text such as "good in A", "good in all 3 flights of A" or "bad in 2 of 5 flights of A, the last one too".
+        light: the light in the review document of the side; that of a fleet has the level of each flight as ``levels``.
     """
     states = states_in_flights(light)
-    state = states[-1]
+    last_state = states[-1]
     if len(states) == 1:
-        return f"{state} in {side}"
-    if states.count(state) == len(states):
+        return f"{last_state} in {side}"
+    if states.count(last_state) == len(states):
         all_flights = "both" if len(states) == 2 else f"all {len(states)}"
-        return f"{state} in {all_flights} flights of {side}"
-    worst_state = next(one for one in STATES_WORST_FIRST if one in states)
+        return f"{last_state} in {all_flights} flights of {side}"
+    worst_state = next(state for state in STATES_WORST_FIRST if state in states)
     worst_count = states.count(worst_state)
     text = f"{worst_state} in {worst_count} of {len(states)} flights of {side}"
-    if state == worst_state:
-        return f"{text}, the last one" if worst_count == 1 else f"{text}, the last one too"
-    return f"{text}, {state} in the last one"
+    if last_state != worst_state:
+        return f"{text}, {last_state} in the last one"
+    return f"{text}, the last one" if worst_count == 1 else f"{text}, the last one too"
 
 
 def light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
-    """Returns what a status light warns of, in one clause for each log in which it has the worst level.
+    """Returns the heading on a status light that warns, such as "In B: motor 1 lost about 25 % of its thrust …".
+
+    It states the log in which the light is worse. If it is equally bad in both, for different reasons, it has a
+    sentence for each.
 
     Args:
         lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to be
             watched.
-
-    Returns:
-        A sentence such as "In B: motor 1 lost about 25 % of its thrust with probability 0.87."; two if both logs have
-        the same level for different reasons.
     """
     if len(lights_by_side) == 2 and _is_loss_of_same_motor(*lights_by_side.values()):
         return _heading_on_same_motor(lights_by_side)
-    sides_by_clause = dict[str, list[str]]()
+    flights_by_clause = dict[str, list[str]]()
     for side, light in lights_of_worst_level(lights_by_side).items():
         flight = _flight_in_heading(side, light)
-        sides_by_clause.setdefault(_heading_clause(light["sentence"]), []).append(flight)
+        flights_by_clause.setdefault(_heading_clause(light["sentence"]), []).append(flight)
     headings = list[Sentence]()
-    for clause, sides in sides_by_clause.items():
-        headings += render_section("difference_answer", sides=sides, clause=clause)
+    for clause, flights in flights_by_clause.items():
+        headings += render_section("difference_answer", sides=flights, clause=clause)
     return " ".join(heading.text for heading in headings)
 
 
 def _is_loss_of_same_motor(first_light: JsonValues, second_light: JsonValues) -> bool:
-    """Returns whether the same motor probably lost thrust in both logs, so that one clause has both losses.
+    """Returns whether two logs judge that the same motor has probably lost thrust, so that one heading states both.
 
     Args:
-        first_light, second_light: the same light in the review documents of both logs.
+        first_light, second_light: the same status light in the review documents of both logs.
     """
     for light in (first_light, second_light):
         probability = value_at(light, "figures.probability")
@@ -299,13 +298,15 @@ def _heading_on_same_motor(lights_by_side: Mapping[str, JsonValues]) -> str:
     Args:
         lights_by_side: the light of the motors in the review document of each log, by side, "A" and "B".
     """
-    lights = lights_by_side.values()
-    are_of_fleets = all(len(levels_in_flights(light)) > 1 for light in lights)
+    lights = list(lights_by_side.values())
     flights = [_flight_in_heading(side, light) for side, light in lights_by_side.items()]
+    are_of_fleets = all(len(levels_in_flights(light)) > 1 for light in lights)
+    if are_of_fleets:
+        flights = [f"the last flights of {listed(lights_by_side)}"]
     [heading] = render_section(
         "difference_same_motor",
-        flights=[f"the last flights of {listed(lights_by_side)}"] if are_of_fleets else flights,
-        motor=next(iter(lights))["subject"],
+        flights=flights,
+        motor=lights[0]["subject"],
         losses=[value_at(light, "figures.loss")[0] for light in lights],
         probabilities=[value_at(light, "figures.motor_probability") for light in lights],
     )
@@ -365,7 +366,7 @@ def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
         "difference_watched",
         watched_side=watched_side,
         good_side=good_side,
-        imu=imu_of_both(lights_by_side),
+        imu=imu_with_comparable_vibration(lights_by_side),
         vibrations=[value_at(light, "figures.vibration") for light in lights],
         levels=[light["level"] for light in lights],
         clause=_heading_clause(lights_by_side[watched_side]["sentence"]),
@@ -373,15 +374,14 @@ def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
     return heading.text
 
 
-def imu_of_both(lights_by_side: Mapping[str, JsonValues]) -> str:
-    """Returns the IMU that vibrates most in both logs, such as "IMU 2", if two figures say what became of it.
+def imu_with_comparable_vibration(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the IMU whose vibration two logs judge, such as "IMU 2"; empty if their figures cannot be compared.
+
+    They cannot be if the logs judge different IMUs, or for lights on another subject. If samples were clipped, the
+    sentence of the light says more than the figures.
 
     Args:
         lights_by_side: a light in the review document of each log, by side, "A" and "B".
-
-    Returns:
-        The name; empty if the IMUs differ, if samples were clipped, of which the sentence of the light says more, and
-        for a light on another subject.
     """
     subjects = set()
     for light in lights_by_side.values():
@@ -578,16 +578,16 @@ def light_blocks(reviews: Mapping[str, Review], text_above: str = "") -> Blocks:
 
 
 def sentences_on_lights_watched_in_both(reviews: Mapping[str, Review]) -> list[Sentence]:
-    """Returns the sentence that names the lights which warn alike in both logs: no change, but perhaps the next step.
+    """Returns a sentence with the lights that are to be watched in both logs, such as "Watch in A and B: vibration.".
 
-    Lights that are bad in both are left out, since the headline has them, and so are those of wind and log, which judge
-    the day and the recording.
+    A light is the judgement of one subject. Such a light is no change, but it may be the reason of the next step. Those
+    of wind and log are left out, since they judge the day and the recording, and not the vehicle.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
-        A list with the sentence, such as "Watch in A and B: vibration."; empty without such a light.
+        A list with the sentence; empty without such a light.
     """
     names = []
     for name, lights_by_side in lights_of_both(reviews).items():
@@ -613,13 +613,13 @@ def lights_of_side(review: Review) -> dict[str, JsonValues]:
 
 
 def states_in_flights(light: JsonValues) -> list[str]:
-    """Returns the state of a status light in each flight of a fleet, in order of date; of a log its one level.
+    """Returns the level of a status light, such as "good", in each flight of a fleet, or in the one flight of a log.
 
-    The state is the level, such as "good". The motors of a flight that was not judged, since others are compared with
-    it, are ``REFERENCE``.
+    Motors that were not judged, since those of other flights are compared with them, are ``REFERENCE`` instead.
 
     Args:
-        light: the light; that of a fleet's motors says of which of its ``flights`` this holds.
+        light: the light in a review document. That of a fleet has ``levels`` and ``flights``, in order of date, and
+            each flight may have ``is_reference``.
     """
     levels = levels_in_flights(light)
     states = [str(level) for level in levels]
@@ -649,18 +649,18 @@ def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
 
 
 def lights_are_alike(first_light: JsonValues, second_light: JsonValues) -> bool:
-    """Returns whether a status light has the same level and, if it warns, the same reason on both sides.
+    """Returns whether a status light has the same level and, if it warns, the same reason in two logs.
 
-    The flights of a fleet before its last one, whose light it is, do not count.
+    Of a fleet only the last flight is compared (for all see :func:`lights_are_equal`).
 
     Args:
-        first_light, second_light: the same light in the review documents of both sides.
+        first_light, second_light: the same light in the review documents of both logs or fleets.
     """
     if first_light["level"] != second_light["level"]:
         return False
     is_warning = first_light["level"] in WARNING_LEVELS
     if is_warning:
-        # The figures of a finding are a dictionary within its own, so that this key has a dot.
+        # "figures.axis" is the key "axis" in the dictionary "figures".
         identifying_keys = ("code", "subject", "figures.axis")
         return all(
             value_at(first_light, key) == value_at(second_light, key) for key in identifying_keys
@@ -703,16 +703,13 @@ def _light_cells(
 
 
 def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
-    """Returns a table cell with the level of a status light, which also colours it, and an explanation.
+    """Returns a table cell with the level of a status light, such as "bad", and an explanation behind it.
 
-    The cell of a log is for example "good", explained by the sentence of the light. A fleet has a state for each of its
-    flights. Its cell has the worst one, for example "bad", explained by "in 2 of 9 flights, good in 7. The last one,
-    good: …".
+    The explanation is the sentence of the light, which says why it has that level.
 
     Args:
-        light: the light, a judgement with a level and a sentence, in the review document of a log or a fleet. The
-            level and sentence of a fleet are those of its last flight.
-        text_above: text above the table. If it has the sentence, the cell refers to it instead of repeating it.
+        light: the light (the judgement of one subject, such as the vibration) in the review document of a log or fleet.
+        text_above: text above the table. If it has the sentence, the explanation refers to it instead.
         remark: text that is added to the explanation, with a space before it; empty for none.
     """
     sentence = light["sentence"]
@@ -720,8 +717,22 @@ def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
         [reference] = render_section("difference_stated_above")
         sentence = reference.text
     states = states_in_flights(light)
-    if len(states) == 1:
-        return Rated(light["level"], Level(light["level"]), sentence + remark)
+    if len(states) > 1:
+        return _light_cell_of_fleet(states, sentence, remark)
+    return Rated(light["level"], Level(light["level"]), reason=sentence + remark)
+
+
+def _light_cell_of_fleet(states: Sequence[str], sentence_on_last: str, remark: str) -> Rated:
+    """Returns a table cell with the worst level of a status light in the flights of a fleet, and an explanation.
+
+    For example "bad", explained by "in 2 of 9 flights, good in 7. The last one, good: …".
+
+    Args:
+        states: level of the light in each flight, in order of date; ``REFERENCE`` for motors that were not judged,
+            since those of other flights are compared with them.
+        sentence_on_last: sentence of the light of the last flight.
+        remark: text that is added to the explanation, with a space before it; empty for none.
+    """
     flight_counts = Counter(states)
     worst_state, *other_states = [state for state in STATES_WORST_FIRST if state in flight_counts]
     [explanation] = render_section(
@@ -730,7 +741,7 @@ def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
         count=len(states),
         other_counts={state: flight_counts[state] for state in other_states},
         last_state=states[-1],
-        sentence_on_last=sentence,
+        sentence_on_last=sentence_on_last,
     )
     level = Level.UNKNOWN if worst_state == REFERENCE else Level(worst_state)
-    return Rated(worst_state, level, explanation.text + remark)
+    return Rated(worst_state, level, reason=explanation.text + remark)

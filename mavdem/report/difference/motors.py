@@ -1,7 +1,6 @@
 """The motors of two states: the judgement of their reviews, the compared figures that agree with it, and a table."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
@@ -154,25 +153,23 @@ def _has_motor_difference(reviews: Mapping[str, Review]) -> bool:
 def evidence_of_weak_motors(
     difference: VehicleDifference, weak_motors: Mapping[str, int | None]
 ) -> Iterator[QuantityChange]:
-    """Yields the measured changes that confirm a weak motor, such as its higher trim in the state in which it is weak.
+    """Yields the measured changes that confirm a weak motor, such as a higher trim in the log in which it is weak.
+
+    A change counts if it is significant, or doubtful: significant by itself, but not among all tested quantities.
 
     Args:
-        difference: comparison of the two states, A and B, quantity by quantity.
-        weak_motors: number of the motor that was judged as weak in a state, by the name of the state; None for an
-            unknown one.
-
-    Yields:
-        Changes of a weak motor's quantities, such as its trim, in the direction of the weakness. They are significant
-        or, as a weaker sign, doubtful: significant alone, but not among all tested quantities.
+        difference: comparison of the two logs, A and B, quantity by quantity.
+        weak_motors: number of the motor that a log judges as weak, by side, "A" or "B"; None if that is not known.
     """
     first_side, second_side = STATE_NAMES
     for change in difference.changes:
         if not change.quantity.is_of_motor:
             continue
-        is_sign = change.outcome is QuantityOutcome.CHANGED or change.is_doubtful
-        # A change that does not show a weaker motor in B shows a stronger one there, which is weaker in A.
+        is_significant = change.outcome is QuantityOutcome.CHANGED
+        # A motor that became stronger from A to B is weaker in A.
         weaker_side = second_side if change.shows_weaker_motor else first_side
-        if is_sign and weak_motors.get(weaker_side) == change.quantity.motor:
+        is_of_weak_motor = weak_motors.get(weaker_side) == change.quantity.motor
+        if is_of_weak_motor and (is_significant or change.is_doubtful):
             yield change
 
 
@@ -195,17 +192,8 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
     if not any(warnings_by_side.values()):
         return []
     columns = _changes_by_motor(difference)
-    motors = set[int]()
-    for changes in columns.values():
-        motors.update(changes)
-    for side, warnings in warnings_by_side.items():
-        motors.update(warnings)
-        if warnings:
-            # All motors of a flight with a warning are listed, so that the sound ones can be compared.
-            hover_motors = value_at(reviews[side], "condition.hover.motors") or ()
-            motors.update(range(1, len(hover_motors) + 1))
     rows = []
-    for motor in sorted(motors):
+    for motor in _motors_in_table(columns, warnings_by_side, reviews):
         motor_name = motor_with_place(motor, difference)
         row = [motor_name]
         for side in STATE_NAMES:
@@ -219,6 +207,32 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
             row.append("" if change_of_motor is None else change_with_interval(change_of_motor))
         rows.append(row)
     return [Table(["", *_titles_of_motor_table(columns, difference)], rows)]
+
+
+def _motors_in_table(
+    columns: Mapping[str, Mapping[int, QuantityChange]],
+    warnings_by_side: Mapping[str, Mapping[int, JsonValues]],
+    reviews: Mapping[str, Review],
+) -> list[int]:
+    """Returns the numbers of the motors that the table of motors lists, from 1 on, in ascending order.
+
+    These are the motors with a compared figure or a warning. If a flight has a warning, all its motors are listed, so
+    that the sound ones can be compared.
+
+    Args:
+        columns: the compared figures: by kind of quantity, the change of each motor, by its number.
+        warnings_by_side: the warning about each motor, by side and by the number of the motor.
+        reviews: review documents of both logs, by side.
+    """
+    motors = set[int]()
+    for changes in columns.values():
+        motors.update(changes)
+    for side, warnings in warnings_by_side.items():
+        motors.update(warnings)
+        if warnings:
+            hover_motors = value_at(reviews[side], "condition.hover.motors") or ()
+            motors.update(range(1, len(hover_motors) + 1))
+    return sorted(motors)
 
 
 def _changes_by_motor(difference: VehicleDifference) -> dict[str, dict[int, QuantityChange]]:
@@ -278,7 +292,7 @@ def motor_warnings(review: Review) -> dict[int, JsonValues]:
     motor_light = value_at(review, f"lights.{Light.MOTORS}")
     findings = []
     if motor_light is not None:
-        # An anomaly by the vehicle's other flights that names no motor stands before what the log alone shows of one.
+        # An anomaly by the vehicle's other flights may name no motor: then the light by the log alone does.
         findings.append(motor_light.get("by_log_alone") or motor_light)
     findings += review.get("events", ())
     warnings: dict[int, JsonValues] = {}
@@ -301,60 +315,39 @@ def _cell_without_warning(review: Review) -> str:
     """
     motors_level = value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN
     are_motors_judged = Level(motors_level) is not Level.UNKNOWN
-    return _motor_cell_text(is_known=are_motors_judged)
+    [cell] = render_section(
+        "difference_motor", code="", time=None, sentence="", is_known=are_motors_judged
+    )
+    return cell.text
 
 
 def _cell_with_warning(warning: JsonValues, motor_name: str) -> Rated:
     """Returns the table cell of a motor that a log warns about, such as "lost 19 to 42 % at 47 s" with the level "bad".
 
+    Warnings that the template of the cell does not know are quoted, without the motor, which the row names.
+
     Args:
-        warning: the worst warning about the motor, as the review document of the log has it
-            (:func:`motor_warnings`). If the cell has no words of its own for it, it quotes the sentence.
+        warning: the worst warning about the motor, as the review document of the log has it (:func:`motor_warnings`).
         motor_name: the motor with its place, such as "motor 1 (front right)".
     """
-    cell_text = _motor_cell_text(
+    figures = warning.get("figures") or {}
+    [cell] = render_section(
+        "difference_motor",
         code=warning.get("code") or "",
         time=warning.get("time"),
         sentence=_without_motor(warning["sentence"], motor_name),
-        figures=warning.get("figures") or {},
-    )
-    text = without_full_stop(shortened(cell_text, MAX_MOTOR_CHARACTERS))
-    return Rated(text, Level(warning["level"]))
-
-
-def _motor_cell_text(
-    code: str = "",
-    time: float | None = None,
-    sentence: str = "",
-    figures: Mapping[str, JsonValues] = MappingProxyType({}),
-    *,
-    is_known: bool = True,
-) -> str:
-    """Returns what a table says of one motor in one flight, such as "lost about 25 %", "no warning" or "not known".
-
-    Args:
-        code: code of the worst warning about the motor; empty without one.
-        time: when it began, s on the boot clock; None for a warning about the whole flight.
-        sentence: the warning without the motor, which stands in the cell if that has no words of its own for the code.
-        figures: figures of the warning by name, such as the loss of thrust.
-        is_known: whether the motors of the flight were judged.
-    """
-    [cell] = render_section(
-        "difference_motor",
-        code=code,
-        time=time,
-        sentence=sentence,
         loss=figures.get("loss"),
         rise=figures.get("rise"),
         deviation=figures.get("deviation"),
         probability=figures.get("probability"),
-        is_known=is_known,
+        is_known=True,
     )
-    return cell.text
+    text = without_full_stop(shortened(cell.text, MAX_MOTOR_CHARACTERS))
+    return Rated(text, Level(warning["level"]))
 
 
 def _without_motor(sentence: str, motor_name: str) -> str:
-    """Returns a sentence without the motor at its start, which the row of the table has already.
+    """Returns a sentence without the motor at its start, such as "was at its upper limit.".
 
     Args:
         sentence: for example "Motor 1 was at its upper limit.", or the same with the place of the motor.

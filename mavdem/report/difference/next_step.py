@@ -163,15 +163,16 @@ def _step_of_differing_motors(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the next step of the later log if its motors differ from those in other flights of the vehicle.
 
     Args:
-        reviewed: comparison of the two states, with the reviews of both logs. The headline of a review has a code of
-            ``MotorsBetween`` where the motors differ, and its next step is then about these.
+        reviewed: comparison of the two states, with the reviews of both logs.
 
     Returns:
         A list with the step, as the page of that flight has it; empty if the motors do not differ.
     """
     review = reviewed.reviews.get(later_side(reviewed.reviews), {})
     next_step = value_at(review, "next_step.sentence")
-    if not next_step or value_at(review, "headline.code") not in [*MotorsBetween]:
+    # Headlines with codes of this enumeration are about motors that differ from those in other flights.
+    is_about_motors = value_at(review, "headline.code") in list(MotorsBetween)
+    if not next_step or not is_about_motors:
         return []
     return [Sentence(next_step, lead="Next:")]
 

@@ -46,13 +46,15 @@ def parameter_rows(
     rows = []
     for shared, members in group_by(parameters, _shared_row).items():
         for name in _names_of_runs(shared, members):
-            percentages = [shared.percentage] if has_percentages else []
-            rows.append([name, shared.before, shared.after, *percentages])
+            row = [name, shared.before, shared.after]
+            if has_percentages:
+                row.append(shared.percentage)
+            rows.append(row)
     return rows
 
 
 def percentage_text(parameter: ParameterChange) -> str:
-    """Returns the relative change of a parameter, such as "−20 %"; empty from or to 0, where there is none."""
+    """Returns the relative change of a parameter, such as "−20 %"; empty if one of its values is 0."""
     if parameter.before == 0 or parameter.after == 0:
         return ""
     percentage = round(100 * (parameter.after / parameter.before - 1))
@@ -60,14 +62,19 @@ def percentage_text(parameter: ParameterChange) -> str:
 
 
 def _shared_row(parameter: ParameterChange) -> _SharedRow:
-    """Returns what parameters of one row have in common: ("SERVO", "_MIN", "1100", "1000", …) for ``SERVO3_MIN``."""
-    numbered = NUMBERED_NAME.fullmatch(parameter.name)
-    start, end = (parameter.name, "") if numbered is None else numbered.group("start", "end")
-    before = parameter_value_text(parameter.before)
-    after = parameter_value_text(parameter.after)
+    """Returns what parameters that share a row have in common: their values, and their names without the number.
+
+    For ``SERVO3_MIN`` the parts of the name are "SERVO" and "_MIN".
+    """
+    numbered_name = NUMBERED_NAME.fullmatch(parameter.name)
     is_of_control = CONTROL_PARAMETERS.match(parameter.name) is not None
-    percentage = percentage_text(parameter) if is_of_control else ""
-    return _SharedRow(start, end, before, after, percentage)
+    return _SharedRow(
+        start=parameter.name if numbered_name is None else numbered_name["start"],
+        end="" if numbered_name is None else numbered_name["end"],
+        before=parameter_value_text(parameter.before),
+        after=parameter_value_text(parameter.after),
+        percentage=percentage_text(parameter) if is_of_control else "",
+    )
 
 
 def _names_of_runs(shared: _SharedRow, parameters: Sequence[ParameterChange]) -> list[str]:

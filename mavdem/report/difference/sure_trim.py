@@ -22,10 +22,11 @@ PROBABLE = 0.5
 def reviews_with_sure_trim(
     reviews: Mapping[str, Review], motors: MotorVerdict, difference: VehicleDifference
 ) -> Mapping[str, Review]:
-    """Lets the light of the motors in B state a trim that surely rose, where it doubts that the motor is weak.
+    """Returns the reviews of two logs, the second of which states a motor's trim that surely rose.
 
-    The balance of all motors also knows other causes, such as a shifted load, so that it may leave open what one trim
-    shows. The reader gets one verdict: the trim, which is measured, and how probable a weak motor is as its cause.
+    The trim of a motor is how much harder it works than the mean of all. The review judges all trims together, and also
+    by other causes, such as a shifted load. So it may doubt that the motor is weak, although its trim surely rose from
+    A to B. The reader then gets one verdict: the measured trim, and how probable a weak motor is as its cause.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
@@ -33,19 +34,21 @@ def reviews_with_sure_trim(
         difference: comparison of the two states.
 
     Returns:
-        The reviews, that of B with another sentence and rise of the motors' light; the same if no trim surely rose, if
-        B's balance shows a weak motor, or if a side has several flights, whose mean trim is not that of the judged one.
+        The reviews, that of B with another sentence and rise of the motors' light. They are returned as they are if no
+        trim surely rose, if B shows a weak motor by all trims, or if a side has several flights, whose mean trim is not
+        that of the judged flight.
     """
-    _, later_name = STATE_NAMES
-    review = reviews.get(later_name, {})
+    _, second_side = STATE_NAMES
+    review = reviews.get(second_side, {})
     light = value_at(review, f"lights.{Light.MOTORS}") or {}
     health = review.get("motor_health") or {}
     probability = health.get("fault_probability")
     trim = _trim_that_surely_rose(motors)
-    is_doubted = probability is not None and probability < PROBABLE
-    is_by_balance = light.get("sentence") == health.get("sentence")
-    is_watched = light.get("level") == Level.WATCH and is_by_balance
-    if trim is None or not is_doubted or not is_watched or max(difference.flights) > 1:
+    is_weak_motor_doubted = probability is not None and probability < PROBABLE
+    is_by_all_trims = light.get("sentence") == health.get("sentence")
+    is_watched = light.get("level") == Level.WATCH and is_by_all_trims
+    has_several_flights = max(difference.flights) > 1
+    if trim is None or not is_weak_motor_doubted or not is_watched or has_several_flights:
         return reviews
     [sentence] = render_section(
         "difference_sure_trim",
@@ -56,7 +59,7 @@ def reviews_with_sure_trim(
     figures = (light.get("figures") or {}) | {"rise": (trim.difference, *trim.interval)}
     stated_light = light | {"sentence": sentence.text, "figures": figures}
     lights = review["lights"] | {Light.MOTORS: stated_light}
-    return {**reviews, later_name: {**review, "lights": lights}}
+    return {**reviews, second_side: {**review, "lights": lights}}
 
 
 def _trim_that_surely_rose(motors: MotorVerdict) -> QuantityChange | None:

@@ -216,7 +216,7 @@ def comparison_page(
     if not reviewed.difference.is_of_same_flight:
         pictures = _pictures(reviewed, flights)
         chapters = _chapters(reviewed, headline, flights, pictures)
-        chart = _chart_of_result(reviewed, pictures)
+        chart = _main_chart(reviewed, pictures)
         if chart is not None:
             picture = ResultPicture(Group.side_by_side([chart]), len(summary.first_blocks))
     return render_document(
@@ -295,7 +295,7 @@ class _Pictures(NamedTuple):
 def _pictures(
     reviewed: ReviewedDifference, flights: tuple[FlightSeries | None, FlightSeries | None]
 ) -> _Pictures:
-    """Makes the charts of both flights.
+    """Returns the charts of both flights, each of which has the lines of A and of B.
 
     Args:
         reviewed: comparison of both flights.
@@ -307,16 +307,20 @@ def _pictures(
     return _Pictures(
         legend,
         series_charts=series_charts,
-        motor_groups=_motor_groups(reviewed, _known_series(flights), series_charts),
+        motor_groups=_motor_groups(reviewed, _stored_series(flights), series_charts),
         spectra=_spectrum_chart(reviewed.reviews, legend),
         trims=_trim_chart(legend, reviewed.difference, reviewed.reviews),
     )
 
 
-def _known_series(
+def _stored_series(
     flights: tuple[FlightSeries | None, FlightSeries | None],
 ) -> dict[str, FlightSeries]:
-    """Returns the time series of the flights by side, without a flight with which they were not stored."""
+    """Returns the time series of the two flights by side, "A" and "B"; a flight without stored ones is left out.
+
+    Args:
+        flights: time series of flight A and of flight B; None where they were not stored with the flight.
+    """
     series_by_side = {}
     for side, series in zip(SIDE_COLOURS, flights, strict=True):
         if series is not None:
@@ -324,44 +328,54 @@ def _known_series(
     return series_by_side
 
 
-def _chart_of_result(reviewed: ReviewedDifference, pictures: _Pictures) -> Chart | None:
-    """Returns the one chart that the top of the page shows: that of what its heading states, as far as there is one.
+def _main_chart(reviewed: ReviewedDifference, pictures: _Pictures) -> Chart | None:
+    """Returns the one chart at the top of the page, which shows what the heading states; None without a fitting one.
 
-    It is the first of these that has both flights:
+    Args:
+        reviewed: comparison of both flights.
+        pictures: their charts. One with a line of a single flight does not fit, since it compares nothing.
+    """
+    for chart in _candidates_for_main_chart(reviewed, pictures):
+        if len(chart.lines) > 1:
+            return chart
+    return None
 
-    1. the output of the motor with the worst warning;
-    2. the trims, if those of a motor changed, if the motors are judged differently, or of fleets;
-    3. a step response of an axis whose gains or margins changed, or else the spectra of the gyro;
-    4. the mean motor output, and then the spectra of the gyro.
+
+def _candidates_for_main_chart(
+    reviewed: ReviewedDifference, pictures: _Pictures
+) -> Iterator[Chart]:
+    """Yields the charts that may show what the heading of the page states, the best first.
+
+    1. The output of the motor with the worst warning.
+    2. The trims, if those of a motor changed, if the motors are judged differently, or of fleets.
+    3. A step response of an axis whose gains or margins changed, and then the spectra of the gyro.
+    4. The mean motor output, and then the spectra.
 
     Args:
         reviewed: comparison of both flights.
         pictures: their charts.
     """
-    candidates: list[Chart | None] = []
-    worst_motor_title = _title_of_worst_motor(reviewed)
+    title_of_worst_motor = _title_of_worst_motor(reviewed)
     for group in pictures.motor_groups:
         for (chart,) in group.columns:
-            if isinstance(chart, Chart) and chart.title == worst_motor_title:
-                candidates.append(chart)
+            if isinstance(chart, Chart) and chart.title == title_of_worst_motor:
+                yield chart
     has_other_motors = _has_changed_motor(reviewed.difference) or reviewed.motors.differs
     if has_other_motors or reviewed.fleet_sides:
-        candidates.append(pictures.trims)
-    changed_axes = _axes_with_other_loops(reviewed.difference)
+        yield pictures.trims
+    changed_axes = _axes_with_loop_changes(reviewed.difference)
     for axis in AXES:
         if axis in changed_axes:
-            candidates += _step_charts(reviewed.reviews, pictures.legend, axis)
+            yield from _step_charts(reviewed.reviews, pictures.legend, axis)
     if changed_axes:
-        candidates.append(pictures.spectra)
-    candidates += [pictures.mean_motor_output, pictures.spectra]
-    for candidate in candidates:
-        if candidate is not None and len(candidate.lines) > 1:
-            return candidate
-    return None
+        yield pictures.spectra
+    if pictures.mean_motor_output is not None:
+        yield pictures.mean_motor_output
+    yield pictures.spectra
 
 
-def _axes_with_other_loops(difference: VehicleDifference) -> set[str]:
-    """Returns the axes of whose loops a gain, a filter or a compared figure changed."""
+def _axes_with_loop_changes(difference: VehicleDifference) -> set[str]:
+    """Returns the axes, such as "roll", of whose loops a gain, a filter or a compared figure changed."""
     axes = set(difference.axes_with_changed_loops)
     for change in difference.changes_with(QuantityOutcome.CHANGED):
         if change.quantity.kind in LOOP_KINDS:
@@ -370,11 +384,12 @@ def _axes_with_other_loops(difference: VehicleDifference) -> set[str]:
 
 
 def _end_of_first_heading(blocks: Sequence[Sentence]) -> int:
-    """Returns how many blocks there are up to the first one in large letters, that one included; without it, all."""
-    for position, block in enumerate(blocks):
-        # A sentence that is a lead alone is in large letters.
-        if not block.text:
-            return position + 1
+    """Returns the number of blocks up to the first heading, including it; the number of all if there is no heading."""
+    for count, block in enumerate(blocks, start=1):
+        # A sentence without text, which has a lead alone, is a heading.
+        is_heading = not block.text
+        if is_heading:
+            return count
     return len(blocks)
 
 
@@ -411,10 +426,9 @@ def _chapters(
     flights: tuple[FlightSeries | None, FlightSeries | None],
     pictures: _Pictures,
 ) -> list[Chapter]:
-    """Returns the chapters of the page in their order: first what changed, with the charts of motors or loops that did.
+    """Returns the chapters of the page in their order: first what changed, last what does not differ.
 
-    If gains changed, the table of gains and filters stands before these charts. Motors, loops and time series that do
-    not differ are folded. A phone closes all but what changed: the top of the page has one chart already.
+    A phone opens only the list of changes: the top of the page has one chart already.
 
     Args:
         reviewed: comparison of both flights.
@@ -422,43 +436,67 @@ def _chapters(
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
         pictures: the charts of both flights.
     """
-    reviews_by_side = reviewed.reviews
-    series_charts = pictures.series_charts
+    series_chapter = _series_chapter(flights, pictures.series_charts)._replace(
+        folded=not _do_lights_over_time_differ(reviewed)
+    )
+    chapters_by_difference = _chapters_by_difference(reviewed, pictures)
+    closed_chapters = [
+        *chapters_by_difference.different,
+        _overview_chapter(reviewed, pictures),
+        series_chapter,
+        _light_chapter(reviewed, headline),
+    ]
+    return [
+        _change_chapter(reviewed),
+        *[chapter._replace(is_closed_on_phone=True) for chapter in closed_chapters],
+        *chapters_by_difference.alike,
+        _autopilot_parameter_chapter(reviewed),
+        _single_side_chapter(pictures.series_charts),
+        _chapter_in_words(reviewed, headline),
+    ]
+
+
+class _ChaptersByDifference(NamedTuple):
+    """The chapters on gains, motors and loops, by whether the flights differ in these."""
+
+    different: list[Chapter]
+    """Chapters on what differs, open: they come first on the page."""
+
+    alike: list[Chapter]
+    """The other ones, mostly folded: they come last."""
+
+
+def _chapters_by_difference(
+    reviewed: ReviewedDifference, pictures: _Pictures
+) -> _ChaptersByDifference:
+    """Returns the chapters on gains, motors, step responses, margins and parameters, those on differences first.
+
+    Args:
+        reviewed: comparison of both flights.
+        pictures: the charts of both flights.
+    """
+    different = []
+    alike = []
+    parameter_chapters = _parameter_chapters(reviewed)
+    if reviewed.difference.axes_with_changed_loops:
+        gain_chapter, *parameter_chapters = parameter_chapters
+        different.append(gain_chapter._replace(folded=False))
     motor_chapter = _motor_chapter(reviewed, pictures)
     # The chapter of the motors has a table if a flight has a warning of a single motor.
     has_motor_warning = bool(motor_chapter.blocks)
-    is_motor_first = has_motor_warning or _has_changed_motor(reviewed.difference)
-    parameter_chapters = _parameter_chapters(reviewed)
+    do_motors_differ = has_motor_warning or _has_changed_motor(reviewed.difference)
+    if do_motors_differ:
+        different.append(motor_chapter)
     step_chapter = _step_chapter(reviewed, pictures.legend)
-    first_chapters = [_change_chapter(reviewed)]
-    later_chapters = []
-    is_parameter_table_first = bool(reviewed.difference.axes_with_changed_loops)
-    if is_parameter_table_first:
-        gain_chapter, *parameter_chapters = parameter_chapters
-        first_chapters.append(gain_chapter._replace(folded=False, is_closed_on_phone=True))
-    if is_motor_first:
-        first_chapters.append(motor_chapter._replace(is_closed_on_phone=True))
     if _has_changed_loop_or_gains(reviewed) and _has_chart_of_both(step_chapter):
-        first_chapters.append(step_chapter._replace(is_closed_on_phone=True))
+        different.append(step_chapter)
     else:
-        later_chapters.append(step_chapter._replace(folded=True))
-    if not is_motor_first:
-        later_chapters.append(motor_chapter._replace(folded=True))
-    margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
-    later_chapters.append(margins._replace(folded=not _has_changed_loop(reviewed.difference)))
-    later_chapters += parameter_chapters
-    return [
-        *first_chapters,
-        _overview_chapter(reviewed, pictures)._replace(is_closed_on_phone=True),
-        _series_chapter(flights, series_charts)._replace(
-            folded=not _do_lights_over_time_differ(reviewed), is_closed_on_phone=True
-        ),
-        _light_chapter(reviewed, headline)._replace(is_closed_on_phone=True),
-        *later_chapters,
-        _autopilot_parameter_chapter(reviewed),
-        _single_side_chapter(series_charts),
-        _chapter_in_words(reviewed, headline),
-    ]
+        alike.append(step_chapter._replace(folded=True))
+    if not do_motors_differ:
+        alike.append(motor_chapter._replace(folded=True))
+    margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviewed.reviews))
+    alike.append(margins._replace(folded=not _has_changed_loop(reviewed.difference)))
+    return _ChaptersByDifference(different, alike=[*alike, *parameter_chapters])
 
 
 def _has_chart_of_both(chapter: Chapter) -> bool:
@@ -746,7 +784,7 @@ def _series_charts(
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
         legend: name of each side, "A" and "B", in legends.
     """
-    for chart in flight_series_charts(_known_series(flights), legend, SIDE_COLOURS):
+    for chart in flight_series_charts(_stored_series(flights), legend, SIDE_COLOURS):
         yield _with_single_side(chart)
 
 
@@ -1230,16 +1268,16 @@ def _has_trim_columns(difference: VehicleDifference) -> bool:
 def _flight_dots(
     side: str, name: str, trim_changes: Sequence[QuantityChange], reviews_by_side: Reviews
 ) -> list[Line]:
-    """Returns the relative trim of each flight of a side, %, as dots beside the mean of the motor.
+    """Returns the relative trim of each motor in each flight of a side, %, as dots beside the mean of the motor.
+
+    The dots of a motor are in order of date from left to right. Their colour says how its flight was judged, so that
+    each judgement has a line of its own.
 
     Args:
         side: "A" or "B", which has a column of its own for each motor.
         name: name of the side in the legend.
-        trim_changes: the compared trims, with their values in all flights.
-        reviews_by_side: review documents, of a fleet with the state of the motors in each flight.
-
-    Returns:
-        A line of dots for each state of the motors' light; the dots of a motor are in order of date from left to right.
+        trim_changes: the compared trim of each motor, with its values in all flights as a fraction.
+        reviews_by_side: review documents by side; that of a fleet has the state of the motors in each flight.
     """
     columns = _columns(side, [change.quantity.motor for change in trim_changes])
     positions: list[Array] = []
@@ -1279,12 +1317,10 @@ def _has_flight_dots(flight_count: int) -> bool:
 
 
 def _motor_states(review: Review, flight_count: int) -> list[str]:
-    """Returns the state of the motors, such as "good" or "reference", in each flight of a side, in order of date.
-
-    Without a judgement of the motors all are unknown.
+    """Returns how the motors were judged in each flight of a side, in order of date, such as "good" or "reference".
 
     Args:
-        review: review document of the side.
+        review: review document of the side. If it does not judge the motors, they are unknown in all flights.
         flight_count: number of its flights.
     """
     light = lights_of_side(review).get(Light.MOTORS)

@@ -62,7 +62,7 @@ from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
     SIDE_COLOURS,
     _change_chapter,
-    _chart_of_result,
+    _main_chart,
     _motor_groups,
     _overview_titles,
     _parameter_chapters,
@@ -143,14 +143,14 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     mean_output = {MEAN_MOTOR_OUTPUT: outputs[MOTOR_OUTPUTS[0]]}
     series = (outputs | mean_output, outputs | mean_output | start)
     pictures = _pictures(reviewed, series)
-    assert _chart_of_result(reviewed, pictures).title == MOTOR_OUTPUTS[2]
+    assert _main_chart(reviewed, pictures).title == MOTOR_OUTPUTS[2]
     page = comparison_page(("a.bin", "b.bin"), reviewed, flights=series)
     result = page[page.index('<section id="result"') : page.index('class="contents"')]
     order = ("is weak", "Inspect motor 3", "<h3>Motor 3 output", "bad in A and B")
     assert [result.index(text) for text in order] == sorted(result.index(text) for text in order)
     closed = re.findall(r'<section id="([^"]*)"[^>]*>\s*<details class="phone-closed" open>', page)
     assert "motors" in closed and "both-flights" in closed and "what-changed" not in closed
-    assert _chart_of_result(reviewed_difference(unchanged()), pictures).title == MEAN_MOTOR_OUTPUT
+    assert _main_chart(reviewed_difference(unchanged()), pictures).title == MEAN_MOTOR_OUTPUT
 
 
 def test_a_line_of_one_side_alone_is_named_by_the_title():
