@@ -119,45 +119,42 @@ def state_of(
         Unreadable: the log or the fleet cannot be read.
     """
     comes_from_fleet = is_fleet(path)
-    if comes_from_fleet:
-        stored_rows = read_rows(path, vehicle)
-        if not stored_rows:
-            # The rows of all vehicles have the names that the error message lists.
-            stored_rows = read_brief_rows(path)
-        state = VehicleState(
-            stored_rows,
-            review={},
-            vehicles=(),
-            fleet_rows=stored_rows,
-            baseline=read_baseline(path),
-        )
-        system_id = ""
-    else:
-        state = state_of_log(path)
-        # A row has the system id of its vehicle, but not the component.
-        system_id = (vehicle or "").partition(":")[0]
-    rows = []
+    state = _state_of_fleet(path, vehicle) if comes_from_fleet else state_of_log(path)
+    # The name "1:1" of a vehicle in a log begins with its system id, which its rows have without the component.
+    system_id = "" if comes_from_fleet else (vehicle or "").partition(":")[0]
+    chosen_rows = []
     for row in state.rows:
-        if vehicle is None or row.vehicle == vehicle or str(row.system) == system_id:
-            rows.append(row)
-    if days is not None:
-        rows = [row for row in rows if days.include(row)]
-    chosen_state = state._replace(rows=rows)
+        is_of_vehicle = vehicle is None or row.vehicle == vehicle or str(row.system) == system_id
+        if is_of_vehicle and (days is None or days.include(row)):
+            chosen_rows.append(row)
+    chosen_state = state._replace(rows=chosen_rows)
     if comes_from_fleet and chosen_state.names == {UNKNOWN}:
         raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
-    if not chosen_state.names:
-        # Other vehicles have flights, but there is none of this name, not even a row without a flight.
-        is_name_wrong = vehicle is not None and bool(state.names) and vehicle not in state.names
-        if is_name_wrong and not chosen_state.rows:
-            raise NotLearnable(
-                Incomparable.VEHICLE_MISSING,
-                subject=name,
-                name=vehicle,
-                names=sorted(state.names),
-            )
-        reason = min((row.status for row in chosen_state.rows), default=None)
-        raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, reason=reason)
-    return chosen_state
+    if chosen_state.names:
+        return chosen_state
+    # Other vehicles have flights, but there is none of this name, not even a row without a flight.
+    is_name_wrong = vehicle is not None and bool(state.names) and vehicle not in state.names
+    if is_name_wrong and not chosen_rows:
+        raise NotLearnable(
+            Incomparable.VEHICLE_MISSING, subject=name, name=vehicle, names=sorted(state.names)
+        )
+    reason = min((row.status for row in chosen_rows), default=None)
+    raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, reason=reason)
+
+
+def _state_of_fleet(folder: Path, vehicle: str | None) -> VehicleState:
+    """Returns the flights of a vehicle in a fleet, or those of all vehicles if there is none of this name.
+
+    The flights of all vehicles have the names that an error message then lists.
+
+    Args:
+        folder: folder of the fleet.
+        vehicle: name of the vehicle; None for all.
+    """
+    rows = read_rows(folder, vehicle) or read_brief_rows(folder)
+    return VehicleState(
+        rows, review={}, vehicles=(), fleet_rows=rows, baseline=read_baseline(folder)
+    )
 
 
 def state_of_log(path: Path) -> VehicleState:

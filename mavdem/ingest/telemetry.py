@@ -404,7 +404,7 @@ class Log:
 
 
 def repair_facts(code: Repair, **figures: Any) -> Facts:
-    """Makes the fact that reports a repair of the data, such as frames that were left out, to the user.
+    """Returns the fact that tells the user what was repaired in a log, such as 12 damaged frames that were left out.
 
     A fact is a coded finding with figures, from which its sentence is made; the level WATCH marks it as worth a look.
 
@@ -413,7 +413,7 @@ def repair_facts(code: Repair, **figures: Any) -> Facts:
         figures: Figures of the fact; ``count``, if given, is the number of repairs.
 
     Returns:
-        One fact; none if ``count`` is 0, so that there was nothing to repair.
+        The fact in a tuple, to be added to those of other repairs; an empty tuple if ``count`` is 0.
     """
     if figures.get("count", 1) == 0:
         return ()

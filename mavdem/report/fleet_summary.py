@@ -92,43 +92,11 @@ def fleet_blocks(
     Returns:
         Sentences and the table.
     """
-    shared_names = {summary.name for summary in summaries if summary.has_shared_name}
-    vehicles_of_headline = {}
-    vehicles_without_name = {}
-    for name, vehicle in vehicles_with_section(summaries).items():
-        # Under a shared name flights are counted, and not vehicles. The exception is a name whose flights the user has
-        # declared to be of one vehicle, by comparing the health of their motors.
-        if name in shared_names and vehicle.health not in ANOMALOUS_HEALTHS:
-            vehicles_without_name[name] = vehicle
-        else:
-            vehicles_of_headline[name] = vehicle
-    counts = _headline_counts(summaries)
-    bad_latest_texts = _bad_latest_flights(vehicles_without_name, names)
-    bad_unnamed_count = _count_unnamed_flights(Level.BAD, summaries, vehicles_of_headline)
-    # Only the latest flight under each shared name is described, and none if several are in a list below.
-    bad_names = abbreviated_list(bad_latest_texts)
-    if lists_follow and bad_unnamed_count > 1:
-        bad_names = ""
-    sentences = render_section(
-        "fleet",
-        health=_health_summary(vehicles_of_headline, names, shared_names),
-        vehicles=counts.named_vehicles,
-        # Otherwise some of the vehicles in the headline are flights under a shared name.
-        are_all_named=counts.named_vehicles == len(vehicles_of_headline),
-        flown=_flown_totals(summaries),
-        duplicate_logs=counts.duplicate_logs,
-        unjudged=counts.unjudged_vehicles,
-        unnamed_flights=counts.unnamed_flights,
-        bad_unnamed_flights=bad_unnamed_count,
-        watched_unnamed_flights=_count_unnamed_flights(
-            Level.WATCH, summaries, vehicles_of_headline
-        ),
-        simulated_flights=counts.simulated_flights,
-        undecided_flights=_labels_of_possibly_simulated_flights(summaries, names),
-        bad_names=bad_names,
-        are_all_described=len(bad_latest_texts) == bad_unnamed_count,
+    shared_names = _shared_names(summaries)
+    vehicles_of_headline = _vehicles_of_headline(summaries)
+    headline, *paragraphs = _headline_and_paragraphs(
+        summaries, vehicles_of_headline, names, lists_follow=lists_follow
     )
-    headline, *paragraphs = sentences
     labelled_vehicles = _labelled_by_urgency(vehicles_of_headline, names, shared_names)
     urgent_lines = _urgent_vehicle_lines(labelled_vehicles, names, lists_follow=lists_follow)
     watched_lines = []
@@ -147,6 +115,75 @@ def fleet_blocks(
         *paragraphs[flown_index:],
         *_unused_blocks(unused_rows),
     ]
+
+
+def _shared_names(summaries: Sequence[VehicleSummary]) -> set[str]:
+    """Returns the names under which flights of several vehicles may have been recorded, such as a MAVLink system id."""
+    return {summary.name for summary in summaries if summary.has_shared_name}
+
+
+def _vehicles_of_headline(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
+    """Returns the vehicles that the headline of a fleet counts, by name.
+
+    Under a shared name flights are counted, and not vehicles. The exception is a name whose flights the user has
+    declared to be of one vehicle, by comparing the health of their motors.
+
+    Args:
+        summaries: summary of the flights under each name.
+    """
+    shared_names = _shared_names(summaries)
+    vehicles = {}
+    for name, vehicle in vehicles_with_section(summaries).items():
+        if name not in shared_names or vehicle.health in ANOMALOUS_HEALTHS:
+            vehicles[name] = vehicle
+    return vehicles
+
+
+def _headline_and_paragraphs(
+    summaries: Sequence[VehicleSummary],
+    vehicles_of_headline: Mapping[str, VehicleFlights],
+    names: GivenNames,
+    *,
+    lists_follow: bool,
+) -> list[Sentence]:
+    """Returns the headline of a fleet and the paragraphs below it, as the template "fleet" makes them.
+
+    Args:
+        summaries: summary of the flights under each name.
+        vehicles_of_headline: the vehicles that the headline counts, by name.
+        names: names that were given to vehicles.
+        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page.
+    """
+    vehicles_without_name = {}
+    for name, vehicle in vehicles_with_section(summaries).items():
+        if name not in vehicles_of_headline:
+            vehicles_without_name[name] = vehicle
+    counts = _headline_counts(summaries)
+    bad_latest_texts = _bad_latest_flights(vehicles_without_name, names)
+    bad_unnamed_count = _count_unnamed_flights(Level.BAD, summaries, vehicles_of_headline)
+    # Only the latest flight under each shared name is described, and none if several are in a list below.
+    bad_names = abbreviated_list(bad_latest_texts)
+    if lists_follow and bad_unnamed_count > 1:
+        bad_names = ""
+    return render_section(
+        "fleet",
+        health=_health_summary(vehicles_of_headline, names, _shared_names(summaries)),
+        vehicles=counts.named_vehicles,
+        # Otherwise some of the vehicles in the headline are flights under a shared name.
+        are_all_named=counts.named_vehicles == len(vehicles_of_headline),
+        flown=_flown_totals(summaries),
+        duplicate_logs=counts.duplicate_logs,
+        unjudged=counts.unjudged_vehicles,
+        unnamed_flights=counts.unnamed_flights,
+        bad_unnamed_flights=bad_unnamed_count,
+        watched_unnamed_flights=_count_unnamed_flights(
+            Level.WATCH, summaries, vehicles_of_headline
+        ),
+        simulated_flights=counts.simulated_flights,
+        undecided_flights=_labels_of_possibly_simulated_flights(summaries, names),
+        bad_names=bad_names,
+        are_all_described=len(bad_latest_texts) == bad_unnamed_count,
+    )
 
 
 def _labels_of_possibly_simulated_flights(
@@ -641,6 +678,21 @@ def flown_time_text(seconds: float) -> str:
     return f"{hours:.2g} h" if hours < MIN_WHOLE_HOURS else f"{hours:.0f} h"
 
 
+def _kinds_of_model_text(flights_by_tier: Mapping[str, int]) -> str:
+    """Returns how many flights allow which kind of model, such as "a full model (12) and slow motion (3)".
+
+    Args:
+        flights_by_tier: number of flights by tier, the kind of model that their logs allow; a tier may be missing.
+    """
+    texts = []
+    # In the order from the best tier to none.
+    for tier, model_description in TIER_WORDS.items():
+        flight_count = flights_by_tier.get(tier, 0)
+        if flight_count:
+            texts.append(f"{model_description} ({flight_count})")
+    return listed(texts)
+
+
 def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
     """Adds up the real flights of a fleet, their duration, and how many allow each kind of model (their tier).
 
@@ -668,11 +720,6 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
         dates += [date for date in (flown.first_date, flown.last_date) if date is not None]
     if not flight_count:
         return None
-    # Such as "a full model (12)", in the order from the best tier to none.
-    kinds_of_model = []
-    for tier, model_description in TIER_WORDS.items():
-        if flights_by_tier[tier]:
-            kinds_of_model.append(f"{model_description} ({flights_by_tier[tier]})")
     return FlownTotals(
         flights=flight_count,
         simulated=simulated_count,
@@ -680,7 +727,7 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
         settled_time=flown_time_text(settled_seconds),
         air_time=flown_time_text(air_seconds) if air_seconds else "",
         dates=[min(dates), max(dates)] if dates else [],
-        kinds=listed(kinds_of_model),
+        kinds=_kinds_of_model_text(flights_by_tier),
     )
 
 

@@ -1,7 +1,7 @@
 """Lines of the table of flights on a fleet's page: the cells of a flight, such as its judgement by status lights."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import degrees
 from typing import NamedTuple
 from urllib.parse import quote
@@ -270,8 +270,17 @@ def _notes_on_flight(flight: AxisRows) -> str:
         ]
     for row in flight:
         notes += row.warnings
+    return _first_notes(note for note in notes if note)
+
+
+def _first_notes(notes: Iterable[str]) -> str:
+    """Returns the first of some notes, one a line and each once, as many as ``MAX_NOTE_LENGTH`` letters have room for.
+
+    Args:
+        notes: sentences, the most important first.
+    """
     # A dictionary keeps each sentence once, in order.
-    sentences = dict.fromkeys(note for note in notes if note)
+    sentences = dict.fromkeys(notes)
     text = ""
     for sentence in sentences:
         # The first sentence, which matters most, is always shown.

@@ -373,30 +373,41 @@ def _cautions_on_gains(advice: AdviceByAxis, lowered_axes: Iterable[str]) -> lis
             are advised.
         lowered_axes: axes whose gains are lowered without a model of the loop.
     """
-    model_fractions = []
+    model_shares = []
     loop_cautions = []
     for axis, axis_advice in advice.items():
         if isinstance(axis_advice, Fact) or not axis_advice.parameters:
             continue
-        model_fraction = Fact(
+        model_share = Fact(
             GainFact.SHARE_OF_MODELS,
             share=axis_advice.sure,
             share_lacking=axis_advice.fraction_without_margins_before,
             is_sound=axis_advice.is_sound,
         )
-        model_fractions.append((axis, model_fraction))
+        model_shares.append((axis, model_share))
         identified_loop = axis_advice.before
         for caution in identified_loop.cautions:
             if is_about_gains_to_set(caution):
                 loop_cautions.append((axis, caution))
+    lowered = [(axis, Fact(GainFact.LOWERED_WITHOUT_MODEL)) for axis in lowered_axes]
+    sentences = sentences_by_axes([*lowered, *_least_share_first(model_shares)])
+    sentences += sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy"))
+    return sentences
+
+
+def _least_share_first(model_shares: Sequence[tuple[str, Fact]]) -> list[tuple[str, Fact]]:
+    """Sorts axes by the share of vehicle models with the required margins: the gains to trust least come first.
+
+    Axes with the same sentence stay together, at the place of the one with the least share.
+
+    Args:
+        model_shares: axes with the fact that states the share, as its figure ``share`` from 0 to 1.
+    """
     least_share_by_sentence = dict[str, float]()
-    for _, fact in model_fractions:
+    for _, fact in model_shares:
         sentence = str(fact)
         share = round(fact.figures["share"], 2)
         least_share_by_sentence[sentence] = min(share, least_share_by_sentence.get(sentence, share))
-    # The axis whose gains can be trusted least comes first; axes with the same sentence stay in order.
-    model_fractions.sort(key=lambda axis_and_fact: least_share_by_sentence[str(axis_and_fact[1])])
-    lowered = [(axis, Fact(GainFact.LOWERED_WITHOUT_MODEL)) for axis in lowered_axes]
-    sentences = sentences_by_axes([*lowered, *model_fractions])
-    sentences += sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy"))
-    return sentences
+    return sorted(
+        model_shares, key=lambda axis_and_fact: least_share_by_sentence[str(axis_and_fact[1])]
+    )

@@ -701,16 +701,26 @@ def tune_blocks(
         blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=_has_doubtful_margins(tuning, axis))
-    for finding in tuning.feedforward:
-        lead = f"{finding.figures['axis'].capitalize()}:"
-        blocks.append(Sentence(finding.sentence_and_remedy, lead))
+    blocks += _sentences_on_feedforward(tuning.feedforward)
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
-    outcomes = [_gain_outcome(tuning, axis) for axis in tuning.axes]
-    if GainOutcome.REPAIR_FIRST in outcomes:
+    if any(_gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST for axis in tuning.axes):
         blocks += render_section("tune_as_flown")
     if is_full:
         blocks += _warning_of_unchecked_effects(tuning)
     return blocks
+
+
+def _sentences_on_feedforward(findings: Iterable[Fact]) -> list[Sentence]:
+    """Returns a sentence for each axis that overshoots its setpoint because of feed-forward, with what to do.
+
+    Args:
+        findings: the fact (coded finding) for each such axis.
+    """
+    sentences = []
+    for finding in findings:
+        lead = f"{finding.figures['axis'].capitalize()}:"
+        sentences.append(Sentence(finding.sentence_and_remedy, lead))
+    return sentences
 
 
 def _without_reason_in_headline(

@@ -97,7 +97,7 @@ def next_step_of_learning(assessment: Assessment) -> Sentence:
 
 
 def summary(learned: Learned) -> str:
-    """Returns the report of a model alone as text, with the cautions on its use at the end.
+    """Returns what is printed about a learned model: its parameters and how well it predicts, then cautions on its use.
 
     Args:
         learned: the linear model that was learned from a flight.
@@ -598,11 +598,11 @@ def torque_blocks(learned: Learned) -> Blocks:
 
 
 def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
-    """Returns the errors of the forecasts of a model and of the baselines, over the held-out windows of a flight.
+    """Returns a table of forecast errors on held-out data, of a learned model and of the baselines, with a remark.
 
     Args:
         labels: names and units of the outputs.
-        held_out: forecasts in windows of the flight that their models were not trained on; None if there are none.
+        held_out: forecasts in windows of the flight on which no model was trained; None if there are none.
 
     Returns:
         A table with a row for each method, the best first: its RMSE of each output, and its error ratio (NMSE). After

@@ -207,14 +207,15 @@ def _with_recording(reason: Fact, signals: Signals) -> Fact:
 
 
 def _with_firmware(reason: Fact, telemetry: Telemetry) -> Fact:
-    """Adds the name of the ``firmware`` to a reason, and whether it ``is_too_old`` for the parameters that are missing.
+    """Adds to a reason why parameters are missing whether the firmware is too old to have them.
 
     Args:
         reason: the fact (coded finding) that the log lacks parameters of the mixer or of the rate controller.
         telemetry: autopilot, firmware and parameters of the vehicle.
 
     Returns:
-        The reason with both figures; unchanged if the log does not show whether the firmware has the parameters.
+        The reason with the figures ``firmware``, its name, and ``is_too_old``; unchanged if the log does not show
+        whether the firmware has the parameters.
     """
     if reason.code is ControllerFact.MIXER_IN_FILE:
         version = firmware_version(telemetry)

@@ -228,16 +228,11 @@ def tune_loops(
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
     no_loop = None
     if not advice_on_loops:
-        refusals = {axis: fact for axis, fact in advice_by_axis.items() if isinstance(fact, Fact)}
-        no_loop = _reason_for_no_loop(evidence, judgement, refusals)
+        no_loop = _reason_for_no_loop(evidence, judgement, advice_by_axis)
     parameters = _advised_parameters(advice_on_loops, notch_parameters)
     decisions = judgement.loop_decisions
     decisions_on_axes = [decisions[axis] for axis in axes if axis in decisions]
     gains_to_lower = lowered_gains(judgement.next_step, decisions_on_axes)
-    gyro_cutoff = None
-    if parameters and not notch_parameters and not reasons_of_vehicle:
-        loops = [advice.before for advice in advice_on_loops]
-        gyro_cutoff = gyro_cutoff_advice(loops, MARGIN_TARGETS[margins])
     arguments = _arguments_of_command(
         evidence, margins, raises_sound_gains=raises_sound_gains, filters=filters
     )
@@ -258,6 +253,10 @@ def tune_loops(
         is_written=is_written,
         must_be_repaired=bool(reasons_of_vehicle),
     )
+    gyro_cutoff = None
+    if parameters and not notch_parameters and not reasons_of_vehicle:
+        loops = [advice.before for advice in advice_on_loops]
+        gyro_cutoff = gyro_cutoff_advice(loops, MARGIN_TARGETS[margins])
     hover_to_tune = None
     if gains_to_lower and judgement.headline.forbids_flight:
         hover_to_tune = hover_before_tuning(evidence)
@@ -501,7 +500,7 @@ def _reasons_without_loop(assessment: Assessment, axes: Sequence[str]) -> dict[s
 
 
 def _reason_for_no_loop(
-    evidence: Evidence, judgement: Judgement, refusals: Mapping[str, Fact]
+    evidence: Evidence, judgement: Judgement, advice_by_axis: AdviceByAxis
 ) -> Fact:
     """Returns the finding that no control loop could be identified, with the reasons on the axes.
 
@@ -511,8 +510,9 @@ def _reason_for_no_loop(
     Args:
         evidence: signals, events and measurements of the vehicle.
         judgement: judgement of the vehicle, with its headline and what was found about its motors.
-        refusals: for each axis the reason why its loop is not known.
+        advice_by_axis: for each axis, in the place of advice, the fact that says why its loop is not known.
     """
+    refusals = {axis: fact for axis, fact in advice_by_axis.items() if isinstance(fact, Fact)}
     reasons = _joined_by_reason(refusals)
     must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
     if judgement.headline.is_bad and not must_be_repaired:

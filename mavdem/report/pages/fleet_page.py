@@ -119,7 +119,7 @@ def fleet_page(
         unused_blocks=blocks[summary_length:],
         vehicles=vehicles,
         bad_unnamed_flights=_bad_unnamed_flights(summaries),
-        unjudged=_move_reasons(vehicles),
+        unjudged=_move_reasons_to_table(vehicles),
         lights=[*Light],
         not_used=NOT_USED,
         least_urgency=Urgency.WATCH,
@@ -808,7 +808,7 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
     return sorted(counts, key=bad_and_watched, reverse=True)
 
 
-def _move_reasons(sections: Sequence[VehicleSection]) -> Table:
+def _move_reasons_to_table(sections: Sequence[VehicleSection]) -> Table:
     """Moves the reasons why motors were not compared between flights from the vehicles' sections to one table.
 
     Many vehicles of a fleet lack the same thing, such as enough flights to compare, and all their sections would say
@@ -816,11 +816,11 @@ def _move_reasons(sections: Sequence[VehicleSection]) -> Table:
 
     Args:
         sections: sections of the page, one for each vehicle. The summary of a vehicle whose motors were not compared is
-            the reason. This function empties it where several vehicles have one.
+            the reason. If there are several such vehicles, this function empties these summaries.
 
     Returns:
-        The reasons with their numbers of vehicles, the most frequent first. They add up to the vehicles that the
-        summary of the fleet counts. There is none of a single vehicle, whose section has its reason.
+        Rows with a reason and the number of its vehicles, the most frequent first. No rows if there is only one such
+        vehicle: its section keeps the reason.
     """
     rows = []
     uncompared_sections = [section for section in sections if not section.is_compared]

@@ -135,7 +135,11 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
 
 
 def health_figures(row: FlightRow) -> Mapping[str, Any]:
-    """Returns the figures that the judgement of a flight's motors states, by name; empty where they are not known."""
+    """Returns the figures behind the judgement of a flight's motors, such as the lost thrust, by name.
+
+    Args:
+        row: row of the flight in the fleet's table. Without figures, as in rows of old versions, the result is empty.
+    """
     figures: Mapping[str, Any] = json.loads(row.health_figures or "{}")
     return figures
 
@@ -191,12 +195,12 @@ def _fleet_document(flights: Flights) -> Mapping[str, Any]:
 
 
 def _fleet_judgement(flights: Flights) -> Mapping[str, Any]:
-    """Returns the part of a fleet's document that judges its motors, the only judgement of a fleet as a whole.
+    """Returns the judgement of a fleet's motors as part of its document, with the keys of a flight's review.
 
-    It has one status light, that of the motors in the latest flight, with their level in each flight (``levels``), and
-    the file and day of each and whether it is only a reference (``flights``). If the motors have an anomaly, that is
-    also the headline, with the next step. A bad headline by the log of the latest flight alone, such as a crash, is
-    more urgent: then there is neither.
+    Motors are all that is judged of a fleet as a whole. Their status light is that of the latest flight, with their
+    level in each flight (``levels``), and which flights these are (``flights``). If the motors have an anomaly, that is
+    also the headline, with the next step. There is neither if the latest flight has a bad headline by its own log, such
+    as a crash, which is more urgent.
 
     Args:
         flights: flights of the fleet in order of date, at least one, with the health of their motors.
@@ -219,7 +223,7 @@ def _fleet_judgement(flights: Flights) -> Mapping[str, Any]:
 
 
 def _flight_document(row: FlightRow) -> JsonValues:
-    """Returns which flight of a fleet it is, and whether its motors are only the reference of others.
+    """Returns file and day of a flight for a fleet's document, and whether it is only a reference for other flights.
 
     Args:
         row: row of the flight, for the axis whose motors are in the worst health.
@@ -251,10 +255,10 @@ def _motor_health_document(row: FlightRow) -> JsonValues:
 def review_with_anomaly(
     review: Mapping[str, Any], anomaly: MotorAnomaly | None
 ) -> Mapping[str, Any]:
-    """Returns the review document of a flight, with its motors judged also by the other flights of the vehicle.
+    """Returns the review document of a flight with an anomaly of the motors that only other flights of it show.
 
-    The review itself judges the log alone. An anomaly of the motors, which only a comparison with other flights shows,
-    replaces two parts of it, so that lists and comparisons of flights judge them in the same way as their pages do:
+    The review itself judges the log alone. The anomaly replaces two parts of it, so that lists and comparisons of
+    flights judge the motors in the same way as their pages do:
 
     - The status light of the motors, even one of the same level. If the anomaly names no motor, and the light by the
       log alone names one, the sentence of this light is kept beside the anomaly, and all of it as ``by_log_alone``.
@@ -283,15 +287,16 @@ def review_with_anomaly(
 
 
 def _light_with_anomaly(light: Mapping[str, Any], anomaly: MotorAnomaly) -> Mapping[str, Any]:
-    """Returns the motors' light of a review document, judged also by the other flights of the vehicle.
+    """Returns the motors' status light of a review document with an anomaly that other flights show.
 
     Args:
-        light: the light by the log alone.
+        light: the light as the log alone shows it, by the keys of a fact in a review document, such as "level".
         anomaly: the anomaly of the motors.
 
     Returns:
-        The light by the log alone if that is bad. Otherwise the light with the anomaly; if the anomaly names no motor,
-        and the log alone warns of one, the sentence of that light follows, and all of it stands in ``by_log_alone``.
+        The unchanged light if it is bad: nothing is worse. Otherwise the anomaly in its place. If the anomaly names no
+        motor, but the log alone warns of one, that sentence follows, and the light of the log is kept under the key
+        ``by_log_alone``.
     """
     level_of_log = Level(light.get("level") or Level.UNKNOWN)
     if level_of_log is Level.BAD:
@@ -305,7 +310,7 @@ def _light_with_anomaly(light: Mapping[str, Any], anomaly: MotorAnomaly) -> Mapp
 
 
 def _anomaly_document(anomaly: MotorAnomaly, subject: str = "") -> JsonValues:
-    """Returns an anomaly in the form that facts have in a review document, with its figures and their units.
+    """Returns an anomaly by the keys that a fact has in a review document, with its figures and their units.
 
     Args:
         anomaly: the anomaly.
@@ -317,7 +322,7 @@ def _anomaly_document(anomaly: MotorAnomaly, subject: str = "") -> JsonValues:
 
 
 def _sentence_document(anomaly: MotorAnomaly, text: str, subject: str = "") -> JsonValues:
-    """Returns a sentence about an anomaly, without its figures, in the form that facts have in a review document.
+    """Returns a sentence about an anomaly by the keys that a fact has in a review document, without figures.
 
     Args:
         anomaly: the anomaly.
