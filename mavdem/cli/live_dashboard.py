@@ -148,16 +148,9 @@ class Dashboard:
             resources.pop_all()
         if self._server is not None:
             self.sign_in_link = self._server.sign_in_link
-            place = " of this machine" if address is not None and address.is_on_this_machine else ""
-            self.advice = _with_missing_extra(
-                f"Open {self._server.address} in a browser{place}.", missing_view
-            )
+            self.advice = _with_missing_extra(_advice_on_page(self._server, address), missing_view)
         elif web_server is not None:
-            self.advice = _with_missing_extra(
-                f"Open {web_server.page} in a browser. It is Rerun's own page, which requests fonts from Google and "
-                "reports its use to Rerun.",
-                missing_server,
-            )
+            self.advice = _with_missing_extra(_advice_on_rerun_page(web_server), missing_server)
 
     def _start_rerun_view(
         self, rrd: Path | None, connect: str | None, web_server: WebServer | None
@@ -269,6 +262,29 @@ class Dashboard:
             self._server.close()
         if self.view is not None:
             self.view.close()
+
+
+def _advice_on_page(server: LiveServer, address: PageAddress | None) -> str:
+    """Returns the sentence that says in which browsers to open the page of the session.
+
+    Args:
+        server: The server of the page.
+        address: Where browsers find the page.
+    """
+    place = " of this machine" if address is not None and address.is_on_this_machine else ""
+    return f"Open {server.address} in a browser{place}."
+
+
+def _advice_on_rerun_page(web_server: WebServer) -> str:
+    """Returns the advice to open Rerun's own page, and what that sends to others.
+
+    Args:
+        web_server: Rerun's server for browsers.
+    """
+    return (
+        f"Open {web_server.page} in a browser. It is Rerun's own page, which requests fonts from Google and "
+        "reports its use to Rerun."
+    )
 
 
 def _with_missing_extra(advice: str, missing_extra: Fact | None) -> str:

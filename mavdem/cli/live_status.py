@@ -515,11 +515,10 @@ class StatusLines:
             self.terminal_text.update(status_block, refresh=True)
 
     def _print_watch_changes(self, status: SessionStatus) -> None:
-        """Prints which quantities the session watches now, and which no longer, with the reason, if that has changed.
+        """Prints which quantities the session watches for faults now, and which not and why, if that has changed.
 
-        A session compares quantities such as the battery and the vibration with their values earlier in the flight,
-        also without a model. A change is printed once it is stable, so that quantities which become known one after the
-        other share a line.
+        Quantities are, for example, the battery and the vibration. A change is printed once it is stable, so that
+        quantities which become known one after the other share a line.
 
         Args:
             status: State of the live session, with a fact (coded finding) for each of these quantities: since when it

@@ -51,7 +51,7 @@ DEFAULT_METHOD = MethodName.JOINT
 """The method by which ``mavdem.learn`` and the commands forecast."""
 
 
-def _default_methods() -> Iterator[Method]:
+def _compared_methods() -> Iterator[Method]:
     """Yields the methods of ``mavdem compare``, the reference first: mavdem's default is compared with all others.
 
     They are DEM by several settings; subspace identification, prediction-error method (PEM) and expectation
@@ -79,7 +79,7 @@ def _default_methods() -> Iterator[Method]:
     yield Method("zero", methods.zero)
 
 
-METHODS = tuple(_default_methods())
+METHODS = tuple(_compared_methods())
 """The methods of ``mavdem compare``; the first is compared with each of the others."""
 
 STANDARD_METHOD_NAMES = (

@@ -172,16 +172,18 @@ class Comparison:
         return Comparison(tuple(windows), self.methods, tuple(outcomes))
 
     def with_reference(self, method: str) -> Comparison:
-        """Returns the same outcomes with another first method, with which the others are compared.
+        """Returns the comparison with another method in the first place, with which tests compare the others.
 
         Args:
             method: name of the method that becomes the first; the others keep their order.
         """
-        index = self.methods.index(method)
-        methods = (method, *self.methods[:index], *self.methods[index + 1 :])
+        first = self.methods.index(method)
+        others = [index for index in range(len(self.methods)) if index != first]
+        order = [first, *others]
+        methods = tuple(self.methods[index] for index in order)
         outcomes = []
-        for of_window in self.outcomes:
-            outcomes.append((of_window[index], *of_window[:index], *of_window[index + 1 :]))
+        for outcomes_in_window in self.outcomes:
+            outcomes.append(tuple(outcomes_in_window[index] for index in order))
         return Comparison(self.windows, methods, tuple(outcomes))
 
     def summaries(self, flight: str, kind: ForecastKind = KNOWN_INPUTS) -> tuple[JsonValues, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import nan
 from pathlib import Path
 from shutil import copyfile
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -48,16 +48,8 @@ class RawRecording:
             MissingExtra: the libraries of MCAP are not installed.
         """
         require_extra_of_file(path)
-        try:
-            self._file = open(path, "xb")  # noqa: SIM115 - open until close()
-        except FileExistsError:
-            raise Unreadable(
-                LinkFact.STREAM_FILE_EXISTS, path=path, free_path=_free_path(Path(path))
-            ) from None
-        except OSError as error:
-            raise Unreadable(
-                LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
-            ) from None
+        # It is open until ``close``.
+        self._file = _create_file(path)
         self.frame_count = 0
         self._path = path
         # Number of bytes of a .tlog so far, and of those until the last frame of each system and component.
@@ -359,8 +351,33 @@ def _stamped_records(records: bytes) -> list[_StampedRecord]:
     return stamped_records
 
 
+def _create_file(path: PathName) -> BinaryIO:
+    """Creates a file for a recording and opens it for writing.
+
+    Args:
+        path: path of the file.
+
+    Raises:
+        Unreadable: the file exists, or cannot be created. If it exists, the error names a free path.
+    """
+    try:
+        return open(path, "xb")
+    except FileExistsError:
+        raise Unreadable(
+            LinkFact.STREAM_FILE_EXISTS, path=path, free_path=_free_path(Path(path))
+        ) from None
+    except OSError as error:
+        raise Unreadable(
+            LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
+        ) from None
+
+
 def _free_path(path: Path) -> Path:
-    """Returns the first path of no file for a further recording, such as "flight-2.tlog" beside "flight.tlog"."""
+    """Returns the path of a further recording beside one: "flight-2.tlog" for "flight.tlog", or the next free number.
+
+    Args:
+        path: path of the recording that exists.
+    """
     number = 2
     while path.with_stem(f"{path.stem}-{number}").exists():
         number += 1

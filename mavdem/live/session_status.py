@@ -1832,39 +1832,49 @@ def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
 
 
 def _lights_of_recording(lights_in_flight: NamedFacts, recording_verdict: Fact) -> dict[str, Fact]:
-    """Returns the lights (judgements of the parts of the vehicle) after the recording of a flight was judged.
+    """Returns the final judgement of each part of the vehicle, after the recording of its flight was judged.
 
-    Where the recording judges a part, its light takes the place of the light in flight, even one of the same level, so
-    that all figures on the page are those of the recording. For what it leaves unknown see
-    :func:`_light_after_recording`.
+    The judgement by the recording takes the place of that in flight, even one of the same level, so that all figures on
+    the page are those of the recording. For what it leaves unknown see :func:`_light_after_recording`.
 
     Args:
         lights_in_flight: the judgement of each part by the session, by the name of the part.
-        recording_verdict: the library's judgement of the recording. By the same names, its figures have the level of
-            each part, empty if that is not judged; a sentence; and a short figure such as "14.9 V". Libraries of
-            earlier versions have neither sentence nor figure.
+        recording_verdict: the library's judgement of the recording.
     """
-    levels: Mapping[str, str] = recording_verdict.figures["levels"]
-    sentences: Mapping[str, str] = recording_verdict.figures["light_sentences"]
-    figures: Mapping[str, str] = recording_verdict.figures.get("light_figures", {})
     lights = {}
     for part, light_in_flight in lights_in_flight.items():
-        level = levels[part]
-        sentence = sentences.get(part, "")
-        # Without a sentence the light in flight says more than the same level alone: it has figures.
-        says_more_in_flight = level == light_in_flight.level and not sentence
-        was_not_judged = level == ""
-        if says_more_in_flight or was_not_judged:
+        recorded_light = _light_in_verdict(part, recording_verdict)
+        if recorded_light is None:
             lights[part] = light_in_flight
             continue
-        recorded_light = Fact(
-            SessionFact.LIGHT_OF_RECORDING,
-            Level(level),
-            statement=sentence,
-            figure=figures.get(part, ""),
-        )
-        lights[part] = _light_after_recording(recorded_light, light_in_flight)
+        has_same_level = recorded_light.level == light_in_flight.level
+        if has_same_level and not recorded_light.figures["statement"]:
+            # The light in flight has figures, and so says more than the same level without a sentence.
+            lights[part] = light_in_flight
+        else:
+            lights[part] = _light_after_recording(recorded_light, light_in_flight)
     return lights
+
+
+def _light_in_verdict(part: str, recording_verdict: Fact) -> Fact | None:
+    """Returns how the verdict on a recording judges one part of the vehicle, such as its motors; None if it does not.
+
+    Args:
+        part: name of the part.
+        recording_verdict: the library's judgement of the recording. By the name of the part, its figures have the
+            level, empty if that is not judged; a sentence; and a short figure such as "14.9 V". Libraries of earlier
+            versions have neither sentence nor figure.
+    """
+    verdict_figures = recording_verdict.figures
+    level = verdict_figures["levels"][part]
+    if not level:
+        return None
+    return Fact(
+        SessionFact.LIGHT_OF_RECORDING,
+        Level(level),
+        statement=verdict_figures["light_sentences"].get(part, ""),
+        figure=verdict_figures.get("light_figures", {}).get(part, ""),
+    )
 
 
 def _verdict_by_shown_lights(recording_verdict: Fact, lights: NamedFacts) -> Fact:

@@ -165,10 +165,27 @@ class PredictionErrorLikelihood(NamedTuple):
         """
         model, starts, segments = self.with_parameters(parameters)
         derivatives = []
-        for index, (inputs, outputs) in enumerate(segments):
-            states = model.predicted_states(starts[index], inputs, outputs)[:-1]
-            derivatives.append(_segment_derivatives(model, states, inputs, outputs, index, starts))
+        for number, (inputs, outputs) in enumerate(segments):
+            states = model.predicted_states(starts[number], inputs, outputs)[:-1]
+            first_sensitivity = self._first_state_derivatives(number)
+            derivatives.append(
+                _segment_derivatives(model, states, inputs, outputs, first_sensitivity)
+            )
         return np.concatenate(derivatives).transpose(2, 0, 1)
+
+    def _first_state_derivatives(self, number: int) -> Array:
+        """Returns the derivatives (n, f) of the first state of a segment with respect to the parameters.
+
+        The first states of the segments are the last parameters, so that these are zeros and an identity matrix.
+
+        Args:
+            number: number of the segment, from 0.
+        """
+        order = self.starts.shape[1]
+        first_column = len(self.parameters) - self.starts.size + order * number
+        derivatives = np.zeros((order, len(self.parameters)))
+        derivatives[:, first_column : first_column + order] = np.eye(order)
+        return derivatives
 
     def value(self, parameters: Array) -> float:
         """Returns the log likelihood of the training data, up to a constant, for one vector of the parameters.
@@ -214,7 +231,7 @@ class PredictionErrorLikelihood(NamedTuple):
 
 
 def _segment_derivatives(
-    model: StateSpace, states: Array, inputs: Array, outputs: Array, index: int, starts: Array
+    model: StateSpace, states: Array, inputs: Array, outputs: Array, first_sensitivity: Array
 ) -> Array:
     """Returns the derivatives of the one-step prediction errors of one segment with respect to all parameters of PEM.
 
@@ -223,44 +240,59 @@ def _segment_derivatives(
         states: (T, n) predicted states.
         inputs: (T, k).
         outputs: (T, m).
-        index: number of the segment, from 0.
-        starts: (segments, n) first states of all segments; those of other segments have no effect.
+        first_sensitivity: (n, f) derivatives of the first state with respect to the parameters.
 
     Returns:
         Derivatives (T, m, f), in the order of ``PredictionErrorLikelihood.parameters``.
     """
-    samples, n = states.shape
-    m = outputs.shape[1]
-    innovations = outputs - model.noise_free_outputs(states, inputs)
-    ones = np.ones((samples, 1))
-    identity = np.eye(n)
-    # What each parameter adds to the next state: entry (i, j) of a matrix adds signal j to state i, but one of C adds
-    # its change of the prediction, times the gain. The first states add nothing later.
-    effects_on_next_state = np.concatenate(
-        [
-            _effects(identity, states),
-            _effects(identity, inputs - model.input_trim),
-            _effects(-model.K, states),
-            _effects(identity, innovations),
-            _effects(identity, ones),
-            np.zeros((samples, n, starts.size)),
-        ],
-        axis=2,
-    )
-    first_of_C = n * n + model.B.size
-    first_of_starts = effects_on_next_state.shape[2] - starts.size
+    effects = _effects_on_next_state(model, states, inputs, outputs)
+    model_parameter_count = effects.shape[2]
     transition = model.A - model.K @ model.C
-    sensitivities = np.zeros_like(effects_on_next_state)
-    own_start = first_of_starts + n * index
-    sensitivities[0, :, own_start : own_start + n] = identity
-    for t in range(samples - 1):
-        sensitivities[t + 1] = transition @ sensitivities[t] + effects_on_next_state[t]
+    sensitivities = np.empty((len(states), *first_sensitivity.shape))
+    sensitivities[0] = first_sensitivity
+    for t in range(len(states) - 1):
+        sensitivities[t + 1] = transition @ sensitivities[t]
+        sensitivities[t + 1, :, :model_parameter_count] += effects[t]
     derivatives = -model.C @ sensitivities
-    derivatives[:, :, first_of_C : first_of_C + model.C.size] -= _effects(np.eye(m), states)
+    # A change of C also changes the predicted output of the same state.
+    first_of_C = model.A.size + model.B.size
+    derivatives[:, :, first_of_C : first_of_C + model.C.size] -= _effects_of_entries(
+        np.eye(len(model.C)), states
+    )
     return derivatives
 
 
-def _effects(directions: Array, signals: Array) -> Array:
+def _effects_on_next_state(
+    model: StateSpace, states: Array, inputs: Array, outputs: Array
+) -> Array:
+    """Returns what each parameter of a model adds to the next predicted state, when it grows by 1.
+
+    Entry (i, j) of A, B and K adds signal j to state i. One of C adds its change of the predicted output, times −K.
+
+    Args:
+        model: the model in innovation form, n states, k inputs and m outputs, without feedthrough.
+        states: (T, n) predicted states.
+        inputs: (T, k).
+        outputs: (T, m).
+
+    Returns:
+        Effects (T, n, p) of the p entries of A, B, C, K and the offset, each row by row.
+    """
+    innovations = outputs - model.noise_free_outputs(states, inputs)
+    identity = np.eye(states.shape[1])
+    return np.concatenate(
+        [
+            _effects_of_entries(identity, states),
+            _effects_of_entries(identity, inputs - model.input_trim),
+            _effects_of_entries(-model.K, states),
+            _effects_of_entries(identity, innovations),
+            _effects_of_entries(identity, np.ones((len(states), 1))),
+        ],
+        axis=2,
+    )
+
+
+def _effects_of_entries(directions: Array, signals: Array) -> Array:
     """Returns what each entry of a matrix adds to its product with signals, when it grows by 1.
 
     Args:

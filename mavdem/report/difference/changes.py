@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mavdem.containers import group_by
 from mavdem.dataset.axes import AXES
@@ -280,49 +280,57 @@ def result_sentences(
     """
     difference = reviewed.difference
     causes = changes_by_cause(difference, changes)
-    unexplained_changes = causes.unexplained
     by_lean = trims_explained_by_lean(reviewed)
     doubtful = _doubtful_changes_to_name(reviewed)
     # Doubtful changes take the place of confirmed ones if there are none.
-    candidates = unexplained_changes or doubtful
+    candidates = causes.unexplained or doubtful
     main_change = largest_of_first_kind(candidates)
     further_changes = [change for change in candidates if change is not main_change]
-    largest_doubtful = largest_of_first_kind(doubtful)
-    doubtful_text = ""
-    if largest_doubtful is not None and unexplained_changes:
-        doubtful_text = change_text(largest_doubtful, difference)
-    outcomes = _outcome_counts(difference.changes, reviewed)
-    # Of some figures it was not tested whether they changed.
-    tested_outcomes = _outcome_counts(difference.tested, reviewed)
+    largest_doubtful = largest_of_first_kind(doubtful) if causes.unexplained else None
     return render_section(
         "difference_conclusion",
         change="" if main_change is None else change_text(main_change, difference),
         further_changes=[change_text(change, difference) for change in further_changes],
-        is_doubtful=not unexplained_changes,
+        is_doubtful=not causes.unexplained,
         has_doubt=bool(doubtful_changes(reviewed)),
-        doubtful=doubtful_text,
+        doubtful="" if largest_doubtful is None else change_text(largest_doubtful, difference),
         fault_rise=FAULT_RISE,
         by_lean=[_text_with_lean(change, difference) for change in by_lean],
         has_changes_by_lean=bool(causes.by_lean),
         fault_probability=fault_probability_beside_doubtful_trims(reviewed, [*doubtful, *by_lean]),
         excludes_weak_motor=reviewed.motors.excludes_weak_motor,
-        uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
-        same_count=outcomes[QuantityOutcome.SAME],
-        count=tested_outcomes.total(),
-        untested_count=len(difference.changes) - len(difference.tested),
-        limits_of_detection=_limits_of_detection(reviewed),
-        limit_without_lean=_limit_of_trims_without_lean(difference.tested),
         is_below_weak_motor=main_change is not None and _is_below_weak_motor(main_change),
-        unsure_count=tested_outcomes[QuantityOutcome.UNCERTAIN],
-        families=difference.tested_families,
-        subjects_not_compared=_subjects_with_reasons(reviewed),
-        has_figures=bool(difference.changes),
         has_changes_by_gains=bool(causes.by_gains),
         has_bad_light=bool(bad_lights(reviewed.reviews)),
         has_motor_difference=reviewed.motors.differs,
         has_difference_above=has_difference_above,
         are_two_vehicles=reviewed.are_two_vehicles,
+        **_extent_of_comparison(reviewed),
     )
+
+
+def _extent_of_comparison(reviewed: ReviewedDifference) -> dict[str, Any]:
+    """Returns how many figures were compared, and what changes may not show, by the names in the result's template.
+
+    Args:
+        reviewed: comparison of two states, quantity by quantity.
+    """
+    difference = reviewed.difference
+    outcomes = _outcome_counts(difference.changes, reviewed)
+    # Of some figures it was not tested whether they changed.
+    tested_outcomes = _outcome_counts(difference.tested, reviewed)
+    return {
+        "uncertain_count": outcomes[QuantityOutcome.UNCERTAIN],
+        "same_count": outcomes[QuantityOutcome.SAME],
+        "count": tested_outcomes.total(),
+        "untested_count": len(difference.changes) - len(difference.tested),
+        "limits_of_detection": _limits_of_detection(reviewed),
+        "limit_without_lean": _limit_of_trims_without_lean(difference.tested),
+        "unsure_count": tested_outcomes[QuantityOutcome.UNCERTAIN],
+        "families": difference.tested_families,
+        "subjects_not_compared": _subjects_with_reasons(reviewed),
+        "has_figures": bool(difference.changes),
+    }
 
 
 def _doubtful_changes_to_name(reviewed: ReviewedDifference) -> list[QuantityChange]:

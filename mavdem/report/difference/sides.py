@@ -47,17 +47,34 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
             if days_text and days_text not in name:
                 parts.append(f"flown {days_text}")
         else:
-            date = value_at(review, "identity.date")
-            if date:
-                parts.append(f"{str(date)[:ISO_MINUTE_LENGTH].replace('T', ' ')} UTC")
-            if side == STATE_NAMES[-1]:
-                parts.append(time_from_a_to_b(reviewed))
+            parts += _date_texts(side, reviewed)
         settled_seconds = value_at(review, "condition.hover.seconds")
         if settled_seconds:
             parts.append(f"{settled_seconds:.0f} s of settled flight")
         known_parts = [part for part in parts if part]
         descriptions[side] = ", ".join(known_parts)
     return descriptions
+
+
+def _date_texts(side: str, reviewed: ReviewedDifference) -> list[str]:
+    """Returns when the flight of a side began, such as "2026-01-05 10:00 UTC"; for B also how long after A that was.
+
+    Args:
+        side: "A" or "B".
+        reviewed: comparison of the two states, beside the reviews of their logs.
+
+    Returns:
+        The texts; empty if the date is not known.
+    """
+    texts = []
+    date = value_at(reviewed.reviews.get(side, {}), "identity.date")
+    if date:
+        minute = str(date)[:ISO_MINUTE_LENGTH].replace("T", " ")
+        texts.append(f"{minute} UTC")
+    time_text = time_from_a_to_b(reviewed)
+    if side == STATE_NAMES[-1] and time_text:
+        texts.append(time_text)
+    return texts
 
 
 def _days_text(review: Mapping[str, JsonValues]) -> str:

@@ -40,15 +40,10 @@ def reviews_with_sure_trim(
     """
     _, second_side = STATE_NAMES
     review = reviews.get(second_side, {})
-    light = value_at(review, f"lights.{Light.MOTORS}") or {}
-    health = review.get("motor_health") or {}
-    probability = health.get("fault_probability")
     trim = _trim_that_surely_rose(motors)
-    is_weak_motor_doubted = probability is not None and probability < PROBABLE
-    is_by_all_trims = light.get("sentence") == health.get("sentence")
-    is_watched = light.get("level") == Level.WATCH and is_by_all_trims
+    probability = _doubted_probability(review)
     has_several_flights = max(difference.flights) > 1
-    if trim is None or not is_weak_motor_doubted or not is_watched or has_several_flights:
+    if trim is None or probability is None or has_several_flights:
         return reviews
     [sentence] = render_section(
         "difference_sure_trim",
@@ -56,10 +51,31 @@ def reviews_with_sure_trim(
         increase=increase_with_interval(trim),
         probability=probability,
     )
+    light = review["lights"][Light.MOTORS]
     figures = (light.get("figures") or {}) | {"rise": (trim.difference, *trim.interval)}
     stated_light = light | {"sentence": sentence.text, "figures": figures}
     lights = review["lights"] | {Light.MOTORS: stated_light}
     return {**reviews, second_side: {**review, "lights": lights}}
+
+
+def _doubted_probability(review: Review) -> float | None:
+    """Returns the probability of a weak motor if the motors are to be watched, but are probably not weak.
+
+    Args:
+        review: review document of a log.
+
+    Returns:
+        The probability by all trims together; None if it is not known or not small, or if the light of the motors is
+        not of the level "watch" or states something else.
+    """
+    light = value_at(review, f"lights.{Light.MOTORS}") or {}
+    health = review.get("motor_health") or {}
+    probability: float | None = health.get("fault_probability")
+    is_by_all_trims = light.get("sentence") == health.get("sentence")
+    is_watched = light.get("level") == Level.WATCH and is_by_all_trims
+    if probability is None or probability >= PROBABLE or not is_watched:
+        return None
+    return probability
 
 
 def _trim_that_surely_rose(motors: MotorVerdict) -> QuantityChange | None:

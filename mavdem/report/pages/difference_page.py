@@ -1279,21 +1279,22 @@ def _flight_dots(
         trim_changes: the compared trim of each motor, with its values in all flights as a fraction.
         reviews_by_side: review documents by side; that of a fleet has the state of the motors in each flight.
     """
+    trims_of_flights = []
+    for change in trim_changes:
+        trims_of_flights.append(change.flights_before if side == "A" else change.flights_after)
+    # Trims and positions have a row for each motor and a column for each flight.
+    trims = 100 * np.array(trims_of_flights)
+    flight_count = trims.shape[1]
+    offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, flight_count)
     columns = _columns(side, [change.quantity.motor for change in trim_changes])
-    positions: list[Array] = []
-    trims: list[Array] = []
-    for change, column in zip(trim_changes, columns, strict=True):
-        values = change.flights_before if side == "A" else change.flights_after
-        offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, len(values))
-        positions.append(column + FLIGHT_DOTS_OFFSET + offsets)
-        trims.append(100 * np.array(values))
-    states = np.array(_motor_states(reviews_by_side.get(side, {}), len(trims[0])))
+    positions = columns[:, np.newaxis] + FLIGHT_DOTS_OFFSET + offsets
+    states = np.array(_motor_states(reviews_by_side.get(side, {}), flight_count))
     lines = []
     for state, colour in STATE_COLOURS.items():
-        # Positions and trims have a row for each motor and a column for each flight.
-        x = np.array(positions)[:, states == state].ravel()
-        y = np.array(trims)[:, states == state].ravel()
-        if len(x):
+        is_in_state = states == state
+        if is_in_state.any():
+            x = positions[:, is_in_state].ravel()
+            y = trims[:, is_in_state].ravel()
             state_name = state if state == REFERENCE else f"motors {state}"
             lines.append(Line(f"{name}, {state_name}", colour, x, y, style=SIDE_SHAPES[side]))
     return lines
