@@ -102,13 +102,13 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     has_weak_motor = motors.is_bad or "weak_motor" in headline.figures
     is_loss = headline.code in Ending
     reason = headline.replace(suspect=motors.subject) if is_loss and has_weak_motor else headline
-    return step.replace(reason=reason, also=_lights_to_heed_besides(reason, lights))
+    return step.replace(reason=reason, also=_other_lights_with_advice(reason, lights))
 
 
-def _lights_to_heed_besides(headline: Fact, lights: NamedFacts) -> Facts:
-    """Returns the status lights whose advice the pilot should follow besides that of the headline.
+def _other_lights_with_advice(headline: Fact, lights: NamedFacts) -> Facts:
+    """Returns the status lights, besides the headline, whose advice the pilot should follow too.
 
-    These are lights whose fault the headline does not cause:
+    These are lights whose fault is not a consequence of the one in the headline:
 
     - After a loss of the vehicle every bad light may be the reason for the loss.
     - The power is bad for reasons of its own under any other headline. Even a battery that is only to be watched has

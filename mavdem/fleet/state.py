@@ -172,7 +172,7 @@ def state_of_log(path: Path) -> VehicleState:
     assessments: list[Assessment] = []
 
     def keep_assessment(_: str, assessment: Assessment) -> str:
-        """Keeps the assessment; it takes the place of the function that makes the page of a flight, and makes none."""
+        """Stores the assessment of a vehicle, and returns an empty page: none is needed here."""
         assessments.append(assessment)
         return ""
 
@@ -195,11 +195,11 @@ def with_motors_judged(
 ) -> tuple[VehicleState, VehicleState]:
     """Judges the motors in all flights of both states together, as ``mavdem track`` judges the flights of a vehicle.
 
-    What a fleet knows of its own flights says nothing of the other state: flights that are all weak are taken for
-    healthy there. So they are judged again, together with all flights of the vehicle in both fleets, by the baselines
-    of these or else by the first sound flights. If one of the states is older than the other, only flights before the
-    newer one are taken for healthy: its own would hide what changed. Two vehicles cannot be judged together, and keep
-    what is known of each.
+    Each fleet has judged its own flights already, but only among themselves: if all are weak, they seem healthy. So the
+    flights are judged again, together with all flights of the vehicle in both fleets, by comparison with their
+    baselines or, without any, with the first sound flights. If one state is older than the other, only flights before
+    the newer one count as healthy, since its own would hide what changed. Flights of different vehicles are not judged
+    again.
 
     Args:
         before: flights of the first state.
@@ -286,14 +286,14 @@ def rows_judged_by_each_other(
 
 
 def rows_with_known_health(library_rows: FlightRows, pair_rows: FlightRows) -> FlightRows:
-    """Returns the rows of a compared flight with the best known health of its motors.
+    """Returns the rows of a compared flight with the health of its motors by as many other flights as possible.
 
     Args:
         library_rows: rows of the flight, with the health by all flights of its vehicle in the library.
         pair_rows: the same rows, with the health by the two compared flights alone.
 
     Returns:
-        The rows of the library, or those of the pair where the library knows no health yet.
+        The rows of the library. If the library has not judged the motors, the rows of the pair.
     """
     if any(row.health != UNKNOWN for row in library_rows):
         return library_rows

@@ -394,6 +394,7 @@ def _measured_step_response(
     moving_pieces = _pieces_with_moving_setpoint(signals_on_grid, subject, STEP_SECONDS[loop])
     if isinstance(moving_pieces, Fact):
         return moving_pieces
+    # The angle feeds back into the setpoint of the rate loop, but not into that of the attitude loop.
     angle_gain = 0.0
     if loop == "rate":
         angle_gain = _angle_gain_around_rate_loop(signals)

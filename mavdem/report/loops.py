@@ -255,7 +255,7 @@ def _remedies_not_stated_yet(tuning: Tuning, remedies: Iterable[str]) -> list[st
         is_in_next_step = remedy.removesuffix(".").lower() in next_step
         if is_in_next_step or remedy in texts_in_next_step:
             continue
-        new_part = _without_texts(remedy, remedies_of_flight)
+        new_part = _without_repetition(remedy, remedies_of_flight)
         if new_part:
             new_remedies.append(new_part)
     return new_remedies
@@ -292,16 +292,15 @@ def _remedies_besides_flight(tuning: Tuning, axis: str) -> list[str]:
     return [*remedies_towards_gains, *remedies]
 
 
-def _without_texts(text: str, texts_beside: Iterable[str]) -> str:
-    """Removes from a text what other texts, which the reader has beside it, say already; nothing may be left.
+def _without_repetition(text: str, texts_beside: Iterable[str]) -> str:
+    """Returns a text without the sentences that the reader finds beside it, such as "Fly doublets."; it may be empty.
 
     Args:
         text: one or several sentences.
-        texts_beside: the other texts. Each of them that is contained in the text as a whole is removed.
+        texts_beside: the sentences beside it. Each of them is removed where the text contains it as a whole.
     """
-    for other in texts_beside:
-        if other:
-            text = text.replace(other, "")
+    for text_beside in texts_beside:
+        text = text.replace(text_beside, "")
     return " ".join(text.split())
 
 
@@ -378,7 +377,7 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
 
 
 def _sluggish_axes(tuning: Tuning) -> list[str]:
-    """Returns the axes whose rate follows too little of its setpoint with the logged gains, by the identified loop."""
+    """Returns the axes, such as "yaw", whose rate loop is too slow with the logged gains to follow its setpoint."""
     axes = []
     for advice in tuning.advice:
         if advice.rate_sluggish is not None:
@@ -689,13 +688,13 @@ def tune_blocks(
         if isinstance(advice, Fact):
             blocks += _sentences_without_loop(tuning, axes, headline_above)
             continue
-        facts = _stated_ratings(tuning, axis, is_page=is_page)
+        facts = _rating_to_state(tuning, axis, is_page=is_page)
         # The gains of axes with the same advice were described together, above.
         if axis not in axes_in_shared_sentences:
             facts += _facts_on_new_gains(tuning, axis)
         facts = _without_reason_in_headline(tuning, axis, facts, headline_above)
         report = _joined_sentences(facts, headline_above)
-        remedies = _unshown_remedies(tuning, axis, report, shown_remedies)
+        remedies = _remedies_to_show(tuning, axis, report, shown_remedies)
         shown_remedies.update(remedies)
         blocks += _sentences_on_axes(axes, report, remedies)
         blocks += _caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
@@ -806,7 +805,7 @@ def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str
     report = _joined_sentences([reason], headline_above)
     findings_of_flight = [headline(fault) for fault in _faults_besides_loops(tuning)]
     # What the summary says of the flight is not repeated beside another reason.
-    report = _without_texts(report, findings_of_flight) or report
+    report = _without_repetition(report, findings_of_flight) or report
     if not report:
         # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
@@ -884,7 +883,7 @@ def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
     )
 
 
-def _unshown_remedies(
+def _remedies_to_show(
     tuning: Tuning, axis: str, report: str, shown_remedies: Collection[str]
 ) -> list[str]:
     """Returns what to do about one axis, such as "Fly doublets.", unless the reader finds it elsewhere.
@@ -998,20 +997,20 @@ def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sen
             continue
         decision = tuning.judgement.loop_decisions.get(axis_margins.axis)
         for fact in axis_margins.facts:
-            if decision is None or not _states_cause(decision, fact):
+            if decision is None or not _is_stated_by_decision(fact, decision):
                 axes_and_facts.append((axis_margins.axis, fact))
     return sentences_by_axes(axes_and_facts)
 
 
-def _states_cause(decision: LoopDecision, fact: Fact) -> bool:
-    """Returns whether the report on an axis says already what a fact on its margins says.
+def _is_stated_by_decision(fact: Fact, decision: LoopDecision) -> bool:
+    """Returns whether the decision on an axis already states a fact about its margins, so that it is not repeated.
 
-    The report states the reason of the decision on the axis if that is a warning. If the axis oscillates, that also
-    explains every fact on its margins.
+    The report on the axis states the reason of the decision if that is a warning. If the axis oscillates, that also
+    explains every fact about its margins.
 
     Args:
+        fact: the fact about the margins, a coded finding.
         decision: the decision on the control loops of the axis, with its reason.
-        fact: the fact on the margins, a coded finding.
     """
     if not decision.reason.is_watch_or_bad:
         return False
@@ -1129,7 +1128,7 @@ def _goal_prospect(
 
 
 def field_sentences(tuning: Tuning) -> list[Sentence]:
-    """Returns what a pilot goes by in the field: when to land with new gains, and when the tuning is done.
+    """Returns what a pilot must know at the flying field: when to land with new gains, and when the tuning is done.
 
     Args:
         tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
@@ -1225,11 +1224,11 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
     Returns:
         The axes of each group, in the order of ``tuning.axes``.
     """
-    groups = group_by(tuning.axes, lambda axis: _group_key(tuning, axis))
+    groups = group_by(tuning.axes, lambda axis: _key_of_report(tuning, axis))
     return list(groups.values())
 
 
-def _group_key(tuning: Tuning, axis: str) -> str:
+def _key_of_report(tuning: Tuning, axis: str) -> str:
     """Returns a text that is the same for two axes if one report on their gains can serve both.
 
     For example, roll and pitch share a report if no loop was identified for either, for the same reason and with the
@@ -1291,10 +1290,10 @@ def _fact_on_axes(fact: Fact, axis_names: str) -> Fact:
     return fact
 
 
-def _stated_ratings(tuning: Tuning, axis: str, *, is_page: bool) -> list[Fact]:
-    """Returns the rating of the stability margins of an axis, a coded finding, if the report on the axis states it.
+def _rating_to_state(tuning: Tuning, axis: str, *, is_page: bool) -> list[Fact]:
+    """Returns the rating of the stability margins of an axis, a coded finding, for the report on the axis.
 
-    It is left out in these cases:
+    The report does not state it in these cases:
 
     - A measured response contradicts the identified loop, so that its margins are doubtful.
     - The margins may be wrong for another reason, as the table beside the report says, and the rating is good.

@@ -171,10 +171,10 @@ def _decision_to_repair_first(decision: LoopDecision, repairs: Facts) -> LoopDec
 
 
 def _action_to_remedy(reason: Fact) -> Fact:
-    """Returns the action to do first what a fact advises as its remedy, before any gain is changed.
+    """Returns the advice to remove the cause of a fact first, before any gain is changed.
 
     Args:
-        reason: the fact, such as that the loop is not reliable, or a repair that the vehicle needs.
+        reason: a fact whose remedy says how, such as that the loop is not reliable, or that motor 2 is weak.
     """
     return Fact(LoopAction.DO_FIRST, reason=reason)
 

@@ -36,7 +36,7 @@ def judgement_with_tuning_step(
     is_written: bool,
     must_be_repaired: bool,
 ) -> Judgement:
-    """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
+    """Returns a judgement whose next step allows for the advice on the gains, such as to load new ones.
 
     What must be repaired comes first, and then gains that must be lowered: no one flies a resonance for longer to learn
     more of it. There are eight cases:
@@ -77,14 +77,8 @@ def judgement_with_tuning_step(
     if has_new_gains and _must_tune_other_axes_first(
         judgement, advice_on_loops, other_axes_to_tune
     ):
-        # The axes that lack margin come first, with a run that does not raise the gains of others.
-        next_step = Fact(
-            NextStep.TUNE_OTHER_AXES,
-            judgement.headline.level,
-            names=tuple(advice_by_axis),
-            others=tuple(other_axes_to_tune),
-            arguments=tuple(argument for argument in arguments if argument != "--more"),
-            are_first=True,
+        next_step = _step_to_tune_other_axes_first(
+            judgement, advice_by_axis, other_axes_to_tune, arguments
         )
     elif allows_new_gains and any(advice.is_sound for advice in changed_loops):
         next_step = _step_to_load_gains(
@@ -201,6 +195,34 @@ def _must_tune_other_axes_first(
     return other_axis_lacks_margin and not new_gains_restore_margins
 
 
+def _step_to_tune_other_axes_first(
+    judgement: Judgement,
+    requested_axes: Iterable[str],
+    other_axes: Iterable[str],
+    arguments: Sequence[str],
+) -> Fact:
+    """Returns the advice to tune other axes, which lack stability margin, before the axes that the user requested.
+
+    Args:
+        judgement: judgement of the flight, with its headline.
+        requested_axes: the axes of this run of ``mavdem tune``.
+        other_axes: the axes that come first.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+
+    Returns:
+        The fact (coded finding) ``TUNE_OTHER_AXES`` with the arguments of a run that tunes the other axes. They lack
+        "--more", which would also raise the gains of axes with enough margin.
+    """
+    return Fact(
+        NextStep.TUNE_OTHER_AXES,
+        judgement.headline.level,
+        names=tuple(requested_axes),
+        others=tuple(other_axes),
+        arguments=tuple(argument for argument in arguments if argument != "--more"),
+        are_first=True,
+    )
+
+
 def _allows_new_gains(headline: Fact) -> bool:
     """Returns whether the most serious fact of a flight (its headline) permits new gains as the next step.
 
@@ -239,7 +261,7 @@ def _is_uncertain_margin(headline: Fact) -> bool:
 
 
 def _has_gains_for_uncertain_margin(headline: Fact, advice_by_axis: AdviceByAxis) -> bool:
-    """Returns whether the worst of a flight is an uncertain margin, and there are new gains to load for that axis.
+    """Returns whether the headline of a flight is an uncertain margin, and there are new gains to load for that axis.
 
     For example, roll has its required margins in 80 % of the models of the vehicle, and in 95 % with the new gains. An
     uncertain margin is usually no reason for new gains, but the user may ask for them by ``mavdem tune --more``.
