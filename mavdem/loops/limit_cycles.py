@@ -64,6 +64,13 @@ LASTING_SHARE = 0.5
 """Share of a flight from which on an oscillation lasts, and of a window from which on motors go from stop to stop."""
 MAX_DRIFT = 0.3
 """Largest deviation of the frequency from its median, relative to it: a sweep for identification wanders more."""
+MIN_UPRIGHT_SECONDS = 5.0
+"""Duration of a limit cycle, s, after which an upright vehicle has its motors in the right order: a choice.
+
+With motors in a wrong order the controller's torque adds to the error, so that the vehicle turns over within about 1 s.
+"""
+MAX_UPRIGHT_TILT = radians(60.0)
+"""Largest roll or pitch angle of an upright vehicle, rad: beyond it, less than half of the thrust is upward."""
 MIN_LASTING_FREQUENCY = 3.5
 """Frequency below which a lasting oscillation that reaches no limit may be steered by the pilot, Hz."""
 
@@ -104,6 +111,8 @@ class Oscillation(NamedTuple):
     """The limit cycles of other axes, which have smaller body rates."""
     at_both_limits: float = 0.0
     """Fraction of that time with one motor at its upper limit while another is at its lower limit."""
+    was_upright: bool = False
+    """Whether the vehicle stayed upright for at least ``MIN_UPRIGHT_SECONDS``, so that its motors' order is right."""
 
     @property
     def is_stop_to_stop(self) -> bool:
@@ -117,7 +126,7 @@ class Oscillation(NamedTuple):
 
         They are the axis ("subject"), the frequency, Hz, and the standard deviation of the body rate ("turn_rate"),
         rad/s. "axes" has axis, frequency and body rate of every axis that oscillates, this one first. "is_stop_to_stop"
-        is whether motors swing from stop to stop on some of them.
+        is whether motors swing from stop to stop on some of them, and "was_upright" whether the vehicle stayed upright.
         """
         oscillating_axes = []
         for cycle in (self, *self.other_axes):
@@ -130,6 +139,7 @@ class Oscillation(NamedTuple):
             "turn_rate": body_rate,
             "axes": oscillating_axes,
             "is_stop_to_stop": self.is_stop_to_stop,
+            "was_upright": self.was_upright,
         }
 
 
@@ -162,7 +172,32 @@ def detect_limit_cycle(
                 axis, attitude, motor_series, segments, window_seconds, flight_duration
             )
     tilt_cycles = [cycle for cycle in cycles if cycle.axis in TILT_AXES]
-    return _strongest_limit_cycle(tilt_cycles or cycles)
+    limit_cycle = _strongest_limit_cycle(tilt_cycles or cycles)
+    if limit_cycle is None:
+        return None
+    return limit_cycle._replace(was_upright=_stayed_upright(attitudes, limit_cycle.span))
+
+
+def _stayed_upright(attitudes: Mapping[str, Attitude], span: Segment) -> bool:
+    """Returns whether neither roll nor pitch exceeds ``MAX_UPRIGHT_TILT`` in a span of ``MIN_UPRIGHT_SECONDS`` or more.
+
+    Args:
+        attitudes: attitude by axis.
+        span: the span of a limit cycle: boot, start and end.
+
+    Returns:
+        The answer; False if the log lacks the angle of roll or pitch in the span.
+    """
+    if span.duration < MIN_UPRIGHT_SECONDS:
+        return False
+    for axis in TILT_AXES:
+        if axis not in attitudes:
+            return False
+        angle = attitudes[axis].angle_series
+        angles_in_span = angle.values[in_segments(angle, span)]
+        if not angles_in_span.size or abs(angles_in_span).max() > MAX_UPRIGHT_TILT:
+            return False
+    return True
 
 
 def detect_starting_limit_cycle(

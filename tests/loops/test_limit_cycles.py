@@ -75,6 +75,7 @@ def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     assert limit_cycle.frequency == approx(hertz, abs=0.25)
     assert limit_cycle.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
     assert limit_cycle.at_limit > 0.5 and limit_cycle.seconds > 30
+    assert limit_cycle.was_upright
     (other,) = limit_cycle.other_axes
     assert (other.axis, other.rate) == ("pitch", approx(limit_cycle.rate / 2))
 

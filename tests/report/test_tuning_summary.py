@@ -516,22 +516,31 @@ def test_an_identified_step_that_the_measured_gain_contradicts_is_doubtful(code,
     assert caption.startswith("Doubtful:" if is_doubtful else "Identified loop:")
 
 
-@mark.parametrize("predicted_end, differs", [(0.68, True), (0.9, False)])
+@mark.parametrize(
+    "predicted_end, half_width, band",
+    [
+        (0.68, 0.06, "± 0.06"),
+        (0.9, 0.06, None),
+        # A band that is narrower than the last digit makes no fault of a difference of 1 %.
+        (0.92, 0.002, None),
+        (0.68, 0.002, "below ± 0.01"),
+    ],
+)
 def test_a_rate_whose_predicted_step_ends_outside_the_measured_band_is_named(
-    predicted_end, differs
+    predicted_end, half_width, band
 ):
     measured = partial_record(
         StepResponse,
         step=np.array([0.0, 0.93]),
-        step_half=np.array([0.0, 0.06]),
+        step_half=np.array([0.0, half_width]),
         is_identified=False,
     )
     response = LoopResponse(measured, np.array([0.0, predicted_end]))
     sentences = rate_disagreement_sentences({"yaw": {"rate": response}})
-    assert [sentence.lead for sentence in sentences] == (["Yaw rate:"] if differs else [])
-    if differs:
+    assert [sentence.lead for sentence in sentences] == (["Yaw rate:"] if band else [])
+    if band:
         assert sentences[0].text.startswith(
-            "the measured step ends at 0.93 (90 % band ± 0.06), the predicted one at 0.68,"
+            f"the measured step ends at 0.93 (90 % band {band}), the predicted one at 0.68,"
         )
 
 

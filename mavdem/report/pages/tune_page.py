@@ -84,6 +84,9 @@ GAIN_PANEL = "gain"
 ATTITUDE_GAIN_PANEL = "attitude gain"
 """Name of the chart of an attitude's gain over frequency, for an axis that moves further than its setpoint."""
 
+MIN_STEP_DISAGREEMENT = 0.05
+"""Difference of the ends of two steps that means nothing, relative to the setpoint: the usual band of settling, 5 %."""
+
 
 def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     """Renders the page of ``mavdem tune``.
@@ -292,7 +295,8 @@ def _caption_of_step_chapter(
 def rate_disagreement_sentences(responses: Responses) -> list[Sentence]:
     """Returns a sentence on each axis whose predicted step of the rate ends outside of the band of the measured one.
 
-    An axis whose prediction is called doubtful has no sentence: its report says already that the two differ.
+    Ends that differ by at most ``MIN_STEP_DISAGREEMENT`` agree, however narrow the band is. An axis whose prediction is
+    called doubtful has no sentence: its report says already that the two differ.
 
     Args:
         responses: by axis and loop, the measured response, with the predicted step of an axis whose loop is known.
@@ -309,7 +313,7 @@ def rate_disagreement_sentences(responses: Responses) -> list[Sentence]:
             continue
         measured_end, half_width = step.step[-1], step.step_half[-1]
         predicted_end = response.predicted_step[-1]
-        if abs(measured_end - predicted_end) > half_width:
+        if abs(measured_end - predicted_end) > max(half_width, MIN_STEP_DISAGREEMENT):
             sentences += render_section(
                 "step_disagreement",
                 axis=axis,
