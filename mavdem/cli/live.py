@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 from time import monotonic
+from typing import NamedTuple
 
 import click
 from click.core import ParameterSource
@@ -389,18 +390,7 @@ def _follow_vehicle(
     """
     # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
     with ExitStack() as signal_handlers, ExitStack() as resources:
-        dashboard = resources.enter_context(
-            closing(
-                Dashboard(
-                    options.link,
-                    options.axis,
-                    paths.rrd,
-                    address=options.address,
-                    connect=options.connect,
-                    is_plain=options.plain,
-                )
-            )
-        )
+        dashboard = resources.enter_context(closing(_open_dashboard(options, paths.rrd)))
         # With --json, standard output has the document and nothing else.
         status_lines = StatusLines(console=STDERR if options.as_json else STDOUT)
         session = _new_session(
@@ -426,82 +416,206 @@ def _follow_vehicle(
         )
         # Where the user ends it, no other session follows.
         successor = None if is_end_requested() else session.successor
+        shown_session = _ShownSession(session, dashboard, status_lines)
         if successor is None:
             session.analyse_rest()
             session.intake.record_rest()
-        seconds_by_use = session.time_account()
-        status = session.status
-        _announce_end(session, dashboard)
-        learned, no_model_reason = _final_model(session, session_end)
-        # The model is written first, since what follows may fail or take its time.
-        code = _write_model(learned, paths.model)
-        if successor is None:
-            executor.shutdown()
-        judged_model = session.judge_final_model(learned)
-        # Another vehicle may be in the air: nobody waits for advice on the gains of the one before.
-        status = _report_results(
-            session, status, judged_model, status_lines, advises_gains=successor is None
-        )
-        if no_model_reason:
-            # A pilot reads the verdicts first.
-            print_to_stderr(no_model_reason)
-        frame_count = 0 if recording is None else recording.frame_count
-        expected_paths = replace(
-            paths,
-            rrd=None,
-            record=paths.record if frame_count else None,
-            model=paths.model if code == EXIT_DONE else None,
+        results = _results_at_end(
+            shown_session, session_end, executor, paths.model, is_last=successor is None
         )
         # The page is the last one of the server, which ends before the files are complete.
-        is_flight_forbidden = _is_flight_forbidden(status)
-        file_lines = written_file_lines(
-            expected_paths,
-            frame_count,
-            is_for_browser=True,
-            is_flight_forbidden=is_flight_forbidden,
+        file_lines = _file_lines(
+            _expected_paths(paths, results, recording), results, recording, is_for_browser=True
         )
-        dashboard.report(session, status, file_lines)
+        dashboard.report(session, results.status, file_lines)
         resources.close()
-        rrd_path, record_path = _written_recordings(paths, dashboard, recording)
-        written_paths = OutputPaths(
-            rrd=rrd_path,
-            record=record_path,
-            model=paths.model if code == EXIT_DONE else None,
-            page=None,
-        )
-        is_page_written = False
-        if paths.page is not None:
-            page = live_page(
-                link.name,
-                options.axis,
-                session.history,
-                status,
-                seconds_by_use,
-                judged_model,
-                files=written_file_lines(
-                    written_paths, frame_count, is_flight_forbidden=is_flight_forbidden
-                ),
-            )
-            is_page_written = write_text(paths.page, page, "page")
-        written_paths = replace(written_paths, page=paths.page if is_page_written else None)
-        _print_conclusions(session, status, seconds_by_use, written_paths, recording, status_lines)
+        written_paths = _written_paths(options.axis, paths, shown_session, results, recording)
+        _print_conclusions(shown_session, results, written_paths, recording)
         document = None
         if options.as_json:
             files = written_files(written_paths, recording)
-            document = live_document(session, status, seconds_by_use, files)
+            document = live_document(session, results.status, results.seconds_by_use, files)
         is_ended_by_user = is_end_requested()
     # The session gives up a recording of the stream that it cannot write.
     is_stream_lost = session.intake.recording is not recording
-    is_page_lost = paths.page is not None and not is_page_written
-    if is_stream_lost or is_page_lost or dashboard.is_recording_broken:
-        code = EXIT_ERROR
+    is_page_lost = written_paths.page != paths.page
+    is_file_lost = is_stream_lost or is_page_lost or dashboard.is_recording_broken
     return FollowedFlight(
-        code,
+        EXIT_ERROR if is_file_lost else results.model_code,
         document,
         recording=None if is_stream_lost else recording,
         vehicle=session.stream.followed_vehicle,
         next_vehicle=None if successor is None or is_ended_by_user else successor.name,
     )
+
+
+class _ShownSession(NamedTuple):
+    """A live session, and what shows it."""
+
+    session: LiveSession
+    """The session of one vehicle."""
+
+    dashboard: Dashboard
+    """Shows it on a display or in browsers."""
+
+    status_lines: StatusLines
+    """Shows it as lines on the terminal."""
+
+
+class _SessionResults(NamedTuple):
+    """What a session has found, once it is over."""
+
+    status: SessionStatus
+    """The status with the final judgement."""
+
+    judged_model: Learned | None
+    """The model of the whole flight; None without one, or if it was not judged."""
+
+    model_code: int
+    """Exit code of the command as far as the model decides it."""
+
+    seconds_by_use: Mapping[TimeUse, float]
+    """How many seconds of the session each use of time took, such as learning."""
+
+
+def _open_dashboard(options: LiveOptions, rrd: Path | None) -> Dashboard:
+    """Opens the dashboard, which shows a session on a display, in browsers and in a recording.
+
+    Args:
+        options: Options of ``mavdem live``.
+        rrd: Recording for Rerun; None for none.
+
+    Raises:
+        Unreadable: A port is taken, or a file cannot be written.
+    """
+    return Dashboard(
+        options.link,
+        options.axis,
+        rrd,
+        address=options.address,
+        connect=options.connect,
+        is_plain=options.plain,
+    )
+
+
+def _results_at_end(
+    shown_session: _ShownSession,
+    session_end: ExitStack,
+    executor: LearningProcess,
+    model_path: Path | None,
+    *,
+    is_last: bool,
+) -> _SessionResults:
+    """Learns and judges the model of the whole flight, writes it, and reports what the session has found.
+
+    Args:
+        shown_session: The session, which receives nothing any more.
+        session_end: Restores the vehicle's message rates, and ends the recording of the stream, when it is closed.
+        executor: Process that learns; the last session shuts it down.
+        model_path: File of the model; None to write none.
+        is_last: Whether no other vehicle is to be followed. Otherwise that one may be in the air: nobody waits for
+            advice on the gains of this one.
+    """
+    session, dashboard, status_lines = shown_session
+    seconds_by_use = session.time_account()
+    status = session.status
+    _announce_end(session, dashboard)
+    learned, no_model_reason = _final_model(session, session_end)
+    # The model is written first, since what follows may fail or take its time.
+    model_code = _write_model(learned, model_path)
+    if is_last:
+        executor.shutdown()
+    judged_model = session.judge_final_model(learned)
+    status = _report_results(session, status, judged_model, status_lines, advises_gains=is_last)
+    if no_model_reason:
+        # A pilot reads the verdicts first.
+        print_to_stderr(no_model_reason)
+    return _SessionResults(status, judged_model, model_code, seconds_by_use)
+
+
+def _expected_paths(
+    paths: OutputPaths, results: _SessionResults, recording: RawRecording | None
+) -> OutputPaths:
+    """Returns the files of a session that will be complete when it has ended, for its last page in a browser.
+
+    Args:
+        paths: Files that the session was to write.
+        results: What it has found; without a model there is no file of the model.
+        recording: Recording of the raw stream; None for none. An empty one will be deleted.
+    """
+    return replace(
+        paths,
+        rrd=None,
+        record=paths.record if _frame_count(recording) else None,
+        model=paths.model if results.model_code == EXIT_DONE else None,
+    )
+
+
+def _written_paths(
+    axis: str,
+    paths: OutputPaths,
+    shown_session: _ShownSession,
+    results: _SessionResults,
+    recording: RawRecording | None,
+) -> OutputPaths:
+    """Writes the page on the session, and returns which of its files were written.
+
+    Args:
+        axis: Axis that is modelled.
+        paths: Files that the session was to write.
+        shown_session: The session, which has ended; its dashboard is closed.
+        results: What it has found.
+        recording: Recording of the raw stream, which is closed; None for none.
+    """
+    session = shown_session.session
+    rrd_path, record_path = _written_recordings(paths, shown_session.dashboard, recording)
+    written_paths = OutputPaths(
+        rrd=rrd_path,
+        record=record_path,
+        model=paths.model if results.model_code == EXIT_DONE else None,
+        page=None,
+    )
+    if paths.page is None:
+        return written_paths
+    page = live_page(
+        session.link.name,
+        axis,
+        session.history,
+        results.status,
+        results.seconds_by_use,
+        results.judged_model,
+        files=_file_lines(written_paths, results, recording),
+    )
+    is_page_written = write_text(paths.page, page, "page")
+    return replace(written_paths, page=paths.page if is_page_written else None)
+
+
+def _file_lines(
+    paths: OutputPaths,
+    results: _SessionResults,
+    recording: RawRecording | None,
+    *,
+    is_for_browser: bool = False,
+) -> list[str]:
+    """Returns a sentence on each file that a session has written, with what it is for.
+
+    Args:
+        paths: The files.
+        results: What the session has found, which may forbid to fly.
+        recording: Recording of the raw stream; None for none.
+        is_for_browser: Whether the sentences are for the page of the session, and not for a terminal.
+    """
+    return written_file_lines(
+        paths,
+        _frame_count(recording),
+        is_for_browser=is_for_browser,
+        is_flight_forbidden=_is_flight_forbidden(results.status),
+    )
+
+
+def _frame_count(recording: RawRecording | None) -> int:
+    """Returns the number of MAVLink frames in a recording; 0 without one."""
+    return 0 if recording is None else recording.frame_count
 
 
 def _announce_end(session: LiveSession, dashboard: Dashboard) -> None:
@@ -852,34 +966,29 @@ def _is_flight_forbidden(status: SessionStatus) -> bool:
 
 
 def _print_conclusions(
-    session: LiveSession,
-    status: SessionStatus,
-    seconds_by_use: Mapping[TimeUse, float],
+    shown_session: _ShownSession,
+    results: _SessionResults,
     written_paths: OutputPaths,
     recording: RawRecording | None,
-    status_lines: StatusLines,
 ) -> None:
     """Prints the last lines of a session: the files that it has written, and why there are no gains.
 
     Args:
-        session: The session, which has ended.
-        status: The status at its end, with the verdicts (judgements) on all flights.
-        seconds_by_use: How many seconds of the session each use of time took, such as learning.
+        shown_session: The session, which has ended, and what shows it.
+        results: What it has found, with the verdicts (judgements) on all flights.
         written_paths: The files that were written.
         recording: The recording of the raw stream; None for none.
-        status_lines: Prints the lines.
     """
-    frame_count = 0 if recording is None else recording.frame_count
-    is_flight_forbidden = _is_flight_forbidden(status)
-    for line in written_file_lines(
-        written_paths, frame_count, is_flight_forbidden=is_flight_forbidden
-    ):
+    status_lines = shown_session.status_lines
+    for line in _file_lines(written_paths, results, recording):
         status_lines.print_conclusion(escape_unprintable(line), FILE_MARKER)
-    advice = None if session.gain_adviser is None else session.gain_adviser.facts
+    gain_adviser = shown_session.session.gain_adviser
+    advice = None if gain_adviser is None else gain_adviser.facts
+    is_flight_forbidden = _is_flight_forbidden(results.status)
     file_line = gain_file_line(advice or (), is_flight_forbidden=is_flight_forbidden)
     if file_line:
         status_lines.print_conclusion(escape_unprintable(file_line), FILE_MARKER)
-    gain_line = line_without_gains(advice, seconds_by_use)
+    gain_line = line_without_gains(advice, results.seconds_by_use)
     if gain_line:
         status_lines.print_conclusion(escape_unprintable(gain_line))
 

@@ -556,30 +556,36 @@ class StatusLines:
                 self._printed_watch_facts.pop(quantity, None)
 
     def _print_state(self, status: SessionStatus) -> None:
-        """Prints a line with the state of the session when it changes, and again every ``UNCHANGED_STATE_PERIOD``.
-
-        The state is what :class:`PrintedState` holds: measured figures alone do not change it. The next step follows
-        whenever it is a new one, also between two such lines. While a vehicle stays switched off, the line is not
-        repeated.
+        """Prints in lines below each other what has changed in the status of the session: its state and the next step.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
         self._print_no_vehicle_event(status)
-        if status.vehicle is None and self._no_vehicle_event is not None:
+        is_search_pending = status.vehicle is None and self._no_vehicle_event is not None
+        if is_search_pending:
             # Messages come, and their sender is mostly known a moment later.
             return
-        state = _state_to_print(status)
-        now = monotonic()
-        is_new = state != self._printed_state
-        is_silent_on_ground = status.is_silent and not status.is_flying
-        is_due = now - self._print_time >= UNCHANGED_STATE_PERIOD and not is_silent_on_ground
-        if is_new or is_due:
-            self._printed_state = state
-            self._print_time = now
+        if self._is_status_line_due(status):
+            self._printed_state = _state_to_print(status)
+            self._print_time = monotonic()
             self._print_status_line(status)
         self._print_fault_found_on_ground(status)
         self._print_next_step(status)
+
+    def _is_status_line_due(self, status: SessionStatus) -> bool:
+        """Returns whether the line on the state of the session has to be printed, since it is new or was long ago.
+
+        Measured figures alone do not make a state new (:class:`PrintedState`). The line is repeated every
+        ``UNCHANGED_STATE_PERIOD``, but not while a vehicle on the ground is switched off.
+
+        Args:
+            status: State of the live session.
+        """
+        if _state_to_print(status) != self._printed_state:
+            return True
+        is_silent_on_ground = status.is_silent and not status.is_flying
+        return monotonic() - self._print_time >= UNCHANGED_STATE_PERIOD and not is_silent_on_ground
 
     def _print_status_line(self, status: SessionStatus) -> None:
         """Prints the state in one line, and below it a fault of an earlier flight, if that was not printed before.

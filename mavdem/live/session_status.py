@@ -1434,17 +1434,16 @@ class SessionStatus(ImmutableResult):
         return step_to_model
 
     def _step_until_landing(self, warning: Fact) -> NextStep:
-        """Returns what the pilot should do in flight about a fault whose advice can wait until after the landing.
+        """Returns whether a pilot should land soon, hover or fly on with a fault that is repaired after the landing.
 
         Args:
-            warning: the fact on the fault, whose level is watch or bad.
+            warning: the fault, whose level is watch or bad.
         """
         if self.lands_by_itself:
             return NextStep.LET_LAND
+        has_torque_changed = warning.code is MotorWatchFact.STEADY_TORQUE_CHANGED
         # A motor that probably lost thrust may lose more of it.
-        is_motor_suspected = (
-            warning.code is MotorWatchFact.STEADY_TORQUE_CHANGED and "suspect" in warning.figures
-        )
+        is_motor_suspected = has_torque_changed and "suspect" in warning.figures
         if warning.is_bad or is_motor_suspected:
             return NextStep.LAND_SOON
         if self.should_hover_first:

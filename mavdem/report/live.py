@@ -648,16 +648,17 @@ def _is_landing(next_step: Fact) -> bool:
 
 
 def _step_after_landing(next_step: Fact) -> Fact | None:
-    """Returns what to do once the vehicle has landed; None if that is not known.
+    """Returns what to do after the landing, such as to check a motor; None if nothing is to be done or it is not known.
 
     Args:
-        next_step: what to do next. If it is not to land, the vehicle has landed, and it is returned as it is.
+        next_step: what to do next. If that is to land, the step after it is a figure of this fact. Otherwise the
+            vehicle has landed, and the step itself is returned.
     """
     if not _is_landing(next_step):
         return next_step
-    key = "next_step" if next_step.code is NextStep.LAND_NOW else "reason"
-    step: Fact | None = next_step.figures.get(key)
-    return step
+    name_of_figure = "next_step" if next_step.code is NextStep.LAND_NOW else "reason"
+    step_after_landing: Fact | None = next_step.figures.get(name_of_figure)
+    return step_after_landing
 
 
 def _with_steps_after_landing(landing: Fact, steps: str) -> Fact:

@@ -139,14 +139,16 @@ def level_compared_with_fleet_sql(column: str) -> str:
     )
 
 
-def shown_motors_level_sql() -> str:
-    """Returns the SQL expression for the level of a flight's motors that is shown, such as "good" or "unknown".
+def motors_level_sql() -> str:
+    """Returns the SQL expression of the level of a flight's motors that lists show and searches find, such as "good".
 
-    It does in SQL the same as :func:`entry_awaiting_comparison` and of :func:`entry_compared_with_fleet`.
+    It is the level by the log and by comparison with the vehicle's other flights. Until that is made, good motors are
+    unknown, since the log alone does not show smaller losses of thrust. Pages get the same level by
+    :func:`entry_awaiting_comparison` and :func:`entry_compared_with_fleet`.
     """
     compared_level = level_compared_with_fleet_sql("motors")
-    is_preliminary = f"motors = '{Level.GOOD}' and {AWAITS_COMPARISON_SQL}"
-    return f"case when {is_preliminary} then '{Level.UNKNOWN}' else {compared_level} end"
+    is_good_so_far = f"motors = '{Level.GOOD}' and {AWAITS_COMPARISON_SQL}"
+    return f"case when {is_good_so_far} then '{Level.UNKNOWN}' else {compared_level} end"
 
 
 def _level_with_anomaly_sql(column: str, health: MotorHealth) -> str:

@@ -126,18 +126,18 @@ def _changes_from_baseline(name: str, rows: FlightRows, healthy_rows: FlightRows
 def _with_reasons_for_missing_parameters(
     reviewed: ReviewedDifference, entries_without_parameters: Mapping[str, LibraryEntry]
 ) -> ReviewedDifference:
-    """Adds to the comparison of two flights why the library has no more parameters of a flight than the gains.
+    """Returns the comparison of two flights with the reason why the library has few or no parameters of a flight.
 
     Args:
         reviewed: the comparison.
-        entries_without_parameters: entries of the flights concerned, by the names of the flights in the comparison.
+        entries_without_parameters: index entries of the flights with few or no parameters, by side, "A" or "B".
     """
     tracked_sides = []
     outdated_sides = []
     for side, entry in entries_without_parameters.items():
-        is_in_library = bool(entry.digest)
-        if is_in_library:
-            # An earlier version, which kept no parameters, has read the log.
+        has_log_in_library = bool(entry.digest)
+        if has_log_in_library:
+            # An earlier version, which kept no other parameters than gains, has read the log.
             outdated_sides.append(side)
         else:
             # `mavdem track` has read the log in the user's own folder, and has only added the flight to the index.

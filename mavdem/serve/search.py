@@ -14,7 +14,7 @@ from mavdem.serve.compared_motors import (
     SHOWN_HEADLINE_OF_LOG_SQL,
     has_anomaly_sql,
     level_compared_with_fleet_sql,
-    shown_motors_level_sql,
+    motors_level_sql,
 )
 from mavdem.serve.index import CONTENT_HASH_SQL, IS_VEHICLE_UNNAMED_SQL
 
@@ -77,7 +77,7 @@ CHOICES = {"stage": tuple(map(str, Stage)), "sharing": tuple(map(str, Sharing))}
 LEVEL_SQL = level_compared_with_fleet_sql("level")
 """SQL expression of the level of the headline that pages show."""
 
-MOTORS_LEVEL_SQL = shown_motors_level_sql()
+MOTORS_LEVEL_SQL = motors_level_sql()
 """SQL expression of the level of the motors that pages show."""
 
 COMPARED_LEVELS_SQL = {"level": LEVEL_SQL, str(Light.MOTORS): MOTORS_LEVEL_SQL}

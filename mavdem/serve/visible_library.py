@@ -306,21 +306,19 @@ class VisibleLibrary:
         return [best_entry, *(other for other in others if other.id != best_entry.id)]
 
     def unnamed_groups(self) -> list[UnnamedGroup]:
-        """Returns the logs by which a vehicle is known by its MAVLink system id alone, grouped by that name.
+        """Returns the logs that name no vehicle but its MAVLink system id, in groups of the same id, the largest first.
 
-        Several vehicles may have the same id. Groups to which a user gave a name are left out, as are logs without any
-        name of the vehicle.
-
-        Returns:
-            The groups, the largest first.
+        Several vehicles may have the same id, so that users are asked to name them. Groups that have a name from a user
+        are left out, and so are logs without an id.
         """
-        given_names = {*self.library.vehicle_names()}
+        names_from_users = {*self.library.vehicle_names()}
         condition = f"stage = ? and vehicle <> '' and {IS_VEHICLE_UNNAMED_SQL}"
         entries = self.library.find(condition, [Stage.DONE], sys.maxsize).entries
         groups = []
-        for name, group in group_by(entries, lambda entry: entry.vehicle).items():
-            if name not in given_names:
-                groups.append(UnnamedGroup(name, group[0], log_count=len(group)))
+        for name, entries_of_group in group_by(entries, lambda entry: entry.vehicle).items():
+            if name not in names_from_users:
+                latest_entry = entries_of_group[0]
+                groups.append(UnnamedGroup(name, latest_entry, log_count=len(entries_of_group)))
         return sorted(groups, key=lambda group: group.log_count, reverse=True)
 
     def flights_of_other_vehicles(self, entry: LibraryEntry) -> list[LibraryEntry]:

@@ -383,17 +383,17 @@ def _limits_of_detection(reviewed: ReviewedDifference) -> list[str]:
 
 
 def _limit_of_trims_without_lean(tested_changes: Sequence[QuantityChange]) -> str:
-    """Returns the largest change of trims without lean that their 90 % intervals contain, such as "10 %".
+    """Returns by how much the motors' trims may have changed unseen, such as "10 %", without the part that lean makes.
 
-    Another lean makes the interval of a trim wide, and not that of the trim without lean, which is then the smaller
-    limit on what may have changed.
+    If the vehicle leaned differently, as in other wind, the 90 % intervals of the trims are wide. Those of the trims
+    without lean stay narrow: the limit is the largest change that one of them contains.
 
     Args:
         tested_changes: changes of the tested quantities.
 
     Returns:
-        The limit. It is empty if the trims themselves have a smaller one, if one is not known without lean or differs
-        without it, and if quantities beside trims were tested.
+        The limit. It is empty if that of the trims themselves is smaller, if a trim is not known without lean or
+        changed without it, and if other quantities than trims were tested.
     """
     for change in tested_changes:
         trim_without_lean = change.without_lean

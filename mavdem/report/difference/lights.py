@@ -197,38 +197,62 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
         The levels as text, such as "bad in A, good in B", and the reasons: that of the light that warns, and that of
         the other one if it warns, too, for another reason, or is unknown.
     """
-    first_side, second_side = STATE_NAMES
-    first = lights_by_side[first_side]
-    second = lights_by_side[second_side]
-    remark = remark_on_imus(lights_by_side)
-    are_of_fleets = len(first.get("levels", ())) > 1 or len(second.get("levels", ())) > 1
-    if are_of_fleets:
-        levels = f"{_level_text(first_side, first)}; {_level_text(second_side, second)}"
-    elif first["level"] == second["level"]:
-        levels = f"{first['level']} in {first_side} and {second_side}"
+    levels = _levels_text(lights_by_side)
+    first_light, second_light = lights_by_side.values()
+    do_both_warn = all(light["level"] in WARNING_LEVELS for light in (first_light, second_light))
+    if not do_both_warn:
+        reasons = _reasons_of_single_warning(lights_by_side)
+    elif first_light["sentence"] == second_light["sentence"]:
+        return ComparedLevels(levels, [LightReason("", first_light["sentence"])])
     else:
-        levels = f"{_level_text(first_side, first)}, {_level_text(second_side, second)}"
-    do_both_warn = first["level"] in WARNING_LEVELS and second["level"] in WARNING_LEVELS
-    worse_level = next(
-        level for level in WARNING_LEVELS if level in (first["level"], second["level"])
-    )
-    if do_both_warn or first["level"] == second["level"]:
-        if first["sentence"] == second["sentence"]:
-            return ComparedLevels(levels, [LightReason("", first["sentence"])])
-        reasons = []
-        for side, light in lights_by_side.items():
-            # Beside a bad light, the first sentence on what is to be watched is enough.
-            is_milder = do_both_warn and light["level"] != worse_level
-            sentence = first_sentence(light["sentence"]) if is_milder else light["sentence"]
-            reasons.append(LightReason(side, sentence))
-        return ComparedLevels(levels, reasons, remark)
-    # One of the lights warns, and the other one does not.
-    warning_light = first if first["level"] in WARNING_LEVELS else second
+        reasons = _reasons_of_both_warnings(lights_by_side)
+    return ComparedLevels(levels, reasons, remark_on_imus(lights_by_side))
+
+
+def _reasons_of_both_warnings(lights_by_side: Mapping[str, JsonValues]) -> list[LightReason]:
+    """Returns why a status light warns in two logs, for different reasons.
+
+    Args:
+        lights_by_side: the light in the review document of each log, by side. Beside a bad one, the first sentence on
+            one that is only to be watched is enough.
+    """
+    worst_sides = lights_of_worst_level(lights_by_side).keys()
+    reasons = []
+    for side, light in lights_by_side.items():
+        is_milder = side not in worst_sides
+        sentence = first_sentence(light["sentence"]) if is_milder else light["sentence"]
+        reasons.append(LightReason(side, sentence))
+    return reasons
+
+
+def _reasons_of_single_warning(lights_by_side: Mapping[str, JsonValues]) -> list[LightReason]:
+    """Returns why a status light warns in one of two logs and, if it is unknown in the other, why that is so.
+
+    Args:
+        lights_by_side: the light in the review document of each log, by side.
+    """
+    [warning_light] = lights_of_worst_level(lights_by_side).values()
     reasons = [LightReason("", warning_light["sentence"])]
     for side, light in lights_by_side.items():
-        if states_in_flights(light)[-1] == Level.UNKNOWN:
+        last_state = states_in_flights(light)[-1]
+        if last_state == Level.UNKNOWN:
             reasons.append(LightReason(side, light["sentence"]))
-    return ComparedLevels(levels, reasons, remark)
+    return reasons
+
+
+def _levels_text(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the levels of a status light in two logs, such as "bad in A and B" or "bad in A, good in B".
+
+    Args:
+        lights_by_side: the light in the review document of each log or fleet, by side.
+    """
+    are_of_fleets = any(len(levels_in_flights(light)) > 1 for light in lights_by_side.values())
+    levels = {light["level"] for light in lights_by_side.values()}
+    if len(levels) == 1 and not are_of_fleets:
+        [level] = levels
+        return f"{level} in {' and '.join(lights_by_side)}"
+    separator = "; " if are_of_fleets else ", "
+    return separator.join(_level_text(side, light) for side, light in lights_by_side.items())
 
 
 def _level_text(side: str, light: JsonValues) -> str:

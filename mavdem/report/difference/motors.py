@@ -78,17 +78,16 @@ class MotorVerdict(NamedTuple):
         return self.fault_probability is not None and self.fault_probability < SIGNIFICANCE
 
     def takes_precedence_over(self, change: QuantityChange) -> bool:
-        """Returns whether the judgement of the motors is stated instead of a doubtful change of one quantity.
+        """Returns whether a doubtful change is left out of a text, since the judgement of the motors says more.
 
-        That is the case if the change is evidence for a motor that is known to be weak, and for any trim if all trims
-        together show no weak motor.
+        It is left out if it belongs to a motor that is known to be weak, and so is the change of any motor's trim if
+        all trims together show that no motor is weak.
 
         Args:
             change: change of one quantity between the two states.
         """
-        if change in self.evidence:
-            return True
-        return change.quantity.kind == SHARE and self.excludes_weak_motor
+        is_trim = change.quantity.kind == SHARE
+        return change in self.evidence or (is_trim and self.excludes_weak_motor)
 
 
 NO_VERDICT = MotorVerdict()
