@@ -7,7 +7,6 @@ from command_line import document_of, refused, run, unwrapped
 from fleet_rows import WEAK, flight_row
 from hover import Hover
 from pytest import fixture, mark
-from recorded_flights import shared
 from standin_logs import fleet_of
 
 from mavdem.dataset.signals import Signals
@@ -169,12 +168,14 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
 
 
 @mark.slow
-def test_the_page_on_comparisons_shows_what_the_command_prints(monkeypatch, capsys):
-    for name, flight in {"monday": "hover_good_1", "friday": "hover_cut25mm_1"}.items():
-        Path(f"{name}.bin").symlink_to(shared(f"real/propeller/{flight}.BIN"))
+def test_the_page_on_comparisons_shows_what_its_commands_print(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
-    assert run("diff", "monday.bin", "friday.bin") == 0
+    Path("logs").symlink_to(DOCUMENTATION.parents[1] / "logs")
     page = DOCUMENTATION.read_text(encoding="utf-8")
+    _, commands, _ = page.split("```", maxsplit=2)
+    for command in commands.strip().splitlines():
+        capsys.readouterr()
+        assert run(*command.split()[1:]) == 0
     assert f"```\n{capsys.readouterr().out}```\n" in page
 
 
