@@ -94,7 +94,7 @@ def fleet_blocks(
     """
     shared_names = _shared_names(summaries)
     vehicles_of_headline = _vehicles_of_headline(summaries)
-    headline, *paragraphs = _headline_and_paragraphs(
+    headline, *paragraphs = _sentences_on_fleet(
         summaries, vehicles_of_headline, names, lists_follow=lists_follow
     )
     labelled_vehicles = _labelled_by_urgency(vehicles_of_headline, names, shared_names)
@@ -139,7 +139,7 @@ def _vehicles_of_headline(summaries: Sequence[VehicleSummary]) -> dict[str, Vehi
     return vehicles
 
 
-def _headline_and_paragraphs(
+def _sentences_on_fleet(
     summaries: Sequence[VehicleSummary],
     vehicles_of_headline: Mapping[str, VehicleFlights],
     names: GivenNames,

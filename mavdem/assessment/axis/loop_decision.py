@@ -294,11 +294,11 @@ def _decision_on_uncertain_loop(
 def _decision_by_measurement(
     observations: LoopObservations, measurement_fact: Fact
 ) -> LoopDecision:
-    """Returns the decision on an axis whose margins were measured, without a model, to be below the goal.
+    """Returns the decision on an axis whose margins are below the goal by a measurement that needs no model.
 
     The action is to lower P, I and D of the rate loop by a third: that lowers its gain at all frequencies, and leaves
-    its phase as it is. Even if an identified loop has good margins, no gains
-    are computed from it, since the measurement contradicts it.
+    its phase as it is. Even if an identified loop has good margins, no gains are computed from it, since the
+    measurement contradicts it.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
@@ -562,8 +562,8 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
 def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> LoopDecision:
     """Returns the decision on an axis whose rate loop is too slow.
 
-    The action is to raise its gains as far as the margins allow, as `mavdem tune` advises. If there are
-    reasons against higher gains, the action is the remedy of the first one.
+    The action is to raise its gains as far as the margins allow, as `mavdem tune` advises. If there are reasons against
+    higher gains, the action is the remedy of the first one.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.

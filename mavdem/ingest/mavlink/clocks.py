@@ -215,11 +215,9 @@ def _readings_by_reference(
     is_other_epoch = abs(typical_offset) > MIN_EPOCH_OFFSET
     repairs: Facts = ()
     if is_other_epoch:
-        for number in np.unique(boot):
-            is_of_boot = boot == number
-            shift = np.median(offset[is_of_boot])
-            time[is_of_boot] -= shift
-            offset[is_of_boot] -= shift
+        shift = _median_by_boot(offset, boot)
+        time = time - shift
+        offset = offset - shift
         repairs += repair_facts(Repair.CLOCK_MOVED, name=name, offset=typical_offset)
     is_outlier = outlier_stamps(offset)
     # Undoing a wrap moved stamps by at least a whole period, so a move by more than half a period was a wrap.
@@ -239,6 +237,20 @@ class _Comparison(NamedTuple):
     """Distance (m,), s, from the interval between the reference's stamps before and after; 0 inside of it."""
     boot: Rows
     """Number of the boot (m,)."""
+
+
+def _median_by_boot(values: Times, boot: Rows) -> Times:
+    """Returns for each message (m,) the median of a value over all messages of its boot.
+
+    Args:
+        values: The value of each message (m,), such as its offset, s.
+        boot: The boot of each message (m,).
+    """
+    medians = np.empty_like(values)
+    for number in np.unique(boot):
+        is_of_boot = boot == number
+        medians[is_of_boot] = np.median(values[is_of_boot])
+    return medians
 
 
 def _compare_with_reference(

@@ -451,16 +451,16 @@ def _without_marks_of_anomaly(content: str) -> str:
 
 
 def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None, *, is_compared: bool) -> str:
-    """Returns the HTML of the motors' status light with the worse of two levels.
+    """Returns the HTML of the motors' status light with the worse of two levels: by the log, and by other flights.
 
-    One is the level that the flight's own log shows. The other is the level of the anomaly, which only a comparison
-    with other flights shows. If the anomaly is worse, the HTML states the level of the log too, from which a later call
-    restores the light.
+    If the anomaly that the other flights show is worse, the HTML also states the level by the log alone, from which a
+    later call restores the light.
 
     Args:
         light: match of ``MOTORS_LIGHT_HTML`` in the page, in which an earlier call may have changed the level.
         anomaly: the anomaly of the motors; None without any.
-        is_compared: whether the comparison with other flights is not pending.
+        is_compared: whether the motors were compared with other flights, or never will be. As long as that is pending,
+            a good light is unknown.
     """
     level_of_log = Level(light["level_of_log"] or light["level"])
     level = level_of_log
