@@ -264,20 +264,51 @@ class Comparison:
         """
         outcomes = self._outcomes_by_method[method]
         scores = [outcome.scores[kind] for outcome in outcomes]
+        failures = [outcome.failure for outcome in outcomes if outcome.failure is not None]
+        diverged_count = 0
+        for outcome in outcomes:
+            if outcome.failure is None and not np.isfinite(outcome.mspe(kind)).all():
+                diverged_count += 1
+        # The last horizon is the whole test part. Ratios have the shape (windows,), squared errors (windows, outputs).
+        ratios = np.array([window_scores.ratio[-1] for window_scores in scores])
+        squared_errors = np.array([window_scores.squared_error[-1] for window_scores in scores])
+        mean_errors = squared_errors.mean(axis=0)
+        return {
+            "method": method,
+            "windows": len(outcomes),
+            "failed": len(failures),
+            "failure": failures[0] if failures else None,
+            "diverged": diverged_count,
+            "unstable": sum(outcome.stable is False for outcome in outcomes),
+            "mspe": mean_errors.tolist(),
+            "mspe_total": mean_errors.sum(),
+            "relative": np.median(ratios),
+            "worst": ratios.max(),
+            "worse_than_constant": int((ratios > 1).sum()),
+            "horizons": self._horizon_summaries(method, kind, reference),
+            "seconds": np.median([outcome.seconds for outcome in outcomes]),
+        }
+
+    def _horizon_summaries(
+        self, method: str, kind: ForecastKind, reference: str
+    ) -> list[JsonValues]:
+        """Returns the summary of a method's forecasts at each horizon, over all windows.
+
+        Args:
+            method: name of the method.
+            kind: kind of forecast, by the data that it may use.
+            reference: name of the method that it is compared with.
+        """
+        scores = [outcome.scores[kind] for outcome in self._outcomes_by_method[method]]
         # Ratios and shares have the shape (windows, horizons), squared errors (windows, horizons, outputs).
         ratios = np.array([window_scores.ratio for window_scores in scores])
         squared_errors = np.array([window_scores.squared_error for window_scores in scores])
         inside_shares = np.array([window_scores.inside for window_scores in scores])
         reference_outcomes = self._outcomes_by_method[reference]
         reference_ratios = np.array([outcome.scores[kind].ratio for outcome in reference_outcomes])
-        failures = [outcome.failure for outcome in outcomes if outcome.failure is not None]
-        diverged_count = 0
-        for outcome in outcomes:
-            if outcome.failure is None and not np.isfinite(outcome.mspe(kind)).all():
-                diverged_count += 1
-        horizon_values = []
+        summaries = []
         for index, steps in enumerate(scores[0].steps):
-            horizon_values.append(
+            summaries.append(
                 {
                     "steps": steps,
                     "seconds": steps * self.windows[0].train.dt,
@@ -288,24 +319,7 @@ class Comparison:
                     "inside": known_mean(inside_shares[:, index].tolist()),
                 }
             )
-        # The last horizon is the whole test part.
-        whole_test_ratios = ratios[:, -1]
-        mean_errors = squared_errors[:, -1].mean(axis=0)
-        return {
-            "method": method,
-            "windows": len(outcomes),
-            "failed": len(failures),
-            "failure": failures[0] if failures else None,
-            "diverged": diverged_count,
-            "unstable": sum(outcome.stable is False for outcome in outcomes),
-            "mspe": mean_errors.tolist(),
-            "mspe_total": mean_errors.sum(),
-            "relative": np.median(whole_test_ratios),
-            "worst": whole_test_ratios.max(),
-            "worse_than_constant": int((whole_test_ratios > 1).sum()),
-            "horizons": horizon_values,
-            "seconds": np.median([outcome.seconds for outcome in outcomes]),
-        }
+        return summaries
 
     def tests(self, kind: ForecastKind = KNOWN_INPUTS) -> dict[str, Paired]:
         """Tests, for each other method, whether its errors over the whole test part differ from the first method's.

@@ -82,17 +82,47 @@ def judge_model(
     record = learned.record
     settled_segment = longest_settled_segment(record, climbs)
     if settled_segment is not None:
-        segment = settled_segment
+        signals = _signals_of_segment(settled_segment, record, row_format, recording_name)
+        condition = _settled_condition(settled_segment, signals, record, row_format)
     else:
         # A model of the climb alone: its samples show neither a hover nor a limit cycle.
         segment = max(record.segments, key=lambda segment: len(segment.outputs))
-    # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2).
-    inputs, outputs = segment
-    axis = record.output_names[0]
-    duration = len(inputs) * learned.dt
-    time = learned.dt * np.arange(len(inputs), dtype=float)
+        signals = _signals_of_segment(segment, record, row_format, recording_name)
+        condition = Condition(duration=len(segment.outputs) * record.dt)
+    # The torque of a limit cycle is the vehicle's own, not the wind's.
+    has_limit_cycle = condition.oscillation is not None
+    learned = with_vehicle_made_torque_marked(learned, vehicle_made_torque=has_limit_cycle)
+    findings = model_findings(learned, None, condition, alarms)
+    live_findings = LiveFindings(
+        events=(*thrust_losses(alarms), *torque_changes(alarms)),
+        loops=_loops_by_axis(learned, provisional_margins),
+    )
+    evidence = live_evidence(signals, condition, live_findings)
+    # What needs other messages than the samples have is judged by the recording, after the landing.
+    after_landing = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
+    judgement = judge(
+        evidence,
+        motors=_motors_light(evidence, after_landing),
+        margins=_margins_light(evidence, after_landing, provisional_margins),
+        tracking=after_landing,
+        estimator=after_landing,
+    )
+    return JudgedModel(findings, judgement)
 
-    motors = _motor_outputs(row_format, time, inputs)
+
+def _signals_of_segment(
+    segment: SegmentSamples, record: Record, row_format: RowFormat, recording_name: str | None
+) -> LiveSignals:
+    """Returns the samples of a segment in the form that the signals of a log have, with times from 0 s on.
+
+    Args:
+        segment: motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2).
+        record: the record that the segment is a part of: its axis, time step, and the autopilot's parameters.
+        row_format: format of the samples: message names, mixer geometry, and scale of the motors.
+        recording_name: name of the recorded log; None if nothing is recorded.
+    """
+    inputs, outputs = segment
+    time = record.dt * np.arange(len(inputs), dtype=float)
     angle, body_rate = outputs.T
     attitude = attitude_from_samples(row_format.attitude_message, time, 0, angle, body_rate)
     telemetry = Telemetry(
@@ -104,42 +134,52 @@ def judge_model(
         parameters=record.parameters,
         source=recording_name or "",
     )
-    # The model has one axis. It stands for both, so that the vehicle counts as upright where this axis is.
-    signals = LiveSignals(telemetry, axis, motors=motors, tilts=(attitude,) * len(TILT_AXES))
-
-    limit_cycle = None
-    hover = None
-    if settled_segment is not None:
-        limit_cycle = detect_limit_cycle(motors, {axis: attitude}, [Segment(0, 0.0, duration)])
-        hover = hover_of_segment(settled_segment, record, row_format)
-    settled_seconds = 0.0 if hover is None else hover.seconds
-    condition = Condition(
-        duration=duration, settled=settled_seconds, hover=hover, oscillation=limit_cycle
+    return LiveSignals(
+        telemetry,
+        record.output_names[0],
+        motors=_motor_outputs(row_format, time, inputs),
+        # The model has one axis. It stands for both, so that the vehicle counts as upright where this axis is.
+        tilts=(attitude,) * len(TILT_AXES),
     )
-    # The torque of a limit cycle is the vehicle's own, not the wind's.
-    learned = with_vehicle_made_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
-    findings = model_findings(learned, None, condition, alarms)
 
-    figures = AxisEstimates((), learned.physical, learned.physical_reason)
-    loops: dict[str, Loop | Fact] = {
-        any_axis: Fact(Unjudged.NOT_JUDGED, reason=None) for any_axis in AXES
-    }
-    # What needs other messages than the samples have is judged by the recording, after the landing.
-    after_landing = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
+
+def _settled_condition(
+    settled_segment: SegmentSamples, signals: LiveSignals, record: Record, row_format: RowFormat
+) -> Condition:
+    """Returns how the vehicle hovered in a segment of settled flight, and whether it oscillated in a limit cycle.
+
+    Args:
+        settled_segment: samples of the segment.
+        signals: the same as the signals of a log.
+        record: the record that the segment is a part of.
+        row_format: format of the samples: mixer geometry, and scale of the motors.
+    """
+    assert signals.motors is not None
+    duration = len(settled_segment.outputs) * record.dt
+    attitude = signals.tilts[0]
+    hover = hover_of_segment(settled_segment, record, row_format)
+    limit_cycle = detect_limit_cycle(
+        signals.motors, {signals.axis: attitude}, [Segment(0, 0.0, duration)]
+    )
+    return Condition(duration=duration, settled=hover.seconds, hover=hover, oscillation=limit_cycle)
+
+
+def _loops_by_axis(learned: Learned, provisional_margins: Fact | None) -> dict[str, Loop | Fact]:
+    """Returns the control loop of each axis, or why it is not known: that of the model by its physical parameters.
+
+    Args:
+        learned: the model of one axis.
+        provisional_margins: the fact that the margins will be known later in the flight, which takes the place of this
+            loop; None where setpoints of the body rate, by which it is identified, do not come.
+    """
+    loops: dict[str, Loop | Fact] = {axis: Fact(Unjudged.NOT_JUDGED, reason=None) for axis in AXES}
+    axis_of_model = learned.record.output_names[0]
     if provisional_margins is not None:
-        loops[axis] = provisional_margins
+        loops[axis_of_model] = provisional_margins
     else:
-        loops[axis] = loop_of_parameters_or_reason(figures, record)
-    motor_events = (*thrust_losses(alarms), *torque_changes(alarms))
-    evidence = live_evidence(signals, condition, LiveFindings(events=motor_events, loops=loops))
-    judgement = judge(
-        evidence,
-        motors=_motors_light(evidence, after_landing),
-        margins=_margins_light(evidence, after_landing, provisional_margins),
-        tracking=after_landing,
-        estimator=after_landing,
-    )
-    return JudgedModel(findings, judgement)
+        figures = AxisEstimates((), learned.physical, learned.physical_reason)
+        loops[axis_of_model] = loop_of_parameters_or_reason(figures, learned.record)
+    return loops
 
 
 def longest_settled_segment(record: Record, climbs: Intervals) -> SegmentSamples | None:

@@ -765,12 +765,13 @@ class Library:
         """
         assigned_vehicle = self._vehicle_by_given_name(plain_name(name))
         with self.transaction() as db:
-            # The fleet has a row for each axis of the flight. All name the same vehicle, so that one of them will do.
             rows = [row for row in self.flight_rows([entry]) if row.vehicle == entry.vehicle]
-            if not rows or rows[0].vehicle_basis not in (SYSTEM_ID_BASIS, GIVEN_BASIS):
+            # The fleet has a row for each axis of the flight. All name the same vehicle, so that the first will do.
+            row = rows[0] if rows else None
+            if row is None or row.vehicle_basis not in (SYSTEM_ID_BASIS, GIVEN_BASIS):
                 raise Refusal(RefusalReason.VEHICLE_IDENTIFIED, name=entry.name)
-            assign_vehicle(db, rows[0], assigned_vehicle)
-            (assigned_row,) = rows_with_assigned_vehicles(db, rows[:1])
+            assign_vehicle(db, row, assigned_vehicle)
+            [assigned_row] = rows_with_assigned_vehicles(db, [row])
             self._update_baseline(assigned_row)
             entry = self.change(
                 entry.id,

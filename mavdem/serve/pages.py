@@ -308,29 +308,14 @@ class Pages:
         if is_stored and self._request_page_if_outdated(entry, html):
             entry = self._library.entry(entry.id)
             return self._page_without_results(entry, values | {"flight": entry})
-        is_compared = True
-        anomaly = None
         # The fleet judges the vehicle under which the log is listed, and not another one that the query names.
         if not vehicle:
-            compared = self._library.compared_entries([entry])
-            is_compared = not compared.uncompared_ids
-            anomaly = motor_anomaly(compared.anomalous_rows.get(entry.id))
-            (values["flight"],) = compared.entries
-            if values["may_read"]:
-                suggested_entry = self._flight_to_compare_with(
-                    entry, has_anomaly=anomaly is not None
-                )
-                if anomaly is not None and suggested_entry is not None:
-                    link = self._comparison_link(entry, suggested_entry)
-                    anomaly = anomaly._replace(comparison=link)
-                values |= self._flights_beside(entry, suggested_entry)
+            values |= self._values_of_comparison(entry, may_read=values["may_read"])
         has_recording = RECORDING_FILE in entry.file_names
         return HTMLResponse(
             with_toolbar(
                 html,
                 given_name=values["given"].flights.get(entry.content_hash, ""),
-                anomaly=anomaly,
-                is_compared=is_compared,
                 has_baseline=entry.vehicle in self._library.baseline_vehicles(),
                 follows_verdict=not vehicle,
                 first_vehicle=self._vehicle_on_first_page(entry, html, vehicle),
@@ -340,6 +325,34 @@ class Pages:
                 **values,
             )
         )
+
+    def _values_of_comparison(self, entry: LibraryEntry, *, may_read: bool) -> JsonValues:
+        """Returns what the page of a flight shows of the comparison with the vehicle's other flights.
+
+        Args:
+            entry: index entry of the flight.
+            may_read: whether the visitor may read all flights, and so gets links to others.
+
+        Returns:
+            Values by the names in the template: the ``anomaly`` of the motors, None without any; whether the comparison
+            was made (``is_compared``); the entry with its verdict by that (``flight``); and the flights with links.
+        """
+        compared = self._library.compared_entries([entry])
+        anomaly = motor_anomaly(compared.anomalous_rows.get(entry.id))
+        [compared_entry] = compared.entries
+        flights_with_links: JsonValues = {}
+        if may_read:
+            suggested_entry = self._flight_to_compare_with(entry, has_anomaly=anomaly is not None)
+            if anomaly is not None and suggested_entry is not None:
+                link = self._comparison_link(entry, suggested_entry)
+                anomaly = anomaly._replace(comparison=link)
+            flights_with_links = self._flights_beside(entry, suggested_entry)
+        return {
+            "anomaly": anomaly,
+            "is_compared": not compared.uncompared_ids,
+            "flight": compared_entry,
+            **flights_with_links,
+        }
 
     def _vehicle_on_first_page(self, entry: LibraryEntry, page: str, vehicle: str) -> str:
         """Returns the ids of system and component, such as "2:1", of the vehicle on the first page of a log.

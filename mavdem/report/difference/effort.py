@@ -40,9 +40,6 @@ def _does_light_warn_of_effort(reviewed: ReviewedDifference) -> bool:
 def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the next step if all motors work harder, or less hard, in B than in A: what to check, or to fly again.
 
-    Checking the load and the propellers is work that an uncertain change does not justify: if it is probably no change
-    (probability below ``MIN_REPORTED_PROBABILITY``), another flight as in B shows whether it is real.
-
     Args:
         reviewed: comparison of two states of one vehicle.
 
@@ -51,6 +48,7 @@ def effort_steps(reviewed: ReviewedDifference) -> list[Sentence]:
     """
     effort = unexplained_effort_change(reviewed)
     if effort is not None and effort.probability < MIN_REPORTED_PROBABILITY:
+        # It is probably no change: another flight costs less than to check the load and the propellers.
         return render_section("difference_doubt", motor="")
     if effort is not None or _does_light_warn_of_effort(reviewed):
         return render_section("effort_next")

@@ -106,47 +106,65 @@ def _step_of_doubtful_changes(
 
 
 def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the next step that each log's own review advises, for the logs with a bad status light.
+    """Returns the next steps that the logs' own reviews advise, of the logs with a bad status light that still counts.
 
-    A step that forbids flight comes first, and otherwise that of the log that was flown later. The step of the earlier
-    log is left out if the later log of the same vehicle makes it superfluous: if each light that is bad in the earlier
-    log is good in the later one, is bad for the same reason, against which the later log's own step helps too, or
-    judged loops whose gains are others by now. The later log's own step then counts where it still warns.
+    A step that forbids flight comes first, and otherwise that of the log that was flown later. A step that both logs
+    advise is returned once.
 
     Args:
-        reviewed: comparison of two states. If they are of two vehicles, one does not show whether the other was mended.
+        reviewed: comparison of two states, with the reviews of both logs.
     """
-    reviews = reviewed.reviews
-    later = later_side(reviews)
-    (earlier,) = set(STATE_NAMES) - {later}
-    is_later_step_needed = False
-    is_earlier_step_needed = False
-    for light in bad_lights(reviews):
-        if later in light.bad_sides:
-            is_later_step_needed = True
-        if earlier in light.bad_sides:
-            earlier_light = reviews[earlier]["lights"][light.name]
-            later_light = reviews[later]["lights"][light.name]
-            is_mended = later_light["level"] == Level.GOOD
-            is_bad_again = lights_are_equal(earlier_light, later_light)
-            has_other_gains = _has_other_gains(light, reviewed.difference)
-            if has_other_gains and later_light["level"] == Level.WATCH:
-                is_later_step_needed = True
-            is_superfluous = is_mended or is_bad_again or has_other_gains
-            if reviewed.are_two_vehicles or not is_superfluous:
-                is_earlier_step_needed = True
-    sides = []
-    if is_later_step_needed:
-        sides.append(later)
-    if is_earlier_step_needed:
-        sides.append(earlier)
     steps: list[Sentence] = []
-    for side in sides:
-        next_step = value_at(reviews[side], "next_step.sentence")
-        # Both logs may advise the same step.
+    for side in _sides_with_needed_step(reviewed):
+        next_step = value_at(reviewed.reviews[side], "next_step.sentence")
         if next_step and next_step not in [step.text for step in steps]:
             steps.append(Sentence(next_step, lead=f"Next, by {side}:"))
     return sorted(steps, key=lambda step: BAN not in step.text)
+
+
+def _sides_with_needed_step(reviewed: ReviewedDifference) -> list[str]:
+    """Returns the sides, "A" or "B", whose own next step still counts, that of the later log first.
+
+    - That of the later log counts if it has a bad light. It also counts if the later log still warns of a loop that was
+      bad in the earlier one, and whose gains were changed since.
+    - That of the earlier log counts if it has a bad light and the later log does not make its step superfluous
+      (:func:`_is_superseded`). Of two vehicles, one does not show whether the other was mended.
+
+    Args:
+        reviewed: comparison of two states, with the reviews of both logs.
+    """
+    reviews = reviewed.reviews
+    later = later_side(reviews)
+    [earlier] = set(STATE_NAMES) - {later}
+    needed_sides = set[str]()
+    for light in bad_lights(reviews):
+        if later in light.bad_sides:
+            needed_sides.add(later)
+        if earlier not in light.bad_sides:
+            continue
+        later_level = reviews[later]["lights"][light.name]["level"]
+        if later_level == Level.WATCH and _has_other_gains(light, reviewed.difference):
+            needed_sides.add(later)
+        if reviewed.are_two_vehicles or not _is_superseded(light, reviewed):
+            needed_sides.add(earlier)
+    return [side for side in (later, earlier) if side in needed_sides]
+
+
+def _is_superseded(light: BadLight, reviewed: ReviewedDifference) -> bool:
+    """Returns whether the later log makes the step against a bad light of the earlier log superfluous.
+
+    It does if the light is good in the later log; if it is bad there for the same reason, against which the later log's
+    own step helps too; or if it judges loops whose gains were changed since.
+
+    Args:
+        light: a light that is bad in the earlier log.
+        reviewed: comparison of two states, with the reviews of both logs.
+    """
+    lights_by_side = lights_of_both(reviewed.reviews)[light.name]
+    later_light = lights_by_side[later_side(reviewed.reviews)]
+    is_mended = later_light["level"] == Level.GOOD
+    is_bad_again = lights_are_equal(*lights_by_side.values())
+    return is_mended or is_bad_again or _has_other_gains(light, reviewed.difference)
 
 
 def _has_other_gains(light: BadLight, difference: VehicleDifference) -> bool:
