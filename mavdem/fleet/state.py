@@ -1,6 +1,6 @@
 """State of a vehicle: its flights in a log or a fleet. ``mavdem diff`` compares two states."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import date, datetime
 from functools import partial
@@ -211,16 +211,10 @@ def with_motors_judged(
     names = before.names | after.names
     if len(names) != 1 or UNKNOWN in names:
         return before, after
-    # A flight that is in both states, or in a fleet twice, counts once.
-    rows_by_key: dict[RowKey, FlightRow] = {}
-    baseline_by_key: dict[RowKey, FlightRow] = {}
-    for state in (before, after):
-        for row in (*state.rows, *state.fleet_rows):
-            if row.vehicle in names:
-                rows_by_key.setdefault(row_key(row), row)
-        for row in state.baseline:
-            if row.vehicle in names:
-                baseline_by_key.setdefault(row_key(row), row)
+    [vehicle] = names
+    all_rows = [*before.rows, *before.fleet_rows, *after.rows, *after.fleet_rows]
+    rows_by_key = _distinct_rows_of_vehicle(all_rows, vehicle)
+    baseline_by_key = _distinct_rows_of_vehicle([*before.baseline, *after.baseline], vehicle)
     rows = list(rows_by_key.values())
     start = _start_of_newer_state(before, after)
     candidates = None
@@ -230,12 +224,23 @@ def with_motors_judged(
         rows, partial(assess_rows, candidates=candidates), list(baseline_by_key.values())
     )
     judged_by_key = dict(zip(rows_by_key, judged_rows, strict=True))
-    judged_states = []
-    for state in (before, after):
-        judged_of_state = [judged_by_key.get(row_key(row), row) for row in state.rows]
-        judged_states.append(state._replace(rows=judged_of_state))
-    judged_before, judged_after = judged_states
-    return judged_before, judged_after
+    judged_before = [judged_by_key.get(row_key(row), row) for row in before.rows]
+    judged_after = [judged_by_key.get(row_key(row), row) for row in after.rows]
+    return before._replace(rows=judged_before), after._replace(rows=judged_after)
+
+
+def _distinct_rows_of_vehicle(rows: Iterable[FlightRow], vehicle: str) -> dict[RowKey, FlightRow]:
+    """Returns the rows of one vehicle by flight and axis; of copies of a flight, only the first.
+
+    Args:
+        rows: rows of the fleet's table. A flight may be among them twice, as one that is in both compared states.
+        vehicle: name of the vehicle.
+    """
+    rows_by_key: dict[RowKey, FlightRow] = {}
+    for row in rows:
+        if row.vehicle == vehicle:
+            rows_by_key.setdefault(row_key(row), row)
+    return rows_by_key
 
 
 def _start_of_newer_state(before: VehicleState, after: VehicleState) -> datetime | None:
