@@ -1,10 +1,14 @@
 """A log dropped into the Rerun Viewer, whose loaders write a recording to standard output."""
 
+from pathlib import Path
+from unittest.mock import Mock
+
 from command_line import run
 from pytest import mark
 from recorded_flights import SLOW, short_flight
 from rerun.chunk import RrdReader
 
+from mavdem.cli.learn import learn_command
 from mavdem.cli.open import EXIT_INCOMPATIBLE, load
 
 pytestmark = mark.slow
@@ -35,5 +39,12 @@ def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
 
 
 def test_a_log_is_learned_from_and_shown(here, monkeypatch):
-    monkeypatch.setattr("mavdem.view.show", lambda path: path.unlink())
-    assert run("open", short_flight(here), "--axis", "pitch") == 0
+    """The command is ``mavdem learn --rrd``, whose recording tests/cli/test_learn.py reads, and then shows it."""
+    learn = Mock()
+    show = Mock(return_value="")
+    monkeypatch.setattr(learn_command, "callback", learn)
+    monkeypatch.setattr("mavdem.view.show", show)
+    assert run("open", "flight.tlog", "--axis", "pitch") == 0
+    options = learn.call_args.kwargs
+    assert options["axis"] == "pitch" and options["rrd"] and options["source"] == "flight.tlog"
+    show.assert_called_once_with(Path("flight", "flight.rrd"))

@@ -42,7 +42,7 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     assert (np.diff(free_energies) >= 0).all()
 
 
-MANY_PRIORS, SOME_PRIORS = 40, 20
+MANY_PRIORS, SOME_PRIORS = 40, 10
 """Draws of the random prior: ascents from it end at different maxima, so one alone says little."""
 
 

@@ -281,7 +281,7 @@ def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
     st.sampled_from(COMPRESSIONS),
     st.sampled_from(["frames", "json", "px4", "mavros"]),
 )
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, compression, kind):
     """Random bytes of recordings of all kinds are changed: only true messages may be read."""
     path = tmp_path_factory.mktemp("damaged") / "damaged.mcap"

@@ -150,7 +150,7 @@ WHOLE = {
 
 @mark.slow
 @given(st.integers(0, 2**32), st.sampled_from([*WHOLE]))
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, kind):
     """Logs of each format are damaged at random.
 

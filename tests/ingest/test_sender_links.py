@@ -121,13 +121,13 @@ def test_equal_heartbeats_after_a_turn_of_the_numbers_are_no_copies():
 
 
 @mark.slow
-@mark.parametrize("share", [0.0, 0.3])
 @mark.parametrize(
-    "other",
+    "other, share",
     [
-        {"start": 160.0, "first_sequence": 77},
-        {"start": 100.01, "first_sequence": 3, "latitude": 47.001},
-        {"start": 100.012, "first_sequence": 100, "heading": 2.5},
+        ({"start": 160.0, "first_sequence": 77}, 0.0),
+        ({"start": 160.0, "first_sequence": 77}, 0.3),
+        ({"start": 100.01, "first_sequence": 3, "latitude": 47.001}, 0.3),
+        ({"start": 100.012, "first_sequence": 100, "heading": 2.5}, 0.3),
     ],
 )
 def test_two_vehicles_under_one_id_are_refused(other, share):

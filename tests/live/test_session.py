@@ -710,7 +710,10 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
 @mark.slow
 @mark.usefixtures("without_learning")
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
-    """After 9 s of flight nothing arrives for 10 min, then heartbeats, then the flight goes on."""
+    """After 9 s of flight nothing arrives for 10 min, then heartbeats, then the flight goes on.
+
+    Where motion was missing for longer than messages, the end of the silence says for how long.
+    """
     session, screen, reported_facts = session_of([*batches(9.0)])
     run(session)
     assert (
@@ -753,6 +756,27 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         session.status.overall_judgement.headline
     )
     assert session.status.rates["ATTITUDE"] > 50 and not session.status.no_model_reason
+    # Nothing arrives for 60 s, after 30 s in which only heartbeats came: motion was missing for longer.
+    reported_facts.clear()
+    for _ in range(30):
+        session.link.script = [[(FIRST + 13.0, heartbeat)]]
+        now[0] += 1.0
+        session.step(0.0)
+    now[0] += 60.0
+    # What is received now may have come at any time since the step before.
+    session.step(0.0)
+    # A heartbeat comes before the first attitude.
+    session.link.script = [[(FIRST + 13.9, heartbeat)], *batches(2.0, start=14.0)]
+    run(session)
+    durations = {
+        fact.subject: fact.figures["duration"]
+        for fact in reported_facts
+        if fact.code is RowsFact.MESSAGES_RESUMED
+    }
+    assert durations == {
+        MissingMessages.MESSAGES: approx(60.0, abs=1.0),
+        MissingMessages.MOTION: approx(90.0, abs=1.0),
+    }
 
 
 def test_what_waits_at_the_end_of_a_session_is_analysed_for_a_moment(now, monkeypatch):
@@ -798,35 +822,6 @@ def test_a_silence_is_reported_at_once_by_a_computer_that_is_still_analysing(now
     status = session.status
     assert status.analysis_delay == approx(20.0)
     assert status.no_model_reason.code is RowsFact.NOTHING_RECEIVED
-
-
-@mark.slow
-@mark.usefixtures("without_learning")
-def test_the_end_of_a_silence_says_for_how_long_motion_was_missing_if_that_was_longer(now):
-    """Nothing arrives for 60 s, after 30 s in which only heartbeats came."""
-    session, _, reported_facts = session_of([*batches(9.0)])
-    run(session)
-    heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
-    reported_facts.clear()
-    for _ in range(30):
-        session.link.script = [[(FIRST + 9.0, heartbeat)]]
-        now[0] += 1.0
-        session.step(0.0)
-    now[0] += 60.0
-    # What is received now may have come at any time since the step before.
-    session.step(0.0)
-    # A heartbeat comes before the first attitude.
-    session.link.script = [[(FIRST + 9.9, heartbeat)], *batches(2.0, start=10.0)]
-    run(session)
-    durations = {
-        fact.subject: fact.figures["duration"]
-        for fact in reported_facts
-        if fact.code is RowsFact.MESSAGES_RESUMED
-    }
-    assert durations == {
-        MissingMessages.MESSAGES: approx(60.0, abs=1.0),
-        MissingMessages.MOTION: approx(90.0, abs=1.0),
-    }
 
 
 @mark.slow

@@ -9,7 +9,7 @@ from hover import Hover, changed, columns
 from numpy.random import default_rng
 from numpy.testing import assert_array_equal
 from partial_records import partial_record
-from pytest import approx, mark, raises
+from pytest import approx, fixture, mark, raises
 from recorded_flights import recorded, shared
 from refusals import refused
 from scipy.interpolate import interp1d
@@ -572,11 +572,17 @@ def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refuse
     assert refused(wind_of_signals, without_motion).code is NoWind.NOT_MEASURED
 
 
+@fixture(scope="module")
+def wind_of_hover(fits_once):
+    """The estimated wind of a hover, at two heights, in a wind that jumps when the height does."""
+    time, attitude, velocity, _ = flight(legs=0.0, turning=0.0, jump=1.0, gusts=0.2, seed=5)
+    return mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > time.mean()))
+
+
 @mark.slow
-def test_the_mean_of_a_layer_is_formed_as_that_of_a_minute():
+def test_the_mean_of_a_layer_is_formed_as_that_of_a_minute(wind_of_hover):
     """Of an uncertain drag the mean over the posterior is larger than the median, which is reported."""
-    time, attitude, velocity, _ = flight(legs=0.0, turning=0.0, seed=5)
-    wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > time.mean()))
+    wind = wind_of_hover
     by_height, by_minute = ([one["speed"] for one in part] for part in (wind.profile, wind.minutes))
     assert by_height == approx(by_minute, rel=0.005)
     assert min(by_height) < wind.speed < max(by_height)
@@ -592,9 +598,8 @@ def test_a_hover_at_one_height_is_one_layer():
 
 
 @mark.slow
-def test_the_speed_through_the_air_of_a_hover_in_gusts_is_that_of_the_gusts():
-    time, attitude, velocity, air = flight(legs=0.0, turning=0.0, jump=1.0, gusts=0.2, seed=5)
-    wind = mavdem.estimate_wind(time, attitude, velocity)
+def test_the_speed_through_the_air_of_a_hover_in_gusts_is_that_of_the_gusts(wind_of_hover):
+    wind = wind_of_hover
     speed = np.hypot(*wind.air_velocity.T)
     # Along the body it is shorter by the cosine of the tilt, which is below 25°.
     assert speed == approx(np.hypot(*wind.velocity.T), rel=0.1)
