@@ -1,16 +1,19 @@
 """Noise of a flight: spectra of gyro and accelerometer, and facts (coded findings) about lines, filters and notch."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.assessment.evidence import Evidence
-from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import NoiseFact, NotchAdvice
 from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.loops.axis_loops import Loop
+from mavdem.loops.demand_noise import GyroNoise, lowest_noise_frequency
+from mavdem.loops.filters import gyro_response
+from mavdem.loops.margins import MAX_FREQUENCY_RATIO
 from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
 from mavdem.vibration.spectra import Spectrum, vibration_spectra
@@ -187,6 +190,38 @@ def measure_noise(evidence: Evidence) -> MeasuredNoise:
     lines = {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
     noise = MeasuredNoise(spectra, lines, no_spectrum=no_spectrum)
     return noise._replace(notch=_advised_notch(evidence, noise))
+
+
+def gyro_noise_by_axis(noise: MeasuredNoise, loops: Iterable[Loop]) -> dict[str, GyroNoise]:
+    """Returns the noise of the gyro after its filters about the axes of some loops, above the motion of the vehicle.
+
+    Args:
+        noise: the spectra of a flight. The spectrum before the filters is preferred, since it reaches higher; the
+            filters of the loop's controller are then applied to it.
+        loops: identified loops with the logged gains.
+
+    Returns:
+        The noise by axis. An axis is left out if its spectrum shows less than an octave of noise.
+    """
+    spectrum = noise.spectra.get(UNFILTERED_GYRO, noise.spectra.get(GYRO))
+    noise_by_axis = dict[str, GyroNoise]()
+    if spectrum is None:
+        return noise_by_axis
+    for loop in loops:
+        controller = loop.controller
+        lowest = lowest_noise_frequency(loop)
+        highest = MAX_FREQUENCY_RATIO * min(
+            2 * spectrum.nyquist_frequency, 1 / controller.loop_period
+        )
+        if highest < 2 * lowest:
+            continue
+        is_noise = (spectrum.frequency >= lowest) & (spectrum.frequency <= highest)
+        frequency = spectrum.frequency[is_noise]
+        density = spectrum.mean_density[AXES.index(loop.axis), is_noise]
+        if spectrum.name == UNFILTERED_GYRO:
+            density = density * np.abs(gyro_response(controller, frequency)) ** 2
+        noise_by_axis[loop.axis] = GyroNoise(frequency, density, is_measured=True)
+    return noise_by_axis
 
 
 def _advised_notch(evidence: Evidence, noise: MeasuredNoise) -> Fact | None:

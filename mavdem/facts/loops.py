@@ -83,6 +83,7 @@ class GainFact(Code):
     STEP_TOWARDS_MARGINS = "step_towards_margins"
     SHARE_OF_MODELS = "share_of_models"
     GYRO_CUTOFF_LOW = "gyro_cutoff_low"
+    GYRO_FILTER_LAG = "gyro_filter_lag"
     RATIO_UNUSUAL = "ratio_unusual"
     ANGLE_FOLLOWS = "angle_follows"
     INTEGRAL_FALLS = "integral_falls"

@@ -69,10 +69,7 @@ def gyro_noise(loop: Loop) -> GyroNoise:
     """
     record = loop.record
     highest = MAX_FREQUENCY_RATIO / record.dt
-    lowest = MIN_NOISE_FREQUENCY
-    # The crossover is NaN if the gain of the loop is below 1 at all frequencies.
-    if isfinite(loop.rate.crossover):
-        lowest = max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, lowest)
+    lowest = lowest_noise_frequency(loop)
     reaches_an_octave = 2 * lowest < highest
     if not reaches_an_octave:
         loop_highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
@@ -86,6 +83,14 @@ def gyro_noise(loop: Loop) -> GyroNoise:
     frequency, density = power_density(rate, 1 / record.dt, window)
     is_noise = (frequency >= lowest) & (frequency <= highest)
     return GyroNoise(frequency[is_noise], density[is_noise], is_measured=True)
+
+
+def lowest_noise_frequency(loop: Loop) -> float:
+    """Returns the frequency, Hz, from which on the gyro of a loop shows noise and no motion of the vehicle."""
+    # The crossover is NaN if the gain of the loop is below 1 at all frequencies.
+    if not isfinite(loop.rate.crossover):
+        return MIN_NOISE_FREQUENCY
+    return max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, MIN_NOISE_FREQUENCY)
 
 
 def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:

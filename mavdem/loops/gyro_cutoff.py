@@ -9,11 +9,13 @@ https://docs.px4.io/main/en/config_mc/filter_tuning.
 from collections.abc import Iterable
 from dataclasses import replace
 from math import isfinite
+from typing import NamedTuple
 
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact
 from mavdem.loops.axis_loops import Loop, MarginTarget, margin_rating
+from mavdem.loops.controllers import Controller
 from mavdem.loops.demand_noise import demand_noise
 from mavdem.loops.filters import gyro_filters
 
@@ -32,6 +34,36 @@ that rises with f from 1 to k².
 """
 MAX_DEMAND_NOISE = 1e-3
 """Largest standard deviation of the gyro's noise in the demand: the resolution of a PWM output, 1 of 1000 µs."""
+MAX_CUTOFFS = {"INS_GYRO_FILTER": 256.0, "IMU_GYRO_CUTOFF": 1000.0}
+"""Highest cut-off that ArduPilot and PX4 document for the parameter of the gyro's low-pass, Hz."""
+
+
+class CutoffChange(NamedTuple):
+    """A higher cut-off of the gyro's low-pass."""
+
+    name: str
+    """Name of the parameter."""
+    now: float
+    """The cut-off in flight, Hz."""
+    new: float
+    """The higher cut-off, Hz."""
+
+
+def raised_cutoff(controller: Controller) -> CutoffChange | None:
+    """Returns the cut-off of the gyro's low-pass, raised by ``CUTOFF_FACTOR``.
+
+    Args:
+        controller: the controller that flew.
+
+    Returns:
+        The change; None without a low-pass, or if the autopilot does not allow the higher cut-off.
+    """
+    name = "INS_GYRO_FILTER" if controller.is_ardupilot else "IMU_GYRO_CUTOFF"
+    cutoff = controller.gyro_filter
+    new_cutoff = CUTOFF_FACTOR * cutoff
+    if cutoff == 0 or new_cutoff > MAX_CUTOFFS[name]:
+        return None
+    return CutoffChange(name, cutoff, new_cutoff)
 
 
 def gyro_cutoff_advice(loops: Iterable[Loop], target: MarginTarget) -> Fact | None:
@@ -70,19 +102,17 @@ def _cutoff_advice_of_axis(loop: Loop, target: MarginTarget, max_noise: float) -
         max_noise: standard deviation that the gyro's noise causes in the demand at most with the higher cut-off.
     """
     crossover = loop.rate.crossover
-    cutoff = loop.controller.gyro_filter
+    cutoff = raised_cutoff(loop.controller)
     # The plant that was identified without the setpoint contains the filter.
-    is_filter_known = cutoff > 0 and isfinite(crossover) and not loop.plant.filtered
+    is_filter_known = isfinite(crossover) and not loop.plant.filtered
     rating = margin_rating(loop, target)
-    if not is_filter_known or not rating.is_bad:
+    if not is_filter_known or cutoff is None or not rating.is_bad:
         return None
-    phase_lag = _low_pass_lag(loop, crossover)
+    phase_lag = low_pass_lag(loop, crossover)
     if phase_lag < MIN_PHASE_LAG:
         return None
-    name = "INS_GYRO_FILTER" if loop.controller.is_ardupilot else "IMU_GYRO_CUTOFF"
-    new_cutoff = CUTOFF_FACTOR * cutoff
     try:
-        loop_with_cutoff = loop.with_parameters({name: new_cutoff})
+        loop_with_cutoff = loop.with_parameters({cutoff.name: cutoff.new})
     except NotLearnable:
         return None
     new_rating = margin_rating(loop_with_cutoff, target)
@@ -91,18 +121,18 @@ def _cutoff_advice_of_axis(loop: Loop, target: MarginTarget, max_noise: float) -
     return Fact(
         GainFact.GYRO_CUTOFF_LOW,
         axis=loop.axis,
-        name=name,
-        changes=((name, cutoff, new_cutoff),),
+        name=cutoff.name,
+        changes=((cutoff.name, cutoff.now, cutoff.new),),
         crossover=crossover,
         phase_lag=phase_lag,
-        new_phase_lag=_low_pass_lag(loop_with_cutoff, crossover),
+        new_phase_lag=low_pass_lag(loop_with_cutoff, crossover),
         rating=rating,
         expected=new_rating,
         noise=max_noise,
     )
 
 
-def _low_pass_lag(loop: Loop, frequency: float) -> float:
+def low_pass_lag(loop: Loop, frequency: float) -> float:
     """Returns the phase lag of the gyro's low-pass alone at a frequency in Hz, degrees."""
     without_notches = replace(loop.controller, notches=())
     return gyro_filters(without_notches, frequency).phase_lag

@@ -150,8 +150,9 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
        the gains of each axis.
     2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
        that needs a repair.
-    3. The next step.
-    4. What axes that get no gains need: what to correct, and the flight with doublets from which gains follow.
+    3. The cause of a missing margin, where the gyro's filter takes most of the phase.
+    4. The next step.
+    5. What axes that get no gains need: what to correct, and the flight with doublets from which gains follow.
 
     Args:
         tuning: the advice for each axis, with the judgement of the flight.
@@ -167,12 +168,31 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     # The remedies in the headline and in the next step are not repeated between them.
     texts_beside = [sentence.lead for sentence in heading]
     texts_beside += [next_step.text, *_texts_in_next_step(tuning)]
-    summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside), next_step]
+    summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside)]
+    summary += _sentences_on_filter_lag(tuning)
+    summary.append(next_step)
     if tuning.axes_also_to_lower:
         summary += render_section("tune_also_to_lower", axes=tuning.axes_also_to_lower)
     is_after_repair = not _has_next_step_on_loops(tuning.judgement)
     summary += _sentences_towards_gains(_ground_steps_by_axis(tuning), is_after_repair)
     return [*summary, *_sentences_on_flight_for_gains(tuning, is_after_repair)]
+
+
+def _sentences_on_filter_lag(tuning: Tuning) -> list[Sentence]:
+    """Returns the sentence that names the gyro's filter as the cause of a missing margin, and what a higher one gives.
+
+    Args:
+        tuning: the finding on the filter (``Tuning.gyro_filter_lag``), and the advice on a higher cut-off. Where there
+            is that advice, it says what to check first.
+
+    Returns:
+        A list with the sentence; empty if the filter is not the cause.
+    """
+    finding = tuning.gyro_filter_lag
+    if finding is None:
+        return []
+    is_advised = tuning.gyro_cutoff is not None
+    return [Sentence(finding.sentence if is_advised else finding.sentence_and_remedy, "Cause:")]
 
 
 def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> list[Sentence]:
@@ -1160,9 +1180,12 @@ def later_flight_sentences(tuning: Tuning) -> list[Sentence]:
     Returns:
         A list with the sentence; empty if no other cut-off is advised.
     """
-    if tuning.gyro_cutoff is None:
+    cutoff = tuning.gyro_cutoff
+    if cutoff is None:
         return []
-    return [Sentence(tuning.gyro_cutoff.sentence_and_remedy, "Later, instead of lower gains:")]
+    is_cause_stated = tuning.gyro_filter_lag is not None
+    text = cutoff.remedy if is_cause_stated else cutoff.sentence_and_remedy
+    return [Sentence(text, "Later, instead of lower gains:")]
 
 
 def _largest_checked_thrust_change() -> float:

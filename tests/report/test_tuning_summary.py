@@ -299,6 +299,15 @@ def test_a_filter_to_try_after_the_lower_gains_is_advised_below_them():
     [later] = later_flight_sentences(tuning)
     assert later.lead == "Later, instead of lower gains:" and "INS_GYRO_FILTER 40," in later.text
     assert not later_flight_sentences(tuning._replace(gyro_cutoff=None))
+    # The filter that takes the phase is named above the next step, and its lag is not repeated below the gains.
+    lags = {"motor_phase_lag": 8.0, "delay_phase_lag": 2.0}
+    noise = {"new_noise": 8e-4, "lowest_noise": 62.0, "highest_noise": 180.0}
+    lag = cutoff.replace(**lags, **noise).with_code(GainFact.GYRO_FILTER_LAG)
+    tuning = tuning._replace(gyro_filter_lag=lag)
+    leads = [sentence.lead for sentence in tune_summary(tuning, LIMITED)]
+    assert leads.index("Cause:") + 1 == leads.index("Next:")
+    [later] = later_flight_sentences(tuning)
+    assert later.text.startswith("Fly the lower gains first:")
 
 
 def test_after_a_repair_a_firmware_without_the_gains_is_updated_before_any_doublets():

@@ -36,6 +36,7 @@ from mavdem.assessment.axis.parameter_sets import (
 from mavdem.assessment.axis.tuning_step import judgement_with_tuning_step
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
+from mavdem.assessment.noise_spectra import gyro_noise_by_axis
 from mavdem.assessment.record import Assessment
 from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Facts
@@ -50,6 +51,7 @@ from mavdem.loops.advice import Advice, AdviceByAxis, Gain, advise, reasons_for_
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import Stage
 from mavdem.loops.gyro_cutoff import gyro_cutoff_advice
+from mavdem.loops.gyro_filter_lag import gyro_filter_lag
 
 NO_FAULTS: Mapping[str, Fact] = MappingProxyType({})
 """The faults of controllers that the logged parameters describe."""
@@ -80,6 +82,8 @@ class Tuning(NamedTuple):
     """Gains to lower, of axes for which none can be computed; they are among ``parameters``."""
     gyro_cutoff: Fact | None = None
     """A higher cut-off of the gyro's low-pass to try after a flight with lower gains; None if that is not advised."""
+    gyro_filter_lag: Fact | None = None
+    """That the gyro's low-pass takes most of the phase that a loop lacks; None if it does not, or no gains change."""
     axes_also_to_lower: Names = ()
     """Axes that were not requested, but whose gains the flight advises to lower, too."""
     feedforward: Facts = ()
@@ -253,10 +257,16 @@ def tune_loops(
         is_written=is_written,
         must_be_repaired=bool(reasons_of_vehicle),
     )
+    doubtful_axes = axes_with_doubtful_loop(assessment.margins, evidence.loops)
     gyro_cutoff = None
+    filter_lag = None
     if parameters and not notch_parameters and not reasons_of_vehicle:
         loops = [advice.before for advice in advice_on_loops]
         gyro_cutoff = gyro_cutoff_advice(loops, MARGIN_TARGETS[margins])
+        sure_advice = [
+            advice for advice in advice_on_loops if advice.before.axis not in doubtful_axes
+        ]
+        filter_lag = gyro_filter_lag(sure_advice, gyro_noise_by_axis(assessment.noise, loops))
     hover_to_tune = None
     if gains_to_lower and judgement.headline.forbids_flight:
         hover_to_tune = hover_before_tuning(evidence)
@@ -267,11 +277,12 @@ def tune_loops(
         notch_parameters=notch_parameters if parameters else {},
         notch=notch,
         judgement=tuning_judgement,
-        doubtful_axes=axes_with_doubtful_loop(assessment.margins, evidence.loops),
+        doubtful_axes=doubtful_axes,
         controller_faults=controller_faults,
         no_loop=no_loop,
         gains_to_lower=gains_to_lower,
         gyro_cutoff=gyro_cutoff,
+        gyro_filter_lag=filter_lag,
         axes_also_to_lower=also_to_lower,
         feedforward=_feedforward_findings(evidence, axes),
         flight_for_gains=flight,
