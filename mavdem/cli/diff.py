@@ -52,7 +52,7 @@ from mavdem.report.difference.headline import (
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import sentences_on_lights_watched_in_both
 from mavdem.report.difference.motors import motor_table
-from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.next_step import next_step_sentences
 from mavdem.report.difference.parameters import (
     changed_parameter_sentences,
     parameter_blocks,
@@ -312,7 +312,7 @@ def _print_comparison(
         *detail_sentences(reviewed),
         *headline_blocks(headlines, [sentence.text for sentence in headline]),
     ]
-    footer = [*next_blocks(reviewed), Sentence(str(page), "Page:")]
+    footer = [*next_step_sentences(reviewed), Sentence(str(page), "Page:")]
     if not verbose:
         footer.insert(
             0, Sentence("`--verbose` prints all figures, and how sure they are.", "More:")

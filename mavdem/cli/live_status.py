@@ -343,12 +343,12 @@ class StatusLines:
         ends_alarm = self._is_link_alarmed and event.fact.code is RowsFact.MESSAGES_RESUMED
         self._update_link_alarm(event)
         if self.terminal_text is None:
-            self._print_event_below(event, ends_alarm=ends_alarm)
+            self._append_event_line(event, ends_alarm=ends_alarm)
         else:
-            self._print_event_above_status(event, ends_alarm=ends_alarm)
+            self._insert_event_line(event, ends_alarm=ends_alarm)
 
-    def _print_event_below(self, event: Event, *, ends_alarm: bool) -> None:
-        """Prints an event as a line below the earlier ones, as to a file, unless another line or the status states it.
+    def _append_event_line(self, event: Event, *, ends_alarm: bool) -> None:
+        """Prints an event as the next line, as to a file, unless another line or the status states it.
 
         That no vehicle has been found is only stored: ``_print_no_vehicle_event`` prints it later, if it still holds.
 
@@ -405,7 +405,7 @@ class StatusLines:
         self._advised_text = ""
         self._alarm_end_time = monotonic()
 
-    def _print_event_above_status(self, event: Event, *, ends_alarm: bool) -> None:
+    def _insert_event_line(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event above the status on the terminal, with a bell if it is an alarm.
 
         A small terminal has room for few lines. So states of the session that the status shows (``SESSION_STATES``) and
@@ -438,14 +438,14 @@ class StatusLines:
         """
         is_status_on_terminal = self.terminal_text is not None
         if not is_status_on_terminal:
-            self._print_below(line, style)
+            self._append_line(line, style)
         else:
             # The latest lines are printed again when the size of the terminal has changed.
             self._latest_lines.append((line, style))
             print_line(line, STDERR, style)
 
-    def _print_below(self, line: str, style: str = "", *, indent: int = STAMP_WIDTH) -> None:
-        """Prints a line below the line before; the first one that cannot be printed is reported on standard error.
+    def _append_line(self, line: str, style: str = "", *, indent: int = STAMP_WIDTH) -> None:
+        """Prints a line after the line before; the first one that cannot be printed is reported on standard error.
 
         Args:
             line: The line.
@@ -524,7 +524,7 @@ class StatusLines:
             status: State of the live session, with a fact (coded finding) for each of these quantities: since when it
                 is watched, or why it is not.
         """
-        reportable_facts = _facts_to_report(_watch_facts_without_alarm(status))
+        reportable_facts = _reportable_facts(_watch_facts_without_alarm(status))
         is_updated_in_place = self.terminal_text is not None
         if is_updated_in_place:
             # A status that is updated in place names all that is not watched: what is watched again needs no line.
@@ -707,9 +707,9 @@ class StatusLines:
         if self._has_stamps:
             marked_text = f"{marker} {text}" if marker else text
             boot, boot_clock = self._latest_moment
-            self._print_below(stamped_line(marked_text, boot_clock=boot_clock, boot=boot))
+            self._append_line(stamped_line(marked_text, boot_clock=boot_clock, boot=boot))
         else:
-            self._print_below(text, indent=0)
+            self._append_line(text, indent=0)
 
     def _print_next_step(self, status: SessionStatus) -> None:
         """Prints what to do next if that is a new step, unless a line of the last seconds says it.
@@ -846,7 +846,7 @@ def _watch_facts_without_alarm(status: SessionStatus) -> Facts:
     return tuple(fact for fact in status.watch_facts if fact.subject not in alarmed_quantities)
 
 
-def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:
+def _reportable_facts(watch_facts: Facts) -> dict[Hashable, Fact]:
     """Returns the facts (coded findings) on watched quantities that may be printed, by vehicle and quantity.
 
     Args:

@@ -729,7 +729,7 @@ class SessionStatus(ImmutableResult):
         """
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or not worst_verdict.judgement.headline.forbids_flight:
-            return self._warning_by_library
+            return self._library_warning
         headline = self._judgement_with_worst_headline.headline
         if worst_verdict.fact in (headline, headline.figures.get("cause")):
             return None
@@ -738,7 +738,7 @@ class SessionStatus(ImmutableResult):
         )
 
     @property
-    def _warning_by_library(self) -> Fact | None:
+    def _library_warning(self) -> Fact | None:
         """The warning that a fault may still be there which an earlier recording in the library has shown.
 
         None if the library knows no fault of the vehicle, or if a flight of this session has shown since whether the

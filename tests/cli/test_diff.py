@@ -16,7 +16,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.ingest.telemetry import Telemetry, log_of_vehicles
 from mavdem.report.charts.comparison_charts import flight_series
 from mavdem.report.difference.headline import headline_of_comparison
-from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.next_step import next_step_sentences
 from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import comparison_page
 
@@ -242,7 +242,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
         "A": {"identity": {"date": "2026-02-01T10:00:00Z"}, "lights": oscillating, **lower},
         "B": reviews["A"],
     }
-    assert next_blocks(reviewed_difference(difference, swapped))[0].lead == "Next, by A:"
+    assert next_step_sentences(reviewed_difference(difference, swapped))[0].lead == "Next, by A:"
 
 
 @mark.parametrize(

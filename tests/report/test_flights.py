@@ -20,7 +20,7 @@ from mavdem.report.difference.baseline import baseline_blocks
 from mavdem.report.difference.changes import difference_blocks
 from mavdem.report.difference.conditions import condition_rows
 from mavdem.report.difference.headline import headline_of_comparison
-from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.next_step import next_step_sentences
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.fleet import badge, vehicle_health, vehicle_label, vehicle_texts
@@ -329,10 +329,10 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     after = rows_of_flight(1, phase_margin=0.3, phase_margin_interval=0.05)
     gains = [ParameterChange(f"ATC_RAT_{axis}_P", 0.1, 0.2) for axis in ("RLL", "PIT")]
     assert "check motors" in plain_text(
-        next_blocks(reviewed_difference(vehicle_difference(before, after)))
+        next_step_sentences(reviewed_difference(vehicle_difference(before, after)))
     )
     difference = vehicle_difference(before, after, gains)
-    assert not next_blocks(reviewed_difference(difference))
+    assert not next_step_sentences(reviewed_difference(difference))
     equal = reviewed_difference(difference)._replace(common_parameter_count=866)
     assert "all 866 that A and B have in common are equal" in plain_text(parameter_sentences(equal))
     names = ("RC1_MIN", "STAT_BOOTCNT", "COMPASS_OFS_X")

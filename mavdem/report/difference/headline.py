@@ -282,7 +282,7 @@ def headline_in_two_sizes(
         if sentence in watched_lights:
             if is_first_difference:
                 blocks.append(_heading_of_watched_light(sentence, reviewed))
-                sentence = _sentence_below_heading_of_light(sentence, reviewed)
+                sentence = _details_of_watched_light(sentence, reviewed)
             blocks.append(sentence)
         elif sentence.lead in headings:
             blocks += [headline_sentence(heading), _sentence_below_heading(sentence, reviewed)]
@@ -322,10 +322,10 @@ def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) 
     return headline_sentence(watched_light_heading(lights_of_both(reviewed.reviews)[name]))
 
 
-def _sentence_below_heading_of_light(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
-    """Returns what is said of a watched light below the heading that states its levels.
+def _details_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+    """Returns the sentence on a light that is to be watched, without what the heading above it states.
 
-    On vibration, it is the vibration of each IMU in both logs alone. Other sentences stay as they are.
+    Of vibration, the vibration of each IMU in both logs is left, without the levels. Other sentences stay as they are.
 
     Args:
         sentence: the sentence on the light, with its levels. Its lead names the light, such as "Vibration:".

@@ -313,7 +313,7 @@ def _is_loss_of_same_motor(first_light: JsonValues, second_light: JsonValues) ->
         is_loss = light.get("code") == MotorsBetween.MOTOR_WEAK and light.get("subject")
         if not is_loss or probability is None or probability < LIKELY_PROBABILITY:
             return False
-    return lights_are_alike(first_light, second_light)
+    return _latest_lights_are_equal(first_light, second_light)
 
 
 def _heading_on_same_motor(lights_by_side: Mapping[str, JsonValues]) -> str:
@@ -669,13 +669,13 @@ def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
         first_light, second_light: the same light in the review documents of both sides.
     """
     all_levels = {*levels_in_flights(first_light), *levels_in_flights(second_light)}
-    return len(all_levels) == 1 and lights_are_alike(first_light, second_light)
+    return len(all_levels) == 1 and _latest_lights_are_equal(first_light, second_light)
 
 
-def lights_are_alike(first_light: JsonValues, second_light: JsonValues) -> bool:
-    """Returns whether a status light has the same level and, if it warns, the same reason in two logs.
+def _latest_lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
+    """Returns whether a status light has the same level and, if it warns, the same reason in the latest of the flights.
 
-    Of a fleet only the last flight is compared (for all see :func:`lights_are_equal`).
+    A log has one flight. Of a fleet, :func:`lights_are_equal` also compares the flights before.
 
     Args:
         first_light, second_light: the same light in the review documents of both logs or fleets.

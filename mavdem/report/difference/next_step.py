@@ -29,7 +29,7 @@ from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.templates import BAN, render_section
 
 
-def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
+def next_step_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the next steps after a comparison.
 
     The first of these conditions that applies decides:

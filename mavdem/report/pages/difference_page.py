@@ -70,7 +70,7 @@ from mavdem.report.difference.lights import (
     vibrations_of_same_imu,
 )
 from mavdem.report.difference.motors import motor_table, motor_warnings
-from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.next_step import next_step_sentences
 from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_count_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
@@ -248,7 +248,7 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> _Sum
         headline: the sentences that head the comparison.
     """
     blocks_of_headline = headline_in_two_sizes(reviewed, headline)
-    next_step = next_blocks(reviewed)
+    next_step = next_step_sentences(reviewed)
     if reviewed.difference.is_of_same_flight:
         # A flight that is compared with itself needs no remarks.
         return _Summary([*blocks_of_headline, *next_step], [])
@@ -1247,7 +1247,7 @@ def _trim_dots(
     # The horizontal axis counts its names from 0, and motors count from 1.
     positions = np.array(motor_numbers) - 1.0
     if has_columns:
-        positions = _columns(side, motor_numbers) + MEAN_OFFSET
+        positions = _column_positions(side, motor_numbers) + MEAN_OFFSET
     values = [change.before if side == "A" else change.after for change in trim_changes]
     half_widths_of_changes = np.array([change.half_width for change in trim_changes])
     return Line.with_band(
@@ -1286,7 +1286,7 @@ def _flight_dots(
     trims = 100 * np.array(trims_of_flights)
     flight_count = trims.shape[1]
     offsets = np.linspace(-FLIGHT_DOTS_WIDTH / 2, FLIGHT_DOTS_WIDTH / 2, flight_count)
-    columns = _columns(side, [change.quantity.motor for change in trim_changes])
+    columns = _column_positions(side, [change.quantity.motor for change in trim_changes])
     positions = columns[:, np.newaxis] + FLIGHT_DOTS_OFFSET + offsets
     states = np.array(_motor_states(reviews_by_side.get(side, {}), flight_count))
     lines = []
@@ -1300,7 +1300,7 @@ def _flight_dots(
     return lines
 
 
-def _columns(side: str, motor_numbers: Sequence[int]) -> Array:
+def _column_positions(side: str, motor_numbers: Sequence[int]) -> Array:
     """Returns the positions (motors,) of a side's columns in a chart with a column for A and one for B of each motor.
 
     Those of motors 1 and 2 are 0 and 2 for A, and 1 and 3 for B.

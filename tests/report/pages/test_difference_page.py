@@ -51,7 +51,7 @@ from mavdem.report.difference.lights import (
     sentences_on_lights_watched_in_both,
 )
 from mavdem.report.difference.motors import motor_table
-from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.next_step import next_step_sentences
 from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.quantity_texts import change_with_interval
@@ -469,7 +469,7 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
     assert plain_text(sentences_on_lights_watched_in_both(reviewed.reviews)) == (
         "Watch in A and B: vibration."
     )
-    assert plain_text(next_blocks(reviewed)) == "Next, by B: Balance the propellers."
+    assert plain_text(next_step_sentences(reviewed)) == "Next, by B: Balance the propellers."
     assert not sentences_on_lights_watched_in_both(reviews)
     first, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
     assert (first.lead, first.text) == (
@@ -477,7 +477,8 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
         "bad in A and B. A: Motor 3 is weak. B: Motor 1 is weak.",
     )
     steps = [
-        (step.lead, step.text) for step in next_blocks(reviewed_difference(difference, reviews))
+        (step.lead, step.text)
+        for step in next_step_sentences(reviewed_difference(difference, reviews))
     ]
     assert steps == [("Next, by B:", "Inspect motor 1."), ("Next, by A:", "Inspect motor 3.")]
 
@@ -556,7 +557,7 @@ def test_the_next_step_of_an_earlier_bad_light_stays_until_it_is_good(difference
     }
     first, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
     assert first.text.startswith(f"bad in A, {level} in B. Motor 3 is weak.")
-    steps = next_blocks(reviewed_difference(difference, reviews))
+    steps = next_step_sentences(reviewed_difference(difference, reviews))
     assert [step.lead for step in steps if step.lead != "Next:"] == leads
 
 
@@ -679,23 +680,25 @@ def test_motors_that_all_work_harder_are_stated_for_two_single_flights():
         }
         headline = headline_of_comparison(harder._replace(reviews=reviews))
         assert [sentence.lead for sentence in headline][:2] == leads
-    assert next_blocks(harder)[0].text.startswith("Fly again as in B")
+    assert next_step_sentences(harder)[0].text.startswith("Fly again as in B")
     (table,) = condition_table(harder)
     assert ["mean output at equal voltage (% of A)", "100", "108.6"] in table.rows
     much_harder = reviewed(0.7)
     first, *_ = headline_of_comparison(much_harder)
     assert first.lead == "Changed:"
-    assert next_blocks(much_harder)[0].text == "Check the load, then all propellers."
+    assert next_step_sentences(much_harder)[0].text == "Check the load, then all propellers."
     # A fuller battery needs as much more output as it has less voltage, and another range means other fractions.
     full = reviewed(0.5 * 12.0 / 13.0, voltage_mean=13.0)
-    assert "all motors" not in headline_of_comparison(full)[0].text and not next_blocks(full)
+    assert "all motors" not in headline_of_comparison(full)[0].text and not next_step_sentences(
+        full
+    )
     other_range = [ParameterChange("MOT_PWM_MAX", 2000.0, 1900.0)]
     rows = [flight_row("quad", number, collective=0.5, voltage_mean=12.0) for number in range(2)]
     assert vehicle_difference(rows[:1], rows[1:]).effort is not None
     assert vehicle_difference(rows[:1], rows[1:], other_range).effort is None
     # The advice is that of the judgement of the motors by earlier flights.
     judged = replace(rows[1], health="drift", health_code=MotorsBetween.EFFORT_CHANGED)
-    assert motor_next_step(judged) == next_blocks(much_harder)
+    assert motor_next_step(judged) == next_step_sentences(much_harder)
 
 
 def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(difference):
@@ -762,7 +765,7 @@ def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(
     doubtful = share._replace(
         tested_difference=0.08, tested_half_width=0.06, outcome=QuantityOutcome.UNCERTAIN, p=0.047
     )
-    (step,) = next_blocks(reviewed_difference(difference._replace(changes=(doubtful,))))
+    (step,) = next_step_sentences(reviewed_difference(difference._replace(changes=(doubtful,))))
     assert step.text.startswith(f"Inspect motor {share.quantity.motor} and its propeller. Then fly")
 
 
@@ -926,7 +929,7 @@ def test_a_bad_margin_is_stated_for_both_flights():
             pair, margins_sentence, *_ = others
             assert pair.text == "Rate loop on roll: phase margin 29 → 11°, not certain to differ."
         assert margins_sentence.text == "bad in A, watch in B. A: A lacks it. B: Ms is 2.4."
-        assert plain_text(next_blocks(uncertain)) == step
+        assert plain_text(next_step_sentences(uncertain)) == step
     other_loop = reviews["B"]["lights"]["margins"] | {"subject": "attitude"}
     reviews["B"] = {"lights": {"margins": other_loop}}
     sentence, *_ = headline_of_comparison(reviewed_difference(margins, reviews))

@@ -25,7 +25,7 @@ from mavdem.report.difference.flight_cautions import flight_cautions
 from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.lights import light_blocks, light_heading
 from mavdem.report.difference.motors import motor_table
-from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.next_step import next_step_sentences
 from mavdem.report.difference.reviewed import (
     ComparedState,
     compared_states,
@@ -133,7 +133,7 @@ def test_a_drift_without_a_motor_has_the_step_of_its_vehicle_and_of_its_comparis
     assert vehicle_texts([[row]]).next_step == step
     reviews = {"A": GOOD_REVIEW, "B": review_with_compared_motors(GOOD_REVIEW, [row])}
     reviewed = reviewed_difference(doubtful_trim(1, 0.16), reviews)
-    assert texts(next_blocks(reviewed)) == [f"Next: {step}"]
+    assert texts(next_step_sentences(reviewed)) == [f"Next: {step}"]
     # The table of motors has what the log shows of the motor.
     sentence = "Motor 1 (front right) works 8 % harder."
     light = {"level": "watch", "subject": "motor 1 (front right)", "sentence": sentence}
@@ -199,7 +199,7 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     assert f"<strong>Motors:</strong> good in A, {level} in B.</p>" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
-        (step,) = next_blocks(reviewed_difference(difference, reviews))
+        (step,) = next_step_sentences(reviewed_difference(difference, reviews))
         assert step.text == "Inspect motor 1 and its propeller before the next flight."
 
 
@@ -257,7 +257,7 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
         texts([*headline, *difference_blocks(reviewed_difference(difference, reviews), headline)])
     )
     assert "Perhaps" not in everything and "Doubtful" not in everything
-    (step,) = texts(next_blocks(reviewed_difference(difference, reviews)))
+    (step,) = texts(next_step_sentences(reviewed_difference(difference, reviews)))
     assert step.startswith(
         "Next: Inspect motor 1 and its propeller before the next flight. If both"
     )
@@ -369,7 +369,7 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     lights, _ = light_blocks(one_day.reviews)
     assert lights.rows[0][1].reason.startswith("in 2 of 4 flights, reference in 2.")
     # A was flown later, so that B does not show that the motor was mended.
-    (step,) = texts(next_blocks(reviewed))
+    (step,) = texts(next_step_sentences(reviewed))
     assert step.startswith("Next, by A: Inspect motor 1")
     description = side_descriptions(("fleet", "log"), reviewed)["A"]
     assert description.endswith("(figures are their means), flown 2026-01-06 to 2026-01-09")
@@ -427,7 +427,7 @@ def test_a_trim_that_lean_explains_is_no_change_of_the_motor(lean_effect, is_exp
     headline = " ".join(texts(headline_of_comparison(reviewed)))
     has_lean = "but for what lean explains. Explained by lean: motor 1's relative trim" in headline
     assert has_lean == is_explained
-    assert bool(next_blocks(reviewed)) != is_explained
+    assert bool(next_step_sentences(reviewed)) != is_explained
     assert ("Changed: motor" in headline) != is_explained
 
 
@@ -453,7 +453,7 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     reviews = judged_reviews(health="drift", suspect_motor=1, fault_probability=0.5)
     doubted = reviewed_difference(difference, reviews)
     assert "sure by itself" not in " ".join(texts(headline_of_comparison(doubted)))
-    assert "another healthy flight" in " ".join(texts(next_blocks(doubted)))
+    assert "another healthy flight" in " ".join(texts(next_step_sentences(doubted)))
     figures = {
         "rise": (0.13, 0.06, 0.2),
         "loss": (0.22, 0.11, 0.3),
@@ -483,7 +483,7 @@ def test_a_doubtful_trim_is_no_step_where_all_together_show_no_weak_motor():
         "No change is certain. Perhaps: motor 4's relative trim +8 % (+2 to +14 %)"
     )
     assert result.endswith("show no motor that works 8 % harder (probability 0.01).")
-    assert next_blocks(reviewed_difference(difference, reviews)) == []
+    assert next_step_sentences(reviewed_difference(difference, reviews)) == []
     # It may be a damage, so that a light that became better follows it.
     shaken = {"level": "watch", "sentence": "Vibration 16 m/s²."}
     lights_by_side = {"A": shaken, "B": shaken | {"level": "good"}}
@@ -502,13 +502,13 @@ def test_a_doubtful_trim_is_no_step_where_all_together_show_no_weak_motor():
     reviewed = reviewed_difference(difference, open_reviews)
     (result,) = texts(headline_of_comparison(reviewed))
     assert result.endswith("leave open whether a motor works 8 % harder (probability 0.33).")
-    (step,) = texts(next_blocks(reviewed))
+    (step,) = texts(next_step_sentences(reviewed))
     assert step.startswith("Next: Inspect motor 4")
     # Without that judgement the trim is all that is known.
     assert texts(headline_of_comparison(reviewed_difference(difference)))[0].startswith(
         "No change is certain. Perhaps: motor 4"
     )
-    (step,) = texts(next_blocks(reviewed_difference(difference)))
+    (step,) = texts(next_step_sentences(reviewed_difference(difference)))
     assert step.startswith("Next: Inspect motor 4")
 
 
