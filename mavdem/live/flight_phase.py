@@ -173,6 +173,27 @@ class FlightPhase:
         if is_new_loss and self.is_flying:
             self._withdraw_since(self._loss_onset - TRANSIENT_SECONDS)
 
+    def _landed_state(
+        self, now: float, telemetry: Telemetry, collective: TimeSeries | None
+    ) -> TimeSeries | None:
+        """Returns the landed states that the autopilot has reported in the last seconds; None if it reports none.
+
+        It also stores until when the latest report holds, and whether it holds now.
+
+        Args:
+            now: time of the review, s.
+            telemetry: messages of the last seconds.
+            collective: mean of the motors in the last seconds, by which reports are checked; None if it is unknown.
+        """
+        reports = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
+        if reports is not None and collective is not None:
+            reports = self._checked_reports(reports, telemetry, collective)
+        self._landed_state_end = _end_of_validity(reports, now)
+        # Without motor outputs, even an old report holds.
+        is_valid = self._landed_state_end >= now or collective is None
+        self.is_landed_state_reported = reports is not None and is_valid
+        return _repeated_until(now, reports)
+
     def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
         """Decides the phase of flight by the messages and motor outputs of the last seconds, twice a second.
 
@@ -183,23 +204,13 @@ class FlightPhase:
         """
         boot = self._slow_messages.boot
         telemetry = self._recent_telemetry(now, vehicle)
-        reports = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
-        if reports is not None and collective is not None:
-            reports = self._checked_reports(reports, telemetry, collective)
-        self._landed_state_end = _end_of_validity(reports, now)
-        has_motors = collective is not None
-        # Without motor outputs, even an old report holds.
-        self.is_landed_state_reported = reports is not None and (
-            self._landed_state_end >= now or not has_motors
-        )
-        landed_state = _repeated_until(now, reports)
+        landed_state = self._landed_state(now, telemetry, collective)
         signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
         # If no message says whether the vehicle is armed, it counts as armed all the time.
         armed = flight_states.armed_intervals(signals, boot)
         is_arming_reported = armed != [(-inf, inf)]
-        has_landed_state = landed_state is not None
-        self._is_flying_known = has_landed_state or has_motors or is_arming_reported
-        shows_phase = has_landed_state or has_motors
+        shows_phase = landed_state is not None or collective is not None
+        self._is_flying_known = shows_phase or is_arming_reported
         if vehicle.vehicle not in POSSIBLE_MULTIROTORS:
             # Other vehicles fly while they are armed.
             shows_phase = is_arming_reported

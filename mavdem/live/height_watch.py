@@ -147,13 +147,7 @@ class HeightWatch:
                     difference_in_flight, self._takeoff_difference, flight_interval
                 )
                 event = event_in_flight or recent_event
-        # The event of the whole flight, or of an earlier review, may have a larger difference than the last seconds.
-        # Differences may be negative.
-        largest_difference = event.figures["height"]
-        recent_difference = recent_event.figures["height"]
-        if abs(recent_difference) > abs(largest_difference):
-            largest_difference = recent_difference
-        self._latest_disagreement = event.replace(height=largest_difference)
+        self._latest_disagreement = _with_larger_difference(event, recent_event)
         return self._latest_disagreement
 
     def _height_difference_since(self, start_time: float, vehicle: Telemetry) -> TimeSeries | None:
@@ -240,6 +234,20 @@ class HeightWatch:
             return None
         # The barometer was right, so the altitude by satellites wandered, which is no fault of the vehicle.
         return disagreement_in_flight.replace(Level.GOOD)
+
+
+def _with_larger_difference(event: Fact, recent_event: Fact) -> Fact:
+    """Returns the event that two heights disagree, with the larger difference of two searches, m; it may be negative.
+
+    Args:
+        event: the event by the whole flight, or by an earlier search.
+        recent_event: the same event by the last seconds.
+    """
+    largest_difference = event.figures["height"]
+    recent_difference = recent_event.figures["height"]
+    if abs(recent_difference) > abs(largest_difference):
+        largest_difference = recent_difference
+    return event.replace(height=largest_difference)
 
 
 def _with_known_start(event: Fact, earlier_event: Fact | None) -> Fact:

@@ -482,19 +482,15 @@ def change_sentences(
         return sentences_on_missing_quantities(difference)
     motors = reviewed.motors
     causes = changes_by_cause(difference, changes_by_relevance(difference, without=motors.evidence))
-    texts_above = " ".join(sentence.text for sentence in headline)
     # The headline names one change, and how many others there are.
+    texts_above = " ".join(sentence.text for sentence in headline)
     texts_of_changes = [change_text(change, difference) for change in causes.unexplained]
-    further_texts = [text for text in texts_of_changes if text not in texts_above]
+    further_texts = _texts_not_above(texts_of_changes, texts_above)
     texts_by_gains = [change_text(change, difference) for change in causes.by_gains]
-    doubtful = []
-    stated_elsewhere = [*motors.evidence, *trims_explained_by_lean(reviewed)]
-    for change in difference.changes:
-        # The sentences on weak motors quote the changes that are evidence of them, the result those by lean.
-        if change.is_doubtful and change not in stated_elsewhere:
-            doubtful.append(change)
+    further_by_gains = _texts_not_above(texts_by_gains, texts_above)
+    doubtful = _doubtful_changes_without_sentence(reviewed)
     texts_of_doubtful = [change_text(change, difference) for change in doubtful]
-    further_doubtful = [text for text in texts_of_doubtful if text not in texts_above]
+    further_doubtful = _texts_not_above(texts_of_doubtful, texts_above)
     is_doubt_above = len(further_doubtful) < len(texts_of_doubtful)
     # A headline that names a doubtful change also says what all trims together show.
     fault_probability = None
@@ -504,8 +500,8 @@ def change_sentences(
         "difference_changes",
         changed=further_texts,
         are_all_listed=len(further_texts) == len(texts_of_changes),
-        by_gains=[text for text in texts_by_gains if text not in texts_above],
-        is_more=any(text in texts_above for text in texts_by_gains),
+        by_gains=further_by_gains,
+        is_more=len(further_by_gains) < len(texts_by_gains),
         axes=[axis for axis in AXES if axis in difference.axes_with_changed_loops],
         doubtful=further_doubtful,
         is_doubt_above=is_doubt_above,
@@ -514,6 +510,32 @@ def change_sentences(
         excludes_weak_motor=motors.excludes_weak_motor,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
+
+
+def _texts_not_above(texts: Iterable[str], texts_above: str) -> list[str]:
+    """Returns the texts that do not stand above already.
+
+    Args:
+        texts: texts on changes, such as "phase margin on roll 29 → 42°".
+        texts_above: all that stands above, as one text.
+    """
+    return [text for text in texts if text not in texts_above]
+
+
+def _doubtful_changes_without_sentence(reviewed: ReviewedDifference) -> list[QuantityChange]:
+    """Returns the doubtful changes of which no other sentence speaks.
+
+    The sentences on weak motors quote the changes that are evidence of them, and the result those by lean.
+
+    Args:
+        reviewed: comparison of two states, quantity by quantity.
+    """
+    stated_changes = [*reviewed.motors.evidence, *trims_explained_by_lean(reviewed)]
+    doubtful = []
+    for change in reviewed.difference.changes:
+        if change.is_doubtful and change not in stated_changes:
+            doubtful.append(change)
+    return doubtful
 
 
 def _chance_of_any(p_value: float | None, difference: VehicleDifference) -> float | None:
