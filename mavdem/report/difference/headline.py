@@ -563,30 +563,54 @@ def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
         named: different margins are bad in the two states, a margin is in doubt, it is not known in both states, or its
         change is too uncertain to be a result.
     """
-    if light.name != Light.MARGINS:
+    margin = _bad_margin(light, reviewed.reviews)
+    if margin is None:
         return ""
-    lights_by_side = lights_of_both(reviewed.reviews)[light.name]
-    # Each margin that makes the light bad in one of the states: its loop ("rate"), its name ("phase_margin"), the axis.
-    bad_margins = set[tuple[str, str, str]]()
-    for side in light.bad_sides:
-        bad_light = lights_by_side[side]
-        # The light may also be bad because of an oscillation, for example.
-        is_about_margin = bad_light.get("code") == MarginsLight.LOOP_MARGINS
-        # The reason is a measured response that contradicts the margin.
-        is_doubtful = value_at(bad_light, "figures.reason")
-        if not is_about_margin or is_doubtful:
-            return ""
-        figures = bad_light["figures"]
-        bad_margins.add((bad_light["subject"], figures["lacking"], figures["axis"]))
-    if len(bad_margins) > 1:
-        return ""
-    [(loop_name, margin_name, axis)] = bad_margins
-    kind = KINDS_OF_MARGINS.get((loop_name, margin_name))
+    kind = KINDS_OF_MARGINS.get((margin.loop, margin.name))
     for change in reviewed.difference.changes:
-        is_of_margin = change.quantity.kind == kind and change.quantity.axis == axis
+        is_of_margin = change.quantity.kind == kind and change.quantity.axis == margin.axis
         if is_of_margin and change.outcome is not QuantityOutcome.UNCERTAIN:
             return change_text(change, reviewed.difference)
     return ""
+
+
+class _Margin(NamedTuple):
+    """A stability margin of a control loop."""
+
+    loop: str
+    """Name of the loop, such as "rate"."""
+
+    name: str
+    """Name of the margin, such as "phase_margin"."""
+
+    axis: str
+    """Axis of the loop, such as "roll"."""
+
+
+def _bad_margin(light: BadLight, reviews: Mapping[str, Review]) -> _Margin | None:
+    """Returns the one stability margin that makes a light bad, in one of the logs or in both.
+
+    Args:
+        light: a status light (the judgement of one subject) that is bad in at least one of the logs.
+        reviews: review documents of both logs, by side.
+
+    Returns:
+        The margin. None for a light on another subject, if different margins are bad in the logs, if a measured
+        response contradicts the margin, and if the light is bad for another reason, such as an oscillation.
+    """
+    if light.name != Light.MARGINS:
+        return None
+    lights_by_side = lights_of_both(reviews)[light.name]
+    margins = set[_Margin]()
+    for side in light.bad_sides:
+        bad_light = lights_by_side[side]
+        is_about_margin = bad_light.get("code") == MarginsLight.LOOP_MARGINS
+        is_contradicted = value_at(bad_light, "figures.reason")
+        if not is_about_margin or is_contradicted:
+            return None
+        figures = bad_light["figures"]
+        margins.add(_Margin(bad_light["subject"], figures["lacking"], figures["axis"]))
+    return margins.pop() if len(margins) == 1 else None
 
 
 def with_evidence(
@@ -612,11 +636,7 @@ def with_evidence(
     if not evidence:
         return [*sentences]
     changes = listed(change_text(change, difference) for change in evidence)
-    outcomes = {change.outcome for change in evidence}
-    certainty = ""
-    # Beside a motor that is as likely sound as weak, a change that is sure would read as a second verdict.
-    if outcomes == {QuantityOutcome.CHANGED} and not motors.is_as_likely_as_not:
-        certainty = ", sure by itself" if len(evidence) == 1 else ", each sure by itself"
+    certainty = _certainty_of_evidence(evidence, motors)
     lead_of_motors = _lead_of_light(Light.MOTORS)
     extended_sentences = []
     for sentence in sentences:
@@ -625,6 +645,21 @@ def with_evidence(
             sentence = Sentence(text, lead=lead_of_motors)
         extended_sentences.append(sentence)
     return extended_sentences
+
+
+def _certainty_of_evidence(evidence: Sequence[QuantityChange], motors: MotorVerdict) -> str:
+    """Returns ", sure by itself" for a change of a weak motor that is certain; empty if some change is doubtful.
+
+    It is also empty if the motor is as likely sound as weak, beside which it would read as a second verdict.
+
+    Args:
+        evidence: the changes that are stated, at least one.
+        motors: what is known of the motors.
+    """
+    are_certain = all(change.outcome is QuantityOutcome.CHANGED for change in evidence)
+    if not are_certain or motors.is_as_likely_as_not:
+        return ""
+    return ", sure by itself" if len(evidence) == 1 else ", each sure by itself"
 
 
 def _sentence_on_motors(reviews: Mapping[str, Review]) -> Sentence:

@@ -907,15 +907,36 @@ def _marks_by_motor_chart(
     for level, colour in WARNING_COLOURS.items():
         for side, series in flights_by_side.items():
             for motor, warning in motor_warnings(reviewed.reviews.get(side, {})).items():
-                if warning["level"] != level or warning.get("time") is None or motor > MAX_MOTORS:
+                if warning["level"] != level or motor > MAX_MOTORS:
                     continue
-                boot_time = warning["time"]
-                time = time_in_flight(series, boot_time, value_at(warning, "figures.boot") or 0)
-                if time is not None:
-                    name = f"{side}: {boot_time:.0f} s since boot, {time:.0f} s in the air"
-                    mark = Mark(time, name, colour)
+                mark = _mark_of_warning(warning, side, series, colour)
+                if mark is not None:
                     marks_by_title[MOTOR_OUTPUTS[motor - 1]].append(mark)
     return marks_by_title
+
+
+def _mark_of_warning(
+    warning: JsonValues, side: str, series: FlightSeries, colour: str
+) -> Mark | None:
+    """Returns a line at the time when a warning began, named for example "B: 92 s since boot, 40 s in the air".
+
+    Args:
+        warning: the warning, as the review document of the flight has it.
+        side: side of the flight, "A" or "B".
+        series: time series of the flight, whose times are in the air.
+        colour: colour of the line.
+
+    Returns:
+        The line; None if the warning has no time, or one outside of the flight.
+    """
+    boot_time = warning.get("time")
+    if boot_time is None:
+        return None
+    time = time_in_flight(series, boot_time, value_at(warning, "figures.boot") or 0)
+    if time is None:
+        return None
+    name = f"{side}: {boot_time:.0f} s since boot, {time:.0f} s in the air"
+    return Mark(time, name, colour)
 
 
 def _motors_caption(flights_by_side: Mapping[str, FlightSeries], *, has_marks: bool) -> str:
