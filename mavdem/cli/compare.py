@@ -127,9 +127,9 @@ def compare_command(
     Each SOURCE is a log. Its longest settled flight is cut into windows. In each window every method is trained on
     --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
     methods that can. The report begins with the methods that have smaller errors than DEM's model and than the first
-    method, with the p-values of paired tests. A table sums up RMSE, error ratio (squared error over that of a constant
-    forecast) and p; then come how far ahead forecasts are useful, and error ratios at all horizons. What each figure
-    is stands before its table. A run that is stopped, as by Ctrl-C, reports the windows that are done.
+    method, with the p-values of paired tests, and how far ahead forecasts are useful. A table sums up RMSE, error ratio
+    (squared error over that of a constant forecast) and p; then come error ratios at all horizons. What each figure is
+    stands before its table. A run that is stopped, as by Ctrl-C, reports the windows that are done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
@@ -144,7 +144,7 @@ def compare_command(
     1 if none was, 2 if no SOURCE can be read.
     """
     start_time = perf_counter()
-    windows_by_flight = map_flights(
+    flights = map_flights(
         sources,
         axis,
         vehicle,
@@ -152,7 +152,7 @@ def compare_command(
         partial(required_windows, train=train, test=test, hop=hop),
     )
     windows: list[Window] = []
-    for windows_of_flight in windows_by_flight.values():
+    for windows_of_flight in flights.results.values():
         windows += windows_of_flight
     for sentence in plan_report(windows, methods, workers_for(len(windows) * len(methods))):
         print_to_stderr(f"{sentence.lead} {sentence.text}")
@@ -172,7 +172,7 @@ def compare_command(
         "planned_windows": len(windows),
     }
     is_complete = len(run.outcomes) == len(windows)
-    report = comparison_report(comparison, None if is_complete else len(windows))
+    report = comparison_report(comparison, None if is_complete else len(windows), flights.excluded)
     print_result(document, report, as_json=as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")
     if run.exit_code != EXIT_DONE:

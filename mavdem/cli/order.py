@@ -66,7 +66,7 @@ def order_command(
     """
     start_time = perf_counter()
     known_inputs = not unknown_inputs
-    flights = map_flights(sources, axis, vehicle, inputs, _InputCountCheck())
+    flights = map_flights(sources, axis, vehicle, inputs, _InputCountCheck()).results
     title = f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states"
     with progress(title) as show_fraction:
         free_energies, errors = free_energy_of_flights(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence, Sized
 from filecmp import cmp
 from itertools import combinations
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import click
 
@@ -30,6 +30,16 @@ from mavdem.report.templates import render_section
 
 Result = TypeVar("Result")
 """What a function makes of a flight."""
+
+
+class FlightResults(NamedTuple, Generic[Result]):
+    """Results of a function for the flights of several logs, and the logs that have none."""
+
+    results: dict[str, Result]
+    """Results by the flight's name; at least one."""
+
+    excluded: dict[str, NotLearnable | Unreadable]
+    """Reason why a log has no result, by its path; it is also on standard error."""
 
 
 def read_source(source: str, params: Path | None = None) -> Log:
@@ -170,7 +180,7 @@ def map_flights(
     vehicle: str | None,
     inputs: str | None,
     function: Callable[[str, Flight], Result],
-) -> dict[str, Result]:
+) -> FlightResults[Result]:
     """Applies a function to the longest settled flight of each log.
 
     A log that cannot be used is reported on standard error, and left out.
@@ -183,7 +193,7 @@ def map_flights(
         function: Function that is called with the name of a flight, and the flight; it may raise ``NotLearnable``.
 
     Returns:
-        Results of the function, by the flight's name.
+        Results of the function, and the logs that are left out.
 
     Raises:
         click.BadParameter: A log is named twice.
@@ -199,7 +209,7 @@ def map_flights(
         except (NotLearnable, Unreadable) as error:
             errors[source] = error
     report_excluded(results, errors)
-    return results
+    return FlightResults(results, errors)
 
 
 def report_excluded(results: Sized, errors: Mapping[str, NotLearnable | Unreadable]) -> None:

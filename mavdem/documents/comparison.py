@@ -20,7 +20,7 @@ class Paired(Document):
     tested: int
     """number of pairs that do not overlap, which the test uses"""
     p_value: Number
-    """two-sided p-value of Wilcoxon's signed-rank test"""
+    """two-sided p-value of Wilcoxon's paired signed-rank test on the logarithms of the error ratios"""
     verdict: SentenceText = Field(validation_alias="result")
     """lower, higher or not distinguishable"""
 

@@ -21,14 +21,20 @@ from mavdem.dem.parallel import parallel_map
 from mavdem.experiments.compared_methods import METHODS, Method
 from mavdem.experiments.held_out import Progress
 from mavdem.experiments.outcomes import Outcome, run_trial
-from mavdem.experiments.paired_test import MIN_PAIRS, Paired, paired
+from mavdem.experiments.paired_test import (
+    MIN_PAIRS,
+    Paired,
+    TypicalRatio,
+    paired,
+    typical_ratio,
+)
 from mavdem.experiments.scores import (
     FROM_STATE_ZERO,
     KNOWN_INPUTS,
     UNKNOWN_INPUTS,
     ForecastKind,
 )
-from mavdem.experiments.window import Window
+from mavdem.experiments.window import Window, disjoint_windows
 
 WindowOutcomes = tuple[Outcome, ...]
 """The outcomes of all methods in one window, in the order of the methods."""
@@ -348,6 +354,33 @@ class Comparison:
             ratios = self._whole_test_ratios(method, kind)
             tests[method] = paired(first_ratios, ratios, self.windows)
         return tests
+
+    def typical_ratio(self, method: str, better: str, kind: ForecastKind) -> TypicalRatio | None:
+        """Returns how much larger a method's errors are than a better one's, and from which ratio that is significant.
+
+        Args:
+            method: name of the method with the larger errors.
+            better: name of the method with the smaller errors.
+            kind: kind of forecast, by the data that it may use.
+
+        Returns:
+            Both ratios, by the errors that :meth:`tests` uses; None if a method made no forecast in one of the windows.
+        """
+        return typical_ratio(
+            self._independent_ratios(method, kind), self._independent_ratios(better, kind)
+        )
+
+    def _independent_ratios(self, method: str, kind: ForecastKind) -> list[float]:
+        """Collects the error ratios of a method that :meth:`tests` uses: of each flight, or of disjoint windows."""
+        if len(self.flights) >= MIN_PAIRS:
+            ratios_of_flights = []
+            for flight in self.flights:
+                for summary in self.summaries(flight, kind):
+                    if summary["method"] == method:
+                        ratios_of_flights.append(summary["relative"])
+            return ratios_of_flights
+        ratios = self._whole_test_ratios(method, kind)
+        return [ratios[index] for index in disjoint_windows(self.windows)]
 
     def _whole_test_ratios(self, method: str, kind: ForecastKind) -> list[float]:
         """Collects the error ratio of a method over the whole test part.

@@ -1,8 +1,9 @@
 """Comparisons in sentences and tables: of forecasting methods by paired tests, and of model orders by free energy."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isclose, isfinite, sqrt
 from statistics import median
+from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.assessment.axis.findings import PREDICTION_LIMITS
@@ -60,14 +61,26 @@ class _MethodRank(NamedTuple):
     has_failed: bool
     """Whether it made no forecast in any window; then it is not compared."""
 
+    error_ratio: str
+    """Its error ratio, as in the table."""
+
+    worse_than_constant: int
+    """Number of windows in which a constant would have been the better forecast."""
+
+    windows: int
+    """Number of all windows."""
+
     losses: list[str]
-    """Methods with a significantly smaller error, each with the p-value of the paired test."""
+    """Methods with a significantly smaller error, each with its error ratio and the p-value of the paired test."""
 
     smaller: list[str]
-    """Further methods with a smaller error ratio in the table, which is not significant."""
+    """Further methods with a smaller error ratio in the table, which is not significant, each with that ratio."""
 
     wins: list[str]
-    """Methods with a significantly larger error."""
+    """Methods with a significantly larger error, each with its error ratio."""
+
+    best_smaller: str
+    """Name of the first of ``smaller``; empty without one."""
 
 
 class _UselessHorizon(NamedTuple):
@@ -151,9 +164,11 @@ def plan_report(
 
 
 def comparison_report(
-    comparison: Comparison, planned_windows: int | None = None
+    comparison: Comparison,
+    planned_windows: int | None = None,
+    excluded: Mapping[str, Exception] = MappingProxyType({}),
 ) -> Iterator[Block]:
-    """Yields the report of a comparison of forecasting methods: who loses to whom, a summary, then the details.
+    """Yields the report of a comparison of forecasting methods: who loses to whom, how far ahead, then the tables.
 
     All methods forecast with the recorded inputs of the test data, and some can also predict without them. Each of
     these two kinds of forecast has its own sentences and tables. What the columns are stands before the tables.
@@ -162,6 +177,7 @@ def comparison_report(
         comparison: errors and paired tests of all methods; the first method is the one that the others are compared
             with.
         planned_windows: number of windows that were to be compared, if the run was stopped before; otherwise None.
+        excluded: reason why a log is not compared, by its path.
     """
     kinds = [KNOWN_INPUTS]
     if comparison.methods_of(UNKNOWN_INPUTS):
@@ -171,10 +187,14 @@ def comparison_report(
     )
     for kind in kinds:
         yield headline_sentence(_ranking_text(comparison, kind))
+    yield from _useful_horizon_sentences(comparison, kinds)
+    for kind in kinds:
+        yield from _insignificance_sentences(comparison, kind)
+    for source, error in excluded.items():
+        yield from render_section("comparison_left_out", source=source, reason=str(error))
     yield _figure_definitions("comparison_legend", comparison)
     for kind in kinds:
         yield _summary_table(comparison, kind)
-    yield from _useful_horizon_sentences(comparison, kinds)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
     yield _figure_definitions("comparison_details_legend", comparison)
@@ -270,6 +290,7 @@ def _ranking_text(comparison: Comparison, kind: ForecastKind) -> str:
         forecasts=_forecasts_text(comparison, kind),
         ranks=ranks,
         model=MethodName.PLANT,
+        constant=CONSTANT_MEAN,
         default=DEFAULT_METHOD,
         pair_count=_pair_count(comparison),
         min_pairs=MIN_PAIRS,
@@ -306,28 +327,68 @@ def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _Me
         method: name of the method.
         kind: kind of forecast, by the data that it may use.
     """
-    error_ratios = {}
+    summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
+    error_ratios = {name: summary["relative"] for name, summary in summaries.items()}
     failed_methods = []
-    for summary in comparison.over_flights(kind):
-        error_ratios[summary["method"]] = summary["relative"]
+    for name, summary in summaries.items():
         if summary["failed"] == summary["windows"]:
-            failed_methods.append(summary["method"])
+            failed_methods.append(name)
     losses = []
     smaller = []
     wins = []
+    best_smaller = ""
     # The paired test of this method against each other one.
     tests = comparison.with_reference(method).tests(kind)
     compared_methods = [name for name in tests if name not in failed_methods]
     # The method with the smallest error comes first.
     for other in sorted(compared_methods, key=lambda name: error_ratios[name]):
         test = tests[other]
+        error_ratio = _short_number(error_ratios[other])
         if test.result is TestResult.HIGHER:
-            losses.append(f"{other} (p {_p_value_text(test)})")
+            losses.append(f"{other} ({error_ratio}, p {_p_value_text(test)})")
         elif test.result is TestResult.LOWER:
-            wins.append(other)
+            wins.append(f"{other} ({error_ratio})")
         elif _is_shown_smaller(error_ratios[other], error_ratios[method]):
-            smaller.append(other)
-    return _MethodRank(method, method in failed_methods, losses, smaller, wins)
+            smaller.append(f"{other} ({error_ratio})")
+            best_smaller = best_smaller or other
+    return _MethodRank(
+        method,
+        has_failed=method in failed_methods,
+        error_ratio=_short_number(error_ratios[method]),
+        worse_than_constant=summaries[method]["worse_than_constant"],
+        windows=summaries[method]["windows"],
+        losses=losses,
+        smaller=smaller,
+        wins=wins,
+        best_smaller=best_smaller,
+    )
+
+
+def _insignificance_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
+    """Returns a sentence on what the paired test could have found, if a smaller error is not significant.
+
+    Without it "not significantly" would read as "equal". It is on the first ranked method that has a larger error than
+    another one, and on the best of the others.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    for method in _ranked_methods(comparison, kind):
+        better = _method_rank(comparison, method, kind).best_smaller
+        ratio = comparison.typical_ratio(method, better, kind) if better else None
+        if ratio is not None and isfinite(ratio.significant):
+            return render_section(
+                "comparison_insignificance",
+                kind=kind,
+                method=method,
+                better=better,
+                measured_ratio=_short_number(ratio.measured),
+                significant_ratio=_short_number(ratio.significant),
+                pairs=_pair_count(comparison),
+                are_flights_pairs=_are_flights_pairs(comparison),
+            )
+    return []
 
 
 def _is_shown_smaller(error_ratio: float, other_ratio: float) -> bool:

@@ -40,6 +40,10 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     assert f"{SLOW} is left out: ATTITUDE comes at 4 Hz" in captured.err
     assert captured.err.count(" is left out: ") == 2
     assert "4 Hz" in document_of(capsys, "compare", SLOW, code=1)["error"]["reason"]
+    # A report that is kept has them too.
+    assert run("compare", SLOW, FLIGHT, "--hop", "5000") == 0
+    report = capsys.readouterr().out.replace("\n", " ")
+    assert f"Left out: {SLOW}: ATTITUDE comes at 4 Hz" in report
     missing = [str(tmp_path / "missing.tlog"), str(tmp_path / "lost.tlog")]
     assert run("compare", missing[0], SLOW) == 1
     error_text = capsys.readouterr().err

@@ -13,7 +13,7 @@ from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
 from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.outcomes import evaluate_window
-from mavdem.experiments.paired_test import Paired, paired
+from mavdem.experiments.paired_test import SIGNIFICANCE, Paired, paired, typical_ratio
 from mavdem.experiments.scores import KNOWN_INPUTS
 from mavdem.experiments.window import Window, disjoint_windows, windows
 from mavdem.facts.forecasts import TestResult
@@ -100,6 +100,14 @@ def test_the_test_is_wilcoxons_on_log_ratios():
     assert found.p_value == wilcoxon(np.log(ours / theirs)[::2]).pvalue
     assert found.ratio == approx(np.median(ours / theirs))
     assert (found.less, found.windows, found.tested) == (int((ours < theirs).sum()), 15, 8)
+    # Errors whose typical ratio is just above the one that would be significant are, just below it not.
+    ratio = typical_ratio(ours, theirs)
+    centred = ours / theirs / ratio.measured
+    assert typical_ratio(centred, np.ones(15)).measured == approx(1)
+    assert paired(1.001 * ratio.significant * centred, np.ones(15)).p_value < SIGNIFICANCE
+    assert paired(0.999 * ratio.significant * centred, np.ones(15)).p_value >= SIGNIFICANCE
+    assert typical_ratio(ours[:5], theirs[:5]).significant == INF
+    assert typical_ratio([1, INF], [1, 1]) is None
 
 
 @mark.slow
