@@ -1068,28 +1068,35 @@ def goal_reached_sentences(tuning: Tuning) -> list[Sentence]:
 
 
 def sentences_on_reached_goal(advice_by_axis: Mapping[str, Advice]) -> list[Sentence]:
-    """Returns a sentence on whether the axes reach the goal of the margins with the gains to set or to keep.
+    """Returns sentences on whether the axes reach the goal of the margins, one for each kind of gains.
 
-    It states what share of the vehicle models that agree with the flight reach it, such as 84 %. Axes with the same
-    share have one clause of the sentence.
+    The kinds are new gains, gains that were tried and are not to be loaded, and the present gains of the other axes. A
+    sentence states what share of the vehicle models that agree with the flight reach the goal, such as 84 %.
 
     Args:
         advice_by_axis: advice on the gains of each axis whose margins are known.
     """
-    shares_by_axis = {}
-    for axis, advice in advice_by_axis.items():
-        shares_by_axis[axis] = _shares_reaching_goal(advice)
-    axes_by_shares = group_by(shares_by_axis, shares_by_axis.__getitem__)
-    expects_another_step = any(
-        shares.prospect is _GoalProspect.IMPROBABLE for shares in shares_by_axis.values()
-    )
-    return render_section(
-        "tune_goal_reached",
-        deviation=_largest_checked_thrust_change(),
-        expects_another_step=expects_another_step,
-        axes_by_shares=axes_by_shares,
-        has_new_gains=any(advice.parameters for advice in advice_by_axis.values()),
-    )
+    axes_by_gains = group_by(advice_by_axis, lambda axis: _kind_of_gains(advice_by_axis[axis]))
+    sentences: list[Sentence] = []
+    for gains, axes in axes_by_gains.items():
+        shares_by_axis = {axis: _shares_reaching_goal(advice_by_axis[axis]) for axis in axes}
+        prospects = [shares.prospect for shares in shares_by_axis.values()]
+        sentences += render_section(
+            "tune_goal_reached",
+            gains=gains,
+            deviation=_largest_checked_thrust_change(),
+            expects_another_step=_GoalProspect.IMPROBABLE in prospects,
+            # Axes with the same shares have one clause of the sentence.
+            axes_by_shares=group_by(shares_by_axis, shares_by_axis.__getitem__),
+        )
+    return sentences
+
+
+def _kind_of_gains(advice: Advice) -> str:
+    """Returns which gains an axis is judged with: "new", "tried" if none of them is to be loaded, or "present"."""
+    if not advice.parameters:
+        return "present"
+    return "new" if advice.is_sound else "tried"
 
 
 class _GoalProspect(StrEnum):
@@ -1097,7 +1104,7 @@ class _GoalProspect(StrEnum):
 
     SURE = "sure"
     """Nearly all models reach it, with more and with less thrust, too."""
-    SURE_AS_FLOWN = "sure_as_flown"
+    SURE_AT_FLOWN_THRUST = "sure_at_flown_thrust"
     """Nearly all models reach it with the thrust of the flight, but not with more or less, as of another battery."""
     PROBABLE = "probable"
     """Most models reach it with the thrust of the flight."""
@@ -1110,10 +1117,12 @@ class _SharesReachingGoal(NamedTuple):
 
     prospect: _GoalProspect
     """What these shares mean for the pilot."""
-    as_flown: str
+    at_flown_thrust: str
     """Share with the thrust of the flight, as a text such as "84 %"."""
     at_all_thrusts: str
     """Share with more and with less thrust, too, as a text."""
+    with_present_gains: str
+    """Share with the gains that flew, with the thrust of the flight, as a text."""
 
 
 def _shares_reaching_goal(advice: Advice) -> _SharesReachingGoal:
@@ -1122,27 +1131,31 @@ def _shares_reaching_goal(advice: Advice) -> _SharesReachingGoal:
     Args:
         advice: advice on an axis; without gains to set, its loop "after" is the one that flew.
     """
-    share_as_flown = advice.after.share_meeting(advice.target)
+    share_at_flown_thrust = advice.after.share_meeting(advice.target)
     is_certain = margin_rating(advice.after, advice.target).is_good
-    prospect = _goal_prospect(share_as_flown, advice.sure, is_certain=is_certain)
-    return _SharesReachingGoal(prospect, model_share(share_as_flown), model_share(advice.sure))
+    return _SharesReachingGoal(
+        prospect=_goal_prospect(share_at_flown_thrust, advice.sure, is_certain=is_certain),
+        at_flown_thrust=model_share(share_at_flown_thrust),
+        at_all_thrusts=model_share(advice.sure),
+        with_present_gains=model_share(1 - advice.fraction_without_margins_before),
+    )
 
 
 def _goal_prospect(
-    share_as_flown: float, share_at_all_thrusts: float, *, is_certain: bool
+    share_at_flown_thrust: float, share_at_all_thrusts: float, *, is_certain: bool
 ) -> _GoalProspect:
     """Returns how probable it is that an axis reaches the goal of the margins.
 
     Args:
-        share_as_flown: fraction of the models that reach it with the thrust of the flight.
+        share_at_flown_thrust: fraction of the models that reach it with the thrust of the flight.
         share_at_all_thrusts: fraction of those that also reach it with more and with less thrust.
         is_certain: whether the rating of the margins is good, which it is not by a log that is too slow for them.
     """
     if is_certain and share_at_all_thrusts >= SURE_SHARE:
         return _GoalProspect.SURE
-    if is_certain and share_as_flown >= SURE_SHARE:
-        return _GoalProspect.SURE_AS_FLOWN
-    if share_as_flown >= 1 / 2:
+    if is_certain and share_at_flown_thrust >= SURE_SHARE:
+        return _GoalProspect.SURE_AT_FLOWN_THRUST
+    if share_at_flown_thrust >= 1 / 2:
         return _GoalProspect.PROBABLE
     return _GoalProspect.IMPROBABLE
 
@@ -1773,7 +1786,8 @@ def tuning_result(tuning: Tuning) -> Fact:
     """
     flight_headline = _headline_by_decision(tuning.judgement)
     if flight_headline.is_bad or is_about_loops(flight_headline, tuning.judgement):
-        return _headline_on_all_axes(flight_headline, tuning.judgement.loop_decisions)
+        result = _headline_on_all_axes(flight_headline, tuning.judgement.loop_decisions)
+        return _headline_with_thrust_reserve(result, tuning)
     advice_with_room = _advice_with_room_for_gains(tuning)
     if advice_with_room:
         slower_axes = []
@@ -1861,6 +1875,27 @@ def _resonance_on_all_axes(resonance: Fact, decisions: DecisionsByAxis) -> Fact:
         if axis != resonance.figures["axis"] and lacks_margin and is_of_rate:
             facts_on_other_axes.append(decision.reason)
     return resonance.replace(alike=tuple(facts_on_other_axes))
+
+
+def _headline_with_thrust_reserve(result: Fact, tuning: Tuning) -> Fact:
+    """Extends a headline that the margins reach their goal if they probably miss it with more or less thrust.
+
+    Args:
+        result: the headline, a coded finding.
+        tuning: advice on the gains of each axis.
+
+    Returns:
+        The headline with the smallest share of models that reach the goal at all thrusts as its figure
+        ``share_at_all_thrusts``; unchanged if most models do, or if it is no headline on a goal that is met.
+    """
+    is_goal_met = result.code is MarginsLight.LOOP_MARGINS and not result.figures["reason"]
+    if not is_goal_met or result.figures["rating"] == Level.BAD:
+        return result
+    shares = [advice.sure for advice in tuning.advice if not advice.parameters]
+    smallest_share = min(shares, default=1.0)
+    if smallest_share >= 1 / 2:
+        return result
+    return result.replace(share_at_all_thrusts=smallest_share)
 
 
 class _MissedGoal(NamedTuple):

@@ -332,7 +332,7 @@ def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_need
 
 
 @mark.slow
-def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more():
+def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more(monkeypatch):
     """Without more, keeping the gains is one of two ways; with it, the gains that were found are loaded."""
     loop = made_up(1.7)
     rating = margin_rating(loop)
@@ -358,6 +358,12 @@ def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more():
     assert "at 5.2 Hz, below the crossover at 5.3 Hz:" in gentle.replace(crossover=5.3).sentence
     changed = tuned_by({"roll": loop}, headline=unsure, raises_sound_gains=True)
     assert changed.parameters and changed.judgement.next_step.code is NextStep.LOAD_GAINS
+    # Higher gains that are refused are not sought a second time.
+    with monkeypatch.context() as patch:
+        patch.setattr("mavdem.loops.advice._shows_lag", lambda loop: False)
+        refused = tuned_by({"roll": loop}, headline=unsure, raises_sound_gains=True)
+    assert refused.judgement.next_step.code is NextStep.KEEP_OR_CONFIRM_GAINS
+    assert "--more" not in refused.judgement.next_step.sentence
     biased = replace(loop, cautions=(Fact(LoopFact.EFFECT_BIASED, reason=""),))
     tuning = tuned_by({"roll": biased}, headline=unsure.replace(is_biased=True))
     [outcome] = outcome_sentences(tuning)

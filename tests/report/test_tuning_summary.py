@@ -5,6 +5,7 @@ from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
+from made_up_loop import made_up
 from partial_records import partial_record
 from pytest import mark
 
@@ -30,7 +31,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.model import ParameterDoubt
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
-from mavdem.loops.advice import Advice, Gain
+from mavdem.loops.advice import Advice, Gain, advise
 from mavdem.loops.identified_step import PredictedStep
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence, plain_text
@@ -41,6 +42,7 @@ from mavdem.report.loops import (
     later_flight_sentences,
     outcome_by_axis,
     outcome_sentences,
+    sentences_on_reached_goal,
     sentences_without_gains,
     tune_blocks,
     tune_summary,
@@ -308,6 +310,31 @@ def test_a_filter_to_try_after_the_lower_gains_is_advised_below_them():
     assert leads.index("Cause:") + 1 == leads.index("Next:")
     [later] = later_flight_sentences(tuning)
     assert later.text.startswith("Fly the lower gains first:")
+
+
+def test_the_goal_of_gains_that_must_not_be_loaded_is_apart_from_that_of_present_gains():
+    kept = advise(made_up(), doubts=[Fact(LoopFact.NOT_STEERED, share=0.3)])
+    tried = replace(kept, gains={"ATC_RAT_RLL_P": Gain(0.1, 0.08)}, sure=0.69)
+    assert tried.parameters and not tried.is_sound
+    with_tried, with_present = sentences_on_reached_goal({"roll": tried, "pitch": kept})
+    assert with_tried.lead == "Goal with the gains tried, not to be loaded:"
+    assert "roll" in with_tried.text and "pitch" not in with_tried.text
+    assert "with the present gains" in with_tried.text
+    assert "Expect another step" not in with_tried.text
+    assert with_present.lead == "Goal reached:" and "present gains" not in with_present.text
+
+
+def test_a_goal_that_more_or_less_thrust_misses_is_so_qualified_in_the_headline():
+    kept = advise(made_up(), doubts=[Fact(LoopFact.NOT_STEERED, share=0.3)])
+    rating = kept.rating.figures | {"axis": "roll", "action": None, "reason": None}
+    met = Fact(
+        MarginsLight.LOOP_MARGINS, Level.WATCH, rating=Level.WATCH, is_biased=False, **rating
+    )
+    for sure, clause in ((0.18, "thrust, but only by 18 % of the models"), (0.9, "")):
+        tuning = tuning_of(met, met, {})._replace(advice=[replace(kept, sure=sure)])
+        result = tuning_result(tuning)
+        assert clause in result.sentence
+        assert ("at this flight's thrust" in result.sentence) is bool(clause)
 
 
 def test_after_a_repair_a_firmware_without_the_gains_is_updated_before_any_doublets():
@@ -674,7 +701,7 @@ def test_uncertain_steps_of_several_loops_share_a_sentence():
     "share_as_flown, share_at_all_thrusts, is_certain, prospect",
     [
         (1.0, 0.95, True, "sure"),
-        (0.95, 0.8, True, "sure_as_flown"),
+        (0.95, 0.8, True, "sure_at_flown_thrust"),
         # A log that is too slow for the margins makes none sure.
         (1.0, 0.95, False, "probable"),
         (0.46, 0.03, True, "improbable"),

@@ -315,8 +315,9 @@ def _step_to_keep_or_confirm_gains(
             needed_log_rates.append(advice.before.least_log_rate)
     # Other gains reach the goal in more models, but do not make a slow log faster.
     is_slow_log_only_cause = bool(uncertain_axes) and not conclusions_on_few_models
+    # The conclusion that an axis gets no gains does not have the figure.
     can_compute_other_gains = all(
-        conclusion.figures["can_go_on"] for conclusion in conclusions_on_few_models
+        conclusion.figures.get("can_go_on", False) for conclusion in conclusions_on_few_models
     )
     return Fact(
         NextStep.KEEP_OR_CONFIRM_GAINS,
