@@ -6,7 +6,7 @@ from pathlib import Path
 from command_line import document_of, refused, run, unwrapped
 from fleet_rows import WEAK, flight_row
 from hover import Hover
-from pytest import fixture, mark
+from pytest import fixture, mark, skip
 from standin_logs import fleet_of
 
 from mavdem.dataset.signals import Signals
@@ -168,7 +168,13 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
 
 
 @mark.slow
-def test_the_page_on_comparisons_shows_what_its_commands_print(monkeypatch, capsys):
+def test_the_page_on_comparisons_shows_what_its_commands_print(monkeypatch, capsys, request):
+    """To learn from two whole flights takes as long as a hundred other tests: ``--in-full`` does.
+
+    tests/test_figures.py compares two recorded flights in every run, and tests above and below have what is printed.
+    """
+    if not request.config.getoption("--in-full"):
+        skip("only --in-full compares two flights of a minute each")
     monkeypatch.setenv("COLUMNS", "80")
     Path("logs").symlink_to(DOCUMENTATION.parents[1] / "logs")
     page = DOCUMENTATION.read_text(encoding="utf-8")

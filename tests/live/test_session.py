@@ -473,6 +473,7 @@ def test_the_status_that_is_shown_says_that_the_recording_is_being_judged():
 
 
 @mark.slow
+@mark.usefixtures("without_learning")
 def test_a_landing_never_replaces_the_last_model_before_it():
     written = Fact(GainFact.GAINS_WRITTEN, reason=TOO_FEW_SAMPLES)
     by_recording = replace(unjudged(written), next_step=TOO_FEW_SAMPLES)
@@ -550,7 +551,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
 
     It is judged again, without a recording.
     """
-    session, *_ = session_of(batches(8.0), recording_name="my flight.tlog")
+    session, *_ = session_of(batches(6.0), recording_name="my flight.tlog")
     run(session)
     late = mavdem.read_flight(FLIGHT)[2000:4000]
     learned = mavdem.learn(late, COMPLETE)
@@ -917,7 +918,7 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
 def test_a_recording_that_fails_ends_alone():
     """The disk is full: that is reported, and the session goes on with all that comes."""
     full = Mock(**{"add.side_effect": OSError(28, "No space left on device")})
-    session, _, reported_facts = session_of(batches(4.0), recording=full)
+    session, _, reported_facts = session_of(batches(3.0), recording=full)
     run(session)
     (ended,) = (fact for fact in reported_facts if fact.code is LinkFact.STREAM_RECORDING_ENDED)
     assert ended.figures["error"] == "No space left on device" and not ended.figures["finishing"]
