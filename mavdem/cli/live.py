@@ -429,7 +429,10 @@ def _follow_vehicle(
         )
         dashboard.report(session, results.status, file_lines)
         resources.close()
-        written_paths = _written_paths(options.axis, paths, shown_session, results, recording)
+        written_paths = _paths_without_page(paths, dashboard, results, recording)
+        page_lines = _file_lines(written_paths, results, recording)
+        if _write_page(paths.page, options.axis, session, results, page_lines):
+            written_paths = replace(written_paths, page=paths.page)
         _print_conclusions(shown_session, results, written_paths, recording)
         document = None
         if options.as_json:
@@ -551,32 +554,43 @@ def _expected_paths(
     )
 
 
-def _written_paths(
-    axis: str,
+def _paths_without_page(
     paths: OutputPaths,
-    shown_session: _ShownSession,
+    dashboard: Dashboard,
     results: _SessionResults,
     recording: RawRecording | None,
 ) -> OutputPaths:
-    """Writes the page on the session, and returns which of its files were written.
+    """Returns which recordings and model a session has written, before its page is.
 
     Args:
-        axis: Axis that is modelled.
         paths: Files that the session was to write.
-        shown_session: The session, which has ended; its dashboard is closed.
-        results: What it has found.
+        dashboard: Has written the recording for Rerun, and is closed.
+        results: What the session has found; without a model there is no file of the model.
         recording: Recording of the raw stream, which is closed; None for none.
     """
-    session = shown_session.session
-    rrd_path, record_path = _written_recordings(paths, shown_session.dashboard, recording)
-    written_paths = OutputPaths(
-        rrd=rrd_path,
-        record=record_path,
-        model=paths.model if results.model_code == EXIT_DONE else None,
-        page=None,
-    )
-    if paths.page is None:
-        return written_paths
+    rrd_path, record_path = _written_recordings(paths, dashboard, recording)
+    model_path = paths.model if results.model_code == EXIT_DONE else None
+    return OutputPaths(rrd=rrd_path, record=record_path, model=model_path, page=None)
+
+
+def _write_page(
+    path: Path | None,
+    axis: str,
+    session: LiveSession,
+    results: _SessionResults,
+    file_lines: Sequence[str],
+) -> bool:
+    """Writes the page on a session, and returns whether it was written.
+
+    Args:
+        path: File of the page; None to write none.
+        axis: Axis that is modelled.
+        session: The session, which has ended.
+        results: What it has found.
+        file_lines: A sentence on each other file that it has written.
+    """
+    if path is None:
+        return False
     page = live_page(
         session.link.name,
         axis,
@@ -584,10 +598,9 @@ def _written_paths(
         results.status,
         results.seconds_by_use,
         results.judged_model,
-        files=_file_lines(written_paths, results, recording),
+        files=file_lines,
     )
-    is_page_written = write_text(paths.page, page, "page")
-    return replace(written_paths, page=paths.page if is_page_written else None)
+    return write_text(path, page, "page")
 
 
 def _file_lines(

@@ -127,7 +127,7 @@ class Milestones:
                 self._end_former_flight(former_verdict)
         self._update_verdict(status)
         self._report_parameters(learning)
-        self._note_landing(status, now)
+        self._store_wind_or_landing(status, now)
         self._report_landing(learning, status)
         self._report_verdict(status)
 
@@ -248,8 +248,10 @@ class Milestones:
         self._has_parameters = False
         self._reported_rows = 0
 
-    def _note_landing(self, status: SessionStatus, now: float) -> None:
-        """Stores when the vehicle landed, until the results of the flight are reported, and in flight the wind so far.
+    def _store_wind_or_landing(self, status: SessionStatus, now: float) -> None:
+        """Stores the wind so far while the vehicle flies, and the time of its landing when it has just landed.
+
+        Both are needed until the results of the flight are reported.
 
         Args:
             status: status of the session, with the estimated wind and whether the vehicle flies.

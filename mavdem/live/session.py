@@ -546,18 +546,19 @@ class LiveSession:
     def _report_resumed_motion(self) -> None:
         """Reports that attitude or motor outputs come again, if neither had come for ``SILENCE_SECONDS``.
 
-        Both may be missing while slower messages come. If all messages were missing, that they come again was reported
-        before; a second report is made only if attitude and motor outputs had been missing for longer than the others.
+        They may be missing alone, while slow messages such as HEARTBEAT come. If all messages were missing, their
+        return has just been reported by :meth:`_report_resumed_messages`. Then a second report is made only if attitude
+        and motor outputs had been missing for longer than the others, by more than ``SILENCE_SECONDS``.
         """
         motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
         has_new_samples = motion_silence > 0.0
         if not has_new_samples:
             return
-        # How much longer they were missing than all messages, if the return of those was reported, s.
-        additional_silence = motion_silence - self._reported_silence
+        # 0 unless the return of all messages was reported.
+        silence_of_all_messages = self._reported_silence
         self._reported_silence = 0.0
         report = resumption(MissingMessages.MOTION, motion_silence)
-        if report is not None and additional_silence > SILENCE_SECONDS:
+        if report is not None and motion_silence - silence_of_all_messages > SILENCE_SECONDS:
             self._presentation.log(report)
 
     def _update_silence_monitor(
@@ -615,9 +616,9 @@ class LiveSession:
         )
 
     def _show_slow_sample(self) -> None:
-        """Adds the latest sample to history and display in flight while messages come too slowly to learn from them.
+        """Adds the latest sample to charts and display in flight, while messages come too slowly to learn from them.
 
-        So plots show the flight at any rate of messages. These samples are at least ``SAMPLE_PERIOD`` apart.
+        So the charts show the flight at any message rate. Of these samples, one is shown each ``SAMPLE_PERIOD``.
         """
         # After a reboot the clock begins again, so that the difference may be negative. It is NaN before any time.
         is_due = abs(self.stream.now - self._sample_time) >= SAMPLE_PERIOD
@@ -1101,7 +1102,7 @@ class LiveSession:
             advice: what to do with the gains of each axis, which is reported next.
         """
         are_known = margins.code is MarginsLight.LOOP_MARGINS
-        if not are_known or _states_margins(advice, margins):
+        if not are_known or _are_margins_in_advice(margins, advice):
             return
         if any(fact.code is GainFact.GAINS_WRITTEN for fact in advice):
             # The gains follow, with their files: nobody has to run a command for them.
@@ -1155,16 +1156,16 @@ def _without_measurements(reason: Fact | None) -> Hashable:
     return None if reason is None else reason.without_measurements
 
 
-def _states_margins(advice: Facts, margins: Fact) -> bool:
-    """Returns whether advice on gains already states the stability margins of an axis, which then need no report.
+def _are_margins_in_advice(margins: Fact, advice: Facts) -> bool:
+    """Returns whether the advice on gains gives the stability margins of an axis as its reason, and so states them.
 
     Args:
-        advice: facts (coded findings) on what to do with the gains of each axis.
-        margins: the fact on the margins of one axis.
+        margins: the fact (a coded finding) on the margins of one axis.
+        advice: facts on what to do with the gains of each axis.
     """
     for fact in advice:
+        # Only a decision on the loops of an axis has a reason, which may be their margins.
         if fact.code is not LoopAction.LOOPS_JUDGED:
-            # Only a decision on the loops of an axis has a reason, which may be their margins.
             continue
         reason = fact.figures["reason"]
         if reason.code is margins.code and reason.figures["axis"] == margins.figures["axis"]:

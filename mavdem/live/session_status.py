@@ -808,18 +808,16 @@ class SessionStatus(ImmutableResult):
         )
 
     def _unread_seconds(self, silence_seconds: float | None) -> float | None:
-        """Returns how many seconds of messages from before a silence this computer has still to analyse.
+        """Returns how many seconds of messages have come before a silence, and are not analysed yet; None if none are.
 
         Args:
             silence_seconds: how long nothing has come, s; None if that is not known.
-
-        Returns:
-            The duration, s; None if it is below one second, or the analysis keeps up with the messages.
         """
         if not self.is_late:
             return None
-        # The delay is the age of the oldest message that waits, and the latest one is as old as the silence.
-        unread_seconds = self.analysis_delay - (silence_seconds or 0.0)
+        age_of_oldest_message = self.analysis_delay
+        age_of_latest_message = silence_seconds or 0.0
+        unread_seconds = age_of_oldest_message - age_of_latest_message
         return unread_seconds if unread_seconds > 0.0 else None
 
     @property
@@ -899,19 +897,26 @@ class SessionStatus(ImmutableResult):
         The light of a part that is watched for faults says that no alarm was raised so far. That of any other part is
         unknown, with the reason, such as that a message does not come.
         """
-        watch_states = self._watch_states
-        if self._is_silent_after_flight:
-            # After the flight nothing need be watched any more, so that the silence is no reason to state. What did not
-            # come before it is one.
-            before_silence = self.status_before_silence
-            watch_states = {} if before_silence is None else before_silence._watch_states
         return lights_before_model(
             no_model_reason=self._reason_without_model,
             rates=self.rates,
-            watch_facts=watch_states,
+            watch_facts=self._watch_states_of_flight,
             no_wind_reason=self.no_wind_reason,
             provisional_margins=self.provisional_margins,
         )
+
+    @property
+    def _watch_states_of_flight(self) -> dict[str, Fact]:
+        """For each watched quantity, such as vibration: since when it is watched for faults, or why it is not.
+
+        If the vehicle has been silent since its flight, these are the states before the silence. The silence itself is
+        no reason why a part of the vehicle could not be judged in the flight.
+        """
+        if not self._is_silent_after_flight:
+            return self._watch_states
+        if self.status_before_silence is None:
+            return {}
+        return self.status_before_silence._watch_states
 
     @property
     def _judgement_by_model_and_checks(self) -> Judgement:

@@ -675,11 +675,10 @@ class LiveStream:
 
     @property
     def last_position(self) -> GlobalPosition | None:
-        """The latest geographic position of this boot or of this flight; None where none came.
+        """The latest geographic position of this boot or of this flight; None if none came.
 
-        After a reboot the position of a crashed vehicle stays until the next flight begins, and that of a vehicle whose
-        autopilot restarts in flight until another one comes. A vehicle that flies again is not searched at a position
-        from before the reboot.
+        A crashed vehicle is searched there, even if its autopilot reboots after the crash. Once it flies again, a
+        position from before the reboot is of no use.
         """
         is_of_boot = self._position_boot == self.boot
         is_of_flight = self._position_flight == self.flight_number

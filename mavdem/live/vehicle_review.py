@@ -191,7 +191,7 @@ class VehicleReview:
         moment = FlightMoment(now, self.telemetry, self.phase.takeoff_time, motion)
         for fact in watchdog.review_control(moment):
             self._report(fact)
-        self._note_loss()
+        self._update_loss_of_phase()
 
     def _perform_next_step(self) -> None:
         """Performs the next step of the review, which may add further steps."""
@@ -386,7 +386,7 @@ class VehicleReview:
         user sees in one list what is watched and what is not, and the watchdog keeps that list.
         """
         self._report_facts(self.watchdog.finish_review(self._motion, self.phase.takeoff_time))
-        self._note_loss()
+        self._update_loss_of_phase()
         now = self._review_time
         reason = self._motor_alarms.reason_not_watched(now, is_flying=self.phase.is_flying)
         self.watchdog.set_motors_watched(reason, now)
@@ -416,16 +416,16 @@ class VehicleReview:
         # A vehicle without motor outputs, such as a plane, operates while it is armed.
         return self._rows.motor_message or "HEARTBEAT"
 
-    def _note_loss(self) -> None:
-        """Notes for the phase of flight since when the vehicle is out of control, if it is: that ends settled flight.
+    def _update_loss_of_phase(self) -> None:
+        """Passes the time when control was lost to the phase of flight, for which no flight after it is settled.
 
-        A loss of the former boot does not count: its time is of another clock.
+        A loss before the latest restart of the autopilot does not count, since its time is of another clock.
         """
         loss = self.watchdog.loss
         if loss is None or loss == self._loss_of_former_boot:
             self.phase.note_loss(None)
             return
-        onset = loss_onset(loss)
-        if onset is None:
-            onset = self._review_time
-        self.phase.note_loss(onset)
+        loss_time = loss_onset(loss)
+        if loss_time is None:
+            loss_time = self._review_time
+        self.phase.note_loss(loss_time)

@@ -729,13 +729,15 @@ class Watchdog:
         return reported_facts
 
     def _judge_oscillating_motors(self) -> None:
-        """Judges the motors while the vehicle oscillates: it is not known then that they are sound.
+        """Withdraws a good light (judgement) of the motors while the vehicle oscillates, so that it is unknown.
 
-        They cannot be compared with each other, since the oscillation drives them to and fro, often to their limits.
+        An oscillation drives the motors to and fro, so that they cannot be compared with each other. If it drives them
+        to their limits, the light says so. After a loss of control it does not, since that drives them there anyway.
         """
         self.status_lights.remove_good(Light.MOTORS)
         swinging_motors = self._motor_limits.swinging_motors
-        if swinging_motors is not None and self.loss is None:
+        is_controlled = self.loss is None
+        if swinging_motors is not None and is_controlled:
             self.status_lights.add(Light.MOTORS, swinging_motors)
 
     def _judge_height(self, review: Review, moment: FlightMoment) -> None:

@@ -142,23 +142,22 @@ class LightRow(NamedTuple):
     """Its figure with unit, or what was found so far in a few words; empty where there is neither."""
 
 
-def _wrapped_light(light: Fact) -> Fact:
-    """Returns the fact about a part of the vehicle that a light of a live flight wraps, or the light itself.
+def _past_fault_or_light(light: Fact) -> Fact:
+    """Returns the past fault itself, for a light that only says that an alarm is over; any other light as it is.
 
-    The light of an alarm that is over only says when it was, and has the fault itself as a figure.
+    The fault says which part is meant, such as the motor, and has the figures that the table shows.
 
     Args:
         light: the judgement of one part of the vehicle, a fact (a coded finding) with a level.
 
     Returns:
-        The wrapped fact. That of an alarm, which says which part is meant, such as the motor, has the level of the
-        light, and its time if it has none itself.
+        The fault with the level of the light and, if it has no time itself, the time of the light.
     """
-    if light.code is WatchFact.ALARM_OVER:
-        alarm = cause_of_alarm(light)
-        alarm_time = light.time if alarm.time is None else alarm.time
-        return alarm.replace(light.level, time=alarm_time)
-    return light
+    if light.code is not WatchFact.ALARM_OVER:
+        return light
+    fault = cause_of_alarm(light)
+    fault_time = light.time if fault.time is None else fault.time
+    return fault.replace(light.level, time=fault_time)
 
 
 def light_rows(status: SessionStatus) -> list[LightRow]:
@@ -173,7 +172,7 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     """
     lights = {}
     for name, light in status.overall_judgement.lights.items():
-        lights[name] = _wrapped_light(light)
+        lights[name] = _past_fault_or_light(light)
     rows = []
     for name, figure_in_flight in _figures_by_light(lights, status).items():
         light = lights[name]

@@ -281,8 +281,9 @@ def headline_in_two_sizes(
             continue
         if sentence in watched_lights:
             if is_first_difference:
-                blocks.append(_heading_of_watched_light(sentence, reviewed))
-                sentence = _details_of_watched_light(sentence, reviewed)
+                lights_by_side = lights_of_both(reviewed.reviews)[_light_name(sentence.lead)]
+                blocks.append(headline_sentence(watched_light_heading(lights_by_side)))
+                sentence = _details_of_watched_light(sentence, lights_by_side)
             blocks.append(sentence)
         elif sentence.lead in headings:
             blocks += [headline_sentence(heading), _sentence_below_heading(sentence, reviewed)]
@@ -311,27 +312,17 @@ def _sentence_below_heading(sentence: Sentence, reviewed: ReviewedDifference) ->
     return sentence._replace(text=text.strip())
 
 
-def _heading_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
-    """Returns the heading above the sentence on a light that is to be watched on one side and good on the other.
-
-    Args:
-        sentence: the sentence, whose lead names the light, such as "Vibration:".
-        reviewed: comparison of two states, with the reviews of their logs.
-    """
-    name = _light_name(sentence.lead)
-    return headline_sentence(watched_light_heading(lights_of_both(reviewed.reviews)[name]))
-
-
-def _details_of_watched_light(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+def _details_of_watched_light(
+    sentence: Sentence, lights_by_side: Mapping[str, JsonValues]
+) -> Sentence:
     """Returns the sentence on a light that is to be watched, without what the heading above it states.
 
     Of vibration, the vibration of each IMU in both logs is left, without the levels. Other sentences stay as they are.
 
     Args:
-        sentence: the sentence on the light, with its levels. Its lead names the light, such as "Vibration:".
-        reviewed: comparison of two states, with the reviews of their logs.
+        sentence: the sentence on the light (the judgement of one subject), with its levels in both logs.
+        lights_by_side: the light in the review document of each log, by side, "A" and "B".
     """
-    lights_by_side = lights_of_both(reviewed.reviews)[_light_name(sentence.lead)]
     if not imu_with_comparable_vibration(lights_by_side):
         return sentence
     return sentence._replace(text=f"{vibration_changes(lights_by_side)}.")

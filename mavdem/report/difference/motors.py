@@ -235,15 +235,13 @@ def _motors_in_table(
 
 
 def _changes_by_motor(difference: VehicleDifference) -> dict[str, dict[int, QuantityChange]]:
-    """Returns the columns of figures in the table of motors: the change of each motor, by its number.
+    """Returns the changes of each motor by kind of quantity and by the number of the motor: columns of a table.
+
+    The kinds are trims (``SHARE``), trims without the part that the vehicle's lean makes (``WITHOUT_LEAN``), and
+    control effectiveness (``EFFECT``). A kind that was compared for no motor is left out.
 
     Args:
         difference: comparison of two states.
-
-    Returns:
-        By kind of quantity: changes of trims (``SHARE``), of trims without the part that the vehicle's lean makes
-        (``WITHOUT_LEAN``), and of control effectiveness (``EFFECT``). A kind that was compared for no motor is left
-        out.
     """
     columns: dict[str, dict[int, QuantityChange]] = {SHARE: {}, WITHOUT_LEAN: {}, EFFECT: {}}
     for change in difference.changes:
