@@ -4,10 +4,8 @@ from unittest.mock import Mock
 
 from command_line import document_of, run, unwrapped
 from pytest import mark
-from recorded_flights import FLIGHT, shared
+from recorded_flights import FLIGHT
 
-from mavdem.errors import NotLearnable
-from mavdem.facts.loops import LoopFact
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.files import load, scenario_toml
 
@@ -106,12 +104,3 @@ def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
     (written,) = out.glob("gains.*.params")
     assert "INS_HNTCH_FREQ" in written.read_text()
     assert document["axes"]["roll"]["filters"]["notches"]
-
-
-def test_without_a_plant_the_measured_margins_are_shown(capsys, monkeypatch):
-    sound = shared("sitl_raw/ap_sid.BIN.xz")
-    refusal = NotLearnable(LoopFact.LOOP_TOO_SHORT, least_duration=20.0)
-    monkeypatch.setattr("mavdem.assessment.axis.loops.loop_from_plant", Mock(side_effect=refusal))
-    # Gains are lowered by the measurement alone, which is a result.
-    assert run("tune", sound, "--axis", "pitch") == 0
-    assert "by system identification" in unwrapped(capsys.readouterr().out)

@@ -1,4 +1,4 @@
-"""What every surface says about the loops of seventeen flights: one advice on each gain, that of the decision.
+"""What every surface says about the loops of eighteen flights: one advice on each gain, that of the decision.
 
 The flights are a made-up hover whose loops, margins and tracking are given. Every text is searched for gains that it
 names, with the value before and after, and for advice to load or to keep gains.
@@ -73,6 +73,7 @@ AXES = ("roll", "pitch")
 MIXERS = {"roll": X_ROLL, "pitch": (1.0, -1.0, 1.0, -1.0)}
 """Weights of the motors in the torque about an axis."""
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
+TOO_SHORT = Fact(LoopFact.LOOP_TOO_SHORT, least_duration=20.0)
 REFUTED = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
 OSCILLATION = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0, Segment(0, 10.0, 30.0))
 
@@ -163,6 +164,7 @@ FLIGHTS = {
     "refuted": {"loop": REFUTED},
     "refuted and overshoots": {"loop": REFUTED, "tracking": overshooting_response},
     "measured by an injected signal": {"loop": 3.0, "injected": injected_response(20.0)},
+    "measured without a plant": {"loop": TOO_SHORT, "injected": injected_response(20.0)},
     "oscillates": {"loop": 6.0, "oscillation": OSCILLATION},
     "oscillates, overshoots, without gains": {
         "loop": NOT_STEERED,
@@ -454,6 +456,16 @@ def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
     for surface, text in texts.items():
         assert "goal met: the roll" not in text, surface
     assert "Enough margin, but the axis does not follow its setpoint" in texts["tune"]
+
+
+def test_without_a_plant_tune_shows_the_measured_margins(surfaces_of, tunings):
+    name = "measured without a plant"
+    assert "by system identification" in surfaces_of(name)["tune"]
+    # Gains are lowered by the measurement alone, which is a result.
+    tuning = tunings[name]
+    roll_alone = tuning._replace(axes={"roll": tuning.axes["roll"]}, advice=())
+    assert tuning.judgement.loop_decisions["roll"].action.figures["changes"]
+    assert roll_alone.failure is None
 
 
 def test_the_review_document_says_where_the_maximum_sensitivity_is(assessments):
