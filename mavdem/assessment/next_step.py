@@ -60,14 +60,18 @@ def choose_next_step(headline: Fact, lights: NamedFacts) -> Fact:
 
 
 def _advice_of_light(light: Fact) -> Fact | None:
-    """Returns the fact whose remedy helps against a status light that is not good.
+    """Returns the fact with the advice for one part of the vehicle that was not judged to be good.
+
+    A fact has its advice as its remedy. If the part was not judged, the remedy of the reason helps: to log the battery
+    voltage, for example, if the log has none.
 
     Args:
-        light: the fact of the light, which is unknown or to be watched.
+        light: the judgement of the part, such as its battery: a fact whose level is unknown or to be watched.
 
     Returns:
-        The light itself or, if it was not judged for a reason, that reason; None if the light is unknown and that has
-        no remedy, since a reason alone is no step.
+        The reason if the part was not judged for a reason, and otherwise the light itself. None if the level is unknown
+        and that fact has no remedy: nothing can be advised then. A warning is returned even without a remedy, since the
+        pilot is to see it.
     """
     is_unjudged = light.code is Unjudged.NOT_JUDGED and light.figures["reason"] is not None
     fact: Fact = light.figures["reason"] if is_unjudged else light

@@ -306,18 +306,18 @@ def rows_with_known_health(library_rows: FlightRows, pair_rows: FlightRows) -> F
 
 
 def motors_by_pair(rows: FlightRows, pair_rows: FlightRows) -> str:
-    """Returns what the comparison of two flights alone says of the motors of the later one, if that is worth adding.
+    """Returns how the motors are judged by two flights alone, if all flights of the vehicle give another judgement.
 
-    A library compares the motors of a flight with all flights of its vehicle, and the page states that judgement first.
-    The two flights alone may suggest another one.
+    The page that compares two flights first states the judgement by all flights of the vehicle, which is more certain.
+    This text is added below it.
 
     Args:
         rows: rows of the later flight in the table of flights, with the judgement that the page states first.
-        pair_rows: the same rows, judged by the two flights alone; empty if they were not.
+        pair_rows: the same rows with the judgement by the two flights alone; empty if there is none.
 
     Returns:
-        The judgement by the two flights alone, in sentences. Empty if they leave the health of the motors unknown, or
-        find what all flights do, of the same motor: only the probabilities differ then, and more flights know better.
+        The judgement by the two flights, in sentences. Empty if it leaves the health of the motors unknown, or has the
+        same finding on the same motor as the first judgement: then only the probabilities differ.
     """
     if not pair_rows:
         return ""

@@ -76,7 +76,11 @@ class LossWatch:
         self._unreported_contact: Fact | None = None
 
     def begin_flight(self) -> None:
-        """Notes that the vehicle has left the ground. A loss stays, since it may only have bounced."""
+        """Begins the watch of a flight at its take-off: the vehicle has not landed, and no fall is known.
+
+        A loss of the vehicle that was recorded before stays, since a crashed vehicle may only have bounced off the
+        ground. If another flight begins, the watchdog calls :meth:`forget_loss` too.
+        """
         self.ongoing_fall = None
         self.has_landed = False
 
@@ -102,10 +106,13 @@ class LossWatch:
         return alarm is not None and alarm.code is WatchFact.SINKS_AT_LIMIT
 
     def pop_contact_report(self, now: float) -> list[Fact]:
-        """Returns the report of a contact with the ground that followed a loss in the air, once; otherwise nothing.
+        """Returns the alarm that a vehicle that was lost in the air has met the ground, once after each such contact.
 
         Args:
             now: present time, s.
+
+        Returns:
+            A list with the alarm; empty if there was no such contact since the last call.
         """
         contact = self._unreported_contact
         self._unreported_contact = None
@@ -146,7 +153,10 @@ class LossWatch:
         return self._update_fall(review, moment)
 
     def _crash(self, present_loss: Fact | None, moment: FlightMoment) -> FlightEnd | None:
-        """Returns how a flying vehicle that was lost, or may be, has met the ground; None unless the motion shows it.
+        """Returns how a flying vehicle has met the ground in a crash, as its motion shows; None without a new crash.
+
+        A crash is looked for only after a loss of control, or if the vehicle sinks although its motors are at their
+        limit.
 
         Args:
             present_loss: loss of control that the latest messages show; None for none.

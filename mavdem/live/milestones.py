@@ -163,10 +163,11 @@ class Milestones:
         self._landing_to_report = None
 
     def _report_verdict(self, status: SessionStatus) -> None:
-        """Reports the verdict on a flight as soon as it is final, once: otherwise it would come with the next take-off.
+        """Reports the verdict on the latest flight after its end, once, if it is final or the vehicle was lost.
 
-        It is final when the recording of the flight is judged. That on a lost flight is reported when its motors are
-        disarmed or its messages end, since otherwise the alarm is the last that a pilot reads of a crash.
+        The verdict is final when the recording of the flight has been judged. The verdict on a lost flight does not
+        wait for that: it is reported when the vehicle no longer flies or its messages end. Any other verdict is
+        reported at the next take-off (:meth:`_end_former_flight`).
 
         Args:
             status: status of the session.
@@ -243,7 +244,10 @@ class Milestones:
             self._earlier_verdicts.remove(least_severe)
 
     def _forget_milestones(self) -> None:
-        """Forgets what was reported of a flight, so that the next one's first model and parameters are reported too."""
+        """Resets what was reported of a flight: its first model, its physical parameters and its learned rows.
+
+        Each is reported once in a flight, so that the next flight reports them again.
+        """
         self._has_model = False
         self._has_parameters = False
         self._reported_rows = 0
@@ -351,9 +355,13 @@ class Milestones:
         )
 
     def _is_lost_in_air(self, status: SessionStatus) -> bool:
-        """Returns whether the autopilot restarted in the latest flight, and the vehicle has not been seen to fly since.
+        """Returns whether the latest flight counts as lost in the air, since the autopilot restarted in it.
 
-        It may have restarted on the ground: then the end of the flight was not received.
+        The verdict on the flight says so from the restart on (:meth:`_note_restart`). If the vehicle is seen to fly
+        after the restart, it was not lost.
+
+        Args:
+            status: status of the session, with whether the vehicle flies now.
         """
         verdict = self._latest_verdict
         return verdict is not None and verdict.is_lost_in_air and not status.is_flying

@@ -546,9 +546,10 @@ class LiveSession:
     def _report_resumed_motion(self) -> None:
         """Reports that attitude or motor outputs come again, if neither had come for ``SILENCE_SECONDS``.
 
-        They may be missing alone, while slow messages such as HEARTBEAT come. If all messages were missing, their
-        return has just been reported by :meth:`_report_resumed_messages`. Then a second report is made only if attitude
-        and motor outputs had been missing for longer than the others, by more than ``SILENCE_SECONDS``.
+        They may be missing alone, while slow messages such as HEARTBEAT come. If all messages were missing,
+        :meth:`_report_resumed_messages` has just reported their return, and has stored how long they were missing in
+        ``_reported_silence``. One pause needs no second report. So this method then reports only if attitude and motor
+        outputs had been missing for longer than all messages, by more than ``SILENCE_SECONDS``.
         """
         motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
         has_new_samples = motion_silence > 0.0
@@ -620,14 +621,15 @@ class LiveSession:
 
         So the charts show the flight at any message rate. Of these samples, one is shown each ``SAMPLE_PERIOD``.
         """
-        # After a reboot the clock begins again, so that the difference may be negative. It is NaN before any time.
+        # After a reboot the boot clock begins at 0 again: the difference is negative, and a sample is due. Before the
+        # first message with a time, ``now`` is NaN, and none is due.
         is_due = abs(self.stream.now - self._sample_time) >= SAMPLE_PERIOD
         if not self.stream.is_flying or not is_due:
             return
         self._sample_time = self.stream.now
         latest_sample = self.stream.latest_row()
         if latest_sample is None:
-            # There is no sample, or messages come fast enough to learn from: then ``_process_row`` adds each sample.
+            # Nothing has come yet, or the messages are fast enough for rows.
             return
         row_format = latest_sample.row_format
         self.history.motor_names = row_format.geometry.names

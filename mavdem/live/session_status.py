@@ -808,10 +808,16 @@ class SessionStatus(ImmutableResult):
         )
 
     def _unread_seconds(self, silence_seconds: float | None) -> float | None:
-        """Returns how many seconds of messages have come before a silence, and are not analysed yet; None if none are.
+        """Returns how many seconds of messages came before a silence and still wait for their analysis.
+
+        For example, the oldest message that waits came 12 s ago, and the latest message 5 s ago: 7 s of messages wait.
 
         Args:
-            silence_seconds: how long nothing has come, s; None if that is not known.
+            silence_seconds: time since the latest message, s; None if that is not known, which counts as 0.
+
+        Returns:
+            The duration, s. None if no message from before the silence waits, or if the oldest one has waited for less
+            than ``MAX_ALARM_DELAY``.
         """
         if not self.is_late:
             return None
@@ -892,10 +898,11 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _preliminary_lights(self) -> dict[str, Fact]:
-        """The light (judgement) of each part of the vehicle, such as its motors, before the first model is judged.
+        """The lights before the first model is judged, by the name of the part of the vehicle, such as "motors".
 
-        The light of a part that is watched for faults says that no alarm was raised so far. That of any other part is
-        unknown, with the reason, such as that a message does not come.
+        A light is the judgement of one part, a fact with a level. If the part is watched for faults, its light says
+        that no alarm was raised so far. Otherwise its level is unknown, and the light has the reason, such as that a
+        message does not come.
         """
         return lights_before_model(
             no_model_reason=self._reason_without_model,

@@ -121,16 +121,17 @@ class SilenceMonitor:
         return max(now - self.motion_time, 0.0) if self._sample_count else None
 
     def note_samples(self, sample_count: int) -> float:
-        """Records whether the latest messages contained samples of the motion, which is attitude and motor outputs.
+        """Records when attitude or motor outputs came last, and returns how long neither had come before.
 
-        A vehicle may continue to send slow messages, such as HEARTBEAT, after these have stopped. New samples are
-        recognised by their total number. The messages must have been passed to ``note_messages`` before.
+        A vehicle may still send slow messages, such as HEARTBEAT, after attitude and motor outputs have stopped. A
+        higher number of samples than at the last call shows that some were among the latest messages. These messages
+        must have been passed to ``note_messages`` before, which stores when they came.
 
         Args:
             sample_count: number of samples of attitude and motors since the start.
 
         Returns:
-            Time without samples before these, s; 0 without new ones.
+            Time without samples before the new ones, s, infinite for the first ones; 0 if there are no new samples.
         """
         if sample_count == self._sample_count:
             return 0.0

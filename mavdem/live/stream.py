@@ -317,17 +317,23 @@ class LiveStream:
         return self._phase.takeoff_time
 
     def pop_withdrawal_time(self) -> float | None:
-        """Returns since when rows that counted as free flight were of a landing or a loss of control, and forgets it.
+        """Returns the time when a landing or a loss of control began, once after each.
 
-        Such a phase is recognised some time after it began. What was learned from its rows is to be withdrawn.
+        Either is recognised some time after it began. Until then the rows counted as free flight, and the model was
+        trained with them. The caller makes the model forget the rows from this time on.
 
         Returns:
-            The time when it began, s of this boot; None if there was none since the last call.
+            The time, s of this boot; None if no landing and no loss was recognised since the last call.
         """
         return self._phase.pop_withdrawal_time()
 
     def latest_row(self) -> FormattedRow | None:
-        """Returns the latest sample of attitude and motors as a row of its own format; None once there are rows."""
+        """Returns the latest attitude and motor outputs as one row, for display while messages are too slow for rows.
+
+        Returns:
+            The row with its format, such as the names of the motors. None before any sample, and as soon as
+            :meth:`feed` gives rows.
+        """
         return self._rows.latest_row()
 
     def drain_replies(self) -> list[Message]:
@@ -463,7 +469,10 @@ class LiveStream:
 
     @property
     def latest_restart(self) -> TimeInterval | None:
-        """An interval in which the followed vehicle restarted last, UNIX s of reception; None without a restart."""
+        """The interval in which the autopilot restarted last; None if it did not restart.
+
+        It is from the last attitude message before the restart to the first one after it, UNIX s of reception.
+        """
         return self._clock.latest_restart
 
     @property
@@ -590,11 +599,17 @@ class LiveStream:
         self._rows.end_segment_unless_free()
 
     def _process_fast_message(self, message: Message, time: float) -> Iterator[AlignedRow]:
-        """Processes an attitude, setpoint or motor output, and yields the rows that it completes; ignores all others.
+        """Processes a message with attitude, attitude setpoint or motor outputs, and ignores all other messages.
+
+        Rows need exact times, so that the message must have a stamp of its own.
 
         Args:
-            message: the message. Its time is exact, as rows need it: the message has a stamp of its own.
-            time: time on the boot clock, s.
+            message: the message.
+            time: its stamp, s of the boot clock.
+
+        Yields:
+            The rows that are complete with this message. A row has motor outputs and motion at one time, which come in
+            different messages.
         """
         name = message.name
         if name in ATTITUDE_MESSAGES:
@@ -604,7 +619,7 @@ class LiveStream:
             self._pose.add_setpoint(time, tilt_setpoint(message))
         elif name in MOTOR_MESSAGES:
             port, outputs = port_outputs(message)
-            # Each port gets a stream, so that a hostile sender could fill the memory with ever new port numbers.
+            # Memory is allocated for each port: without a limit, forged port numbers could exhaust it.
             if port < MAX_PORTS:
                 yield from self._add_sample(name, port, time, outputs)
 
@@ -630,13 +645,13 @@ class LiveStream:
             self._update_takeoff_distance(message)
 
     def _update_takeoff_distance(self, message: Message) -> None:
-        """Updates height and distance of the vehicle from its take-off, by barometer and by satellites.
+        """Updates height and distance of the vehicle from its place of take-off with a barometer or GPS message.
 
-        The position that the autopilot estimates begins at 0 again if the autopilot reboots in flight. Air pressure and
-        satellites do not, and then take its place.
+        Usually the autopilot's own estimate of the position gives both. But if the autopilot reboots in flight, that
+        estimate begins at 0 again, wherever the vehicle is. Air pressure and GPS positions do not, and then replace it.
 
         Args:
-            message: a SCALED_PRESSURE with the air pressure, or a GPS_RAW_INT with the position by satellites.
+            message: SCALED_PRESSURE with the air pressure, or GPS_RAW_INT with the position by satellites.
         """
         if message.name == BAROMETER_MESSAGE:
             pressure = message.values[0]
@@ -647,7 +662,7 @@ class LiveStream:
             if satellite_position is not None:
                 self._takeoff_place.add_fix(satellite_position)
                 self._note_fix(satellite_position)
-        # The place of the take-off is the last one on the ground, which depends on whether the vehicle flies now.
+        # The take-off place is the latest place on the ground: it follows the vehicle until that flies, then stays.
         is_takeoff_seen = isfinite(self.takeoff_time)
         self._takeoff_place.note_phase(is_flying=self.is_flying, is_takeoff_seen=is_takeoff_seen)
 
@@ -680,6 +695,7 @@ class LiveStream:
         A crashed vehicle is searched there, even if its autopilot reboots after the crash. Once it flies again, a
         position from before the reboot is of no use.
         """
+        # ``_note_position`` stores a position with the numbers of the boot and of the flight in which it came.
         is_of_boot = self._position_boot == self.boot
         is_of_flight = self._position_flight == self.flight_number
         return self._latest_position if is_of_boot or is_of_flight else None
@@ -828,10 +844,13 @@ class LiveStream:
             self._add_event(fact)
 
     def _restart(self, boot: int) -> None:
-        """Forgets everything with times of the former boot's clock; the vehicle's identity and parameters stay.
+        """Begins a new boot after the autopilot has restarted: discards all data with times of the former boot's clock.
+
+        The clock of the new boot begins at 0, so that times of both cannot be compared. The identity of the vehicle and
+        its parameters have no times and stay.
 
         Args:
-            boot: number of the new boot, that is how often the autopilot has restarted so far.
+            boot: number of the new boot: how often the autopilot has restarted so far.
         """
         self.boot = boot
         self.wind.restart()
@@ -840,7 +859,7 @@ class LiveStream:
         self._home = None
         self.motor_alarms.restart()
         self._review.restart(boot)
-        # The restarted review has another object for the phase of flight, which decides what rows of the new boot are.
+        # The review has just made a new object for the phase of flight, by which the rows of the new boot are chosen.
         self._rows.restart(boot, self._review.phase)
 
     def _loss_with_weak_motor(self, loss: Fact) -> Fact:

@@ -76,10 +76,11 @@ class VehicleReview:
         self._begin_boot(RecentMessages())
 
     def restart(self, boot: int) -> None:
-        """Discards messages, phase and alarms at a reboot, after which the clock begins again.
+        """Begins the reviews anew after a reboot, without messages, phase of flight and alarms of the former boot.
 
-        The rest of the present review is dropped too: it would judge the former boot by times of the new one. What the
-        watchdog has found on a loss of control stays, since an autopilot may well reboot in a crash.
+        The clock of the vehicle begins again at a reboot. The steps of the present review that are not done yet are
+        discarded too, since they would compare times of both boots. But a loss of control that the watchdog has found
+        stays: an autopilot may well reboot in a crash.
 
         Args:
             boot: number of the new boot.
@@ -131,11 +132,11 @@ class VehicleReview:
         return self.watchdog.status_lights.flight_number
 
     def _texts_of_new_boot(self) -> list[TimedValues]:
-        """Returns the status texts that the autopilot has sent since its restart, which may say why it restarted.
+        """Returns the status texts that came between the restart of the autopilot and the moment it is noticed.
 
-        The restart is noticed only now, at an attitude whose time stamp begins again near zero. A text has no stamp,
-        and got the latest time of the former boot's clock. So the texts with that time are those that came after all
-        stamped messages of the former boot.
+        Such a text may say why the autopilot restarted. The restart is noticed at the first attitude with a time stamp
+        near 0. A text has no time stamp, and gets the time of the latest stamped message. So a text from after the
+        restart has the last time of the former boot's clock, and is recognised by that.
         """
         texts = self.recent_messages.rows.get("STATUSTEXT", [])
         latest_time_of_former_boot = self._message_time
@@ -260,9 +261,10 @@ class VehicleReview:
         self._pending_steps.appendleft(self._choose_inputs)
 
     def _update_parameters(self) -> None:
-        """Takes over the parameters that the autopilot has sent so far, and the drag coefficients among them.
+        """Takes over the parameters that the autopilot has sent so far, by which motors and drag are known.
 
-        They arrive one by one during the flight, and show which output channel drives which motor.
+        Parameters arrive one by one during the flight. Some say which output channel drives which motor. Others are
+        drag coefficients, which the estimate of the wind gets.
         """
         parameters = self._vehicles.followed_parameters
         if parameters is self._parameters:
@@ -298,13 +300,13 @@ class VehicleReview:
     def _review_phase(self) -> None:
         """Performs the step of a review that checks the rates of messages and decides whether the vehicle flies.
 
-        Neither is decided before the vehicle has been heard without a pause for some seconds.
+        Rates are checked only after ``DECISION_SECONDS`` of messages without a pause: a pause would make them too low.
         """
         are_motors_chosen = self._rows.inputs is not None
         # How long the vehicle has been heard without a pause.
         connected_seconds = self._review_time - self._connection_start
-        # A pause of the link delays this step until messages come again. The rates that it would see are of both sides
-        # of the pause, and too low.
+        # This step is performed when a message comes. If that is late, the link has paused after the review began, and
+        # the rates would be counted over the pause.
         is_interrupted = self._message_time - self._review_time >= DECISION_SECONDS
         if connected_seconds >= DECISION_SECONDS and not is_interrupted:
             self.no_rows_reason = self._check_messages() or self.phase.not_flying_reason
@@ -341,7 +343,7 @@ class VehicleReview:
             self._motor_alarms.begin_flight(now, self.recent_messages.boot)
 
     def _collect_motion(self) -> None:
-        """Collects the motion of the last seconds for the watchdog."""
+        """Performs the step of a review that collects the motion of the last seconds, by which the watchdog judges."""
         self._motion = self._rows.recent_motion()
 
     def _begin_watchdog_review(self) -> None:
@@ -417,9 +419,11 @@ class VehicleReview:
         return self._rows.motor_message or "HEARTBEAT"
 
     def _update_loss_of_phase(self) -> None:
-        """Passes the time when control was lost to the phase of flight, for which no flight after it is settled.
+        """Passes the time when the vehicle was lost, such as by a crash, from the watchdog to the phase of flight.
 
-        A loss before the latest restart of the autopilot does not count, since its time is of another clock.
+        After that time the phase of flight is neither settled nor free, so that nothing is learned from a vehicle out
+        of control. Without a loss it gets None. A loss from before the latest restart of the autopilot counts as none:
+        the watchdog still has it, but its time is on the clock of the former boot.
         """
         loss = self.watchdog.loss
         if loss is None or loss == self._loss_of_former_boot:
@@ -427,5 +431,6 @@ class VehicleReview:
             return
         loss_time = loss_onset(loss)
         if loss_time is None:
+            # A loss whose time is not known counts from the present review.
             loss_time = self._review_time
         self.phase.note_loss(loss_time)

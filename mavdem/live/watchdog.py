@@ -348,9 +348,10 @@ class Watchdog:
         return reported_facts
 
     def _has_new_urgent_change(self) -> bool:
-        """Returns whether an urgent message, such as HEARTBEAT, has changed its content since the last call.
+        """Returns whether the content of an urgent message (``URGENT_MESSAGES``) has changed since the last review.
 
-        It is called once in each review (``URGENT_MESSAGES``).
+        For example, the mode in HEARTBEAT is another one. Each review calls this method once; the call stores the
+        number of changes so far for the next one.
         """
         # How often an urgent message differed from the one before, since the autopilot started.
         change_count = sum(self._slow_messages.changes[name] for name in URGENT_MESSAGES)
@@ -359,10 +360,11 @@ class Watchdog:
         return has_changed
 
     def _take_report_in_flight(self, report: Fact, now: float) -> Fact:
-        """Updates status lights and alarms by a new report of the autopilot in flight.
+        """Enters a new report of the autopilot in flight in the status lights and the alarms, where it belongs there.
 
         Args:
-            report: the report; or the alarm that the autopilot restarted, which has its status light already.
+            report: the report. A restart of the autopilot comes as an alarm, which :meth:`_new_reports` has made and
+                entered in the lights; it is returned as it is.
             now: present time on the boot clock, s.
 
         Returns:
@@ -391,8 +393,9 @@ class Watchdog:
     def _alarm_or_report(self, report: Fact, now: float) -> Fact:
         """Decides whether a new report of the autopilot in flight becomes an alarm, and makes that alarm active.
 
-        1. A report on the power belongs to the alarm of the battery.
-        2. The report of a crash is an alarm unless the motion has raised one on the loss of the vehicle before.
+        1. A report on the power, such as of a low battery, belongs to the alarm of the battery.
+        2. The report of a crash is an alarm, unless the motion has shown the loss of the vehicle before: that was an
+           alarm already.
         3. For all other reports ``ReportAlarms`` decides.
 
         Args:
@@ -542,9 +545,9 @@ class Watchdog:
         return seconds_on_ground < RECOVERY_SECONDS
 
     def _end_drift(self, now: float) -> None:
-        """Ends a drift, in which the wind carries the vehicle away, at a take-off or landing; then looks for a new one.
+        """Ends the drift (the wind carries the vehicle away) at a take-off or landing, and begins the search anew.
 
-        If the status light (judgement) of the wind states that drift, it gets the time when the drift ended.
+        If the status light of the wind, which is its judgement, states that drift, the light gets the end of the drift.
 
         Args:
             now: present time on the boot clock, s.

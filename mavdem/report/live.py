@@ -148,7 +148,7 @@ def _past_fault_or_light(light: Fact) -> Fact:
     The fault says which part is meant, such as the motor, and has the figures that the table shows.
 
     Args:
-        light: the judgement of one part of the vehicle, a fact (a coded finding) with a level.
+        light: the judgement of one part of the vehicle, such as its motors: a fact (a coded finding) with a level.
 
     Returns:
         The fault with the level of the light and, if it has no time itself, the time of the light.

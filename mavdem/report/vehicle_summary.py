@@ -370,15 +370,17 @@ def _vehicle_of_flights(
 
 
 def _counts_simulated_flights(vehicle: VehicleFlights | None, real_flights: Flights) -> bool:
-    """Returns whether the numbers of flights on a fleet's page include the simulated flights of a vehicle.
+    """Returns whether a fleet's page includes simulated flights where it counts the flights of a vehicle.
 
-    They are if the name identifies a vehicle, which then has a section on the page, and all its flights were simulated.
+    It does if the vehicle has a section of its own on the page and was flown only in a simulator: its section would
+    otherwise count no flight. Of a vehicle with real flights only these are counted, since simulated flights say
+    nothing of a real vehicle.
 
     Args:
-        vehicle: what is known of the vehicle from its flights; None without a flight.
-        real_flights: rows of each flight under the name that was not simulated.
+        vehicle: what is known of the vehicle from all its flights; None without a flight.
+        real_flights: the flights of the vehicle that were not simulated, each as its rows in the fleet's table.
     """
-    if real_flights or vehicle is None:
+    if vehicle is None or real_flights:
         return False
     return vehicle.has_section
 

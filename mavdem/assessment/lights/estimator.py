@@ -351,18 +351,19 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _glitch_facts(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each flight in which the filter flagged GPS (a "glitch"), by whether its position jumped.
+    """Yields a warning for each flight in which the autopilot's filter flagged a GPS glitch (it disagrees with GPS).
 
-    The flag is used only while a receiver has a position fix, since otherwise there is no position. It means that the
-    filter does not agree with GPS. If the receiver's positions show a jump, the fact says so. Without a jump there is a
-    fact only if the flag lasted for ``FAILSAFE_SECONDS``, like an innovation.
+    If the positions of a GPS receiver jumped meanwhile, the warning says how far. Without a jump the flag must last for
+    ``FAILSAFE_SECONDS``, as long as a rejected innovation must for a warning. The flag counts only while a receiver has
+    a position fix, since otherwise there is no position to disagree with.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Yields:
-        Facts with the time of the largest jump or the first flag, s since boot, and as ``duration`` the longest time,
-        s, for which the flag was set without a break. The fact about a jump has its ``distance``, m.
+        Facts with the time, s since boot, when the flag was set at the largest jump or, without a jump, for the first
+        time. ``duration`` is the longest unbroken time of the flag, s. The fact about a jump has its ``distance``, m;
+        the other one says whether positions were recorded, in which a jump would show (``is_recorded``).
     """
     telemetry = evidence.signals.telemetry
     jumps = position_jumps(telemetry)

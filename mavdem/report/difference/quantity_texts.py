@@ -214,15 +214,16 @@ def texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
 
 
 def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float) -> list[str]:
-    """Returns the row of a table on quantities of a kind that did not change: 90 % bound, and detectable change.
+    """Returns a table's row that says how large a change may have been missed in quantities that did not change.
 
     Args:
         kind: kind of the quantities, such as ``DAMPING``.
-        changes: changes of all quantities of this kind, at least one; the widest bound counts.
-        significance: p-value below which one of them is called changed if it is the only one.
+        changes: the compared quantities of this kind, at least one, such as the phase margins of pitch and roll.
+        significance: p-value below which a quantity counts as changed if no other one changed.
 
     Returns:
-        Cells such as "phase margin of pitch and roll", "±14°" and "38°".
+        Three cells such as "phase margin of pitch and roll", "±14°" and "38°": the name, the largest change that a 90 %
+        interval of one of the quantities still contains, and the change that nine of ten such comparisons would find.
     """
     name = f"{SHOWN_QUANTITIES[kind].name} of {_names_of_quantities(changes)}"
     return [name, _bound_text(kind, changes), detectable_change(kind, changes, significance)]

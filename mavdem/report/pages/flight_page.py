@@ -1528,10 +1528,11 @@ def _statement_of_repair(status: SessionStatus) -> str:
 
 
 def _address_of_earlier_flight(unrepaired_fault: Fact) -> str:
-    """Returns the address of the page of the earlier flight that had a fault; empty if that flight has no page yet.
+    """Returns the address of the page of an earlier flight that had a fault; empty if that flight has no page yet.
 
     Args:
-        unrepaired_fault: the fact that the fault may not have been repaired; its ``reason`` is the fault itself.
+        unrepaired_fault: the warning that an earlier fault may not have been repaired. Its figure ``reason`` is that
+            fault, which may have the address as its figure.
     """
     fault: Fact = unrepaired_fault.figures["reason"]
     address: str = fault.figures.get("address", "")
@@ -1574,22 +1575,25 @@ def _verdict_of_headline(status: SessionStatus) -> FlightVerdict | None:
 
 
 def _reasons_of_headline(status: SessionStatus, *, is_event_listed: bool) -> list[Sentence]:
-    """Returns the sentences with the evidence for the headline of a live page.
+    """Returns the sentences below the headline of a live page that explain it, mostly by measurements.
+
+    A session may have several flights. If the headline is on an earlier one, which went worse than the latest, each
+    sentence begins with the number of that flight, as in "Flight 2, …".
 
     Args:
-        status: state of the session now, or at its end. If the headline is on an earlier flight, the sentences name
-            that flight.
-        is_event_listed: whether the page lists the event that reported the fault of the headline, with its details.
+        status: state of the session now, or at its end.
+        is_event_listed: whether the page also lists the event that reported the fault of the headline. That event
+            has the details of the fault, which are then left out here.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import headline_reason
 
     reasons = headline_reason(_judgement_with_reason(status), is_event_listed=is_event_listed)
-    worse_verdict = _verdict_of_headline(status)
-    if worse_verdict is None:
+    earlier_verdict = _verdict_of_headline(status)
+    if earlier_verdict is None:
         return reasons
     return [
-        reason._replace(lead=f"Flight {worse_verdict.number}, {as_clause(reason.lead)}")
+        reason._replace(lead=f"Flight {earlier_verdict.number}, {as_clause(reason.lead)}")
         for reason in reasons
     ]
 
