@@ -50,7 +50,7 @@ from mavdem.report.difference.headline import (
     headline_of_comparison,
 )
 from mavdem.report.difference.identity import identity_remarks
-from mavdem.report.difference.lights import sentences_on_lights_watched_in_both
+from mavdem.report.difference.lights import sentences_on_further_watched_lights
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_step_sentences
 from mavdem.report.difference.parameters import (
@@ -291,7 +291,7 @@ def _print_comparison(
     """
     headline = headline_of_comparison(reviewed)
     title = headline_in_two_sizes(reviewed, headline)
-    title += sentences_on_lights_watched_in_both(reviewed.reviews)
+    title += sentences_on_further_watched_lights(reviewed.reviews, headline)
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
     # The cautions say that A and B may be two vehicles, or that means are of several states.
@@ -299,7 +299,7 @@ def _print_comparison(
         *identity_remarks(reviewed),
         *flight_cautions(reviewed),
         *condition_sentence(reviewed),
-        *parameter_count_sentences(reviewed),
+        *parameter_count_sentences(reviewed, headline),
     ]
     summary: list[Block] = [
         *motor_table(reviewed.reviews, reviewed.difference),

@@ -3,17 +3,38 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.facts import Fact
 from mavdem.facts.fleet import ComparedSubject, Incomparable
 from mavdem.facts.identifiability import Status
 from mavdem.facts.vehicle import GENERIC_FRAME
 from mavdem.fleet.flights import Flights
-from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, SHARE, Quantity
+from mavdem.fleet.quantities import (
+    ATTITUDE_LOOP_KINDS,
+    DAMPING,
+    EFFECT,
+    GAIN_MARGIN,
+    LAG,
+    MAX_SENSITIVITY,
+    OVERSHOOT,
+    PHASE_MARGIN,
+    RISE,
+    SHARE,
+    Quantity,
+)
 from mavdem.fleet.row import FlightRow, FlightRows
 
 STATE_NAMES = ("A", "B")
 """How the two states are called in messages."""
+
+MARGINS = "margins"
+"""What messages call the margins of both loops of an axis, as one quantity that cannot be compared."""
+
+LOOP_FIGURE_KINDS = {
+    MARGINS: (PHASE_MARGIN, GAIN_MARGIN, MAX_SENSITIVITY, *ATTITUDE_LOOP_KINDS),
+    "step response": (OVERSHOOT, RISE),
+}
+"""Kinds of quantities of the loops of an axis that are estimated together, by what messages call them."""
 
 UNRELIABLE_STATUSES = {Status.BIASED, Status.NOT_IDENTIFIABLE}
 """Statuses of a physical parameter with which it is not compared."""
@@ -155,6 +176,7 @@ def missing_quantities(
     """Lists the quantities that a reader expects in a comparison of two states, but that could not be compared.
 
     Expected are the trim shares, the effects of the motors, and damping and motor time constant of roll and pitch.
+    So are margins and step responses of roll, pitch, and every axis on which one of the states has them.
 
     Args:
         states: the flights of both states.
@@ -190,6 +212,35 @@ def missing_quantities(
                 ComparedSubject.QUANTITY, subject=quantity.axis, name=quantity.kind
             )
             yield MissingQuantity(quantity_name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
+    yield from _missing_loop_figures(states, estimates)
+
+
+def _missing_loop_figures(
+    states: Sequence[Flights], estimates: Sequence[Sequence[Iterable[Quantity]]]
+) -> Iterator[MissingQuantity]:
+    """Yields the margins and step responses of each axis that not both of two states have, with the reason.
+
+    Those of yaw are left out where neither state has them: its loop is often too slow for margins.
+
+    Args:
+        states: the flights of both states.
+        estimates: quantities that have an estimate, by state and flight.
+    """
+    for name, kinds in LOOP_FIGURE_KINDS.items():
+        for axis in AXES:
+            quantities = [Quantity(kind, axis=axis) for kind in kinds]
+            reasons = []
+            for state_name, flights, state_estimates in zip(
+                STATE_NAMES, states, estimates, strict=True
+            ):
+                if not any(_has_estimate(quantity, state_estimates) for quantity in quantities):
+                    reasons.append(missing_reason(Quantity(name, axis=axis), state_name, flights))
+            is_expected = axis in TILT_AXES or len(reasons) < len(STATE_NAMES)
+            if reasons and is_expected:
+                yield MissingQuantity(
+                    Fact(ComparedSubject.QUANTITY, subject=axis, name=name),
+                    Fact(Incomparable.NOT_IN_BOTH, reasons=reasons),
+                )
 
 
 def _has_estimate(quantity: Quantity, estimated_quantities: Sequence[Iterable[Quantity]]) -> bool:

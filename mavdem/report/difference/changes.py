@@ -9,6 +9,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
+from mavdem.fleet.comparability import LOOP_FIGURE_KINDS, MARGINS
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.random_effects import (
@@ -18,6 +19,7 @@ from mavdem.fleet.random_effects import (
     family_of,
     significance_of_single_change,
 )
+from mavdem.fleet.report_columns import value_at
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.difference.lights import (
@@ -439,15 +441,54 @@ def _subjects_with_reasons(reviewed: ReviewedDifference) -> list[str]:
         "loops": _reason_without_loops(reviewed.reviews),
     }
     texts = []
-    for subject in subjects_not_compared(reviewed):
+    subjects = subjects_not_compared(reviewed)
+    for subject in subjects:
         reason = reasons.get(subject)
         texts.append(f"{subject} ({reason})" if reason else subject)
+    if "loops" not in subjects:
+        texts += _axes_without_margins_of_both(reviewed)
     return texts
+
+
+def _axes_without_margins_of_both(reviewed: ReviewedDifference) -> list[str]:
+    """Returns the axes whose margins are not known in both logs, with the reason.
+
+    An example is "margins on pitch (B: the motors do not excite the axis enough)".
+
+    Args:
+        reviewed: comparison of two states, with the reviews of their logs.
+    """
+    texts = []
+    for missing in reviewed.difference.incomparable:
+        if missing.quantity.figures.get("name") == MARGINS:
+            reasons = []
+            for fact in missing.reason.figures["reasons"]:
+                side = fact.subject
+                reason = missing_margins_reason(reviewed.reviews, side, missing.quantity.subject)
+                reasons.append(f"{side}: {reason}" if reason else str(fact))
+            texts.append(f"{missing.quantity} ({'; '.join(reasons)})")
+    return texts
+
+
+def missing_margins_reason(reviews: Mapping[str, Review], side: str, axis: str) -> str:
+    """Returns why a log has no margins of an axis, as a clause; empty if its review gives no reason.
+
+    Args:
+        reviews: review documents of both logs, by side.
+        side: the side without these margins, "A" or "B".
+        axis: "roll", "pitch" or "yaw".
+    """
+    refusal = value_at(reviews.get(side, {}), f"axes.{axis}.refusal.sentence") or ""
+    reason = first_sentence(refusal).removeprefix("No margins: ")
+    return without_full_stop(as_clause(reason)) if reason else ""
 
 
 def _reason_without_physical_parameters(difference: VehicleDifference) -> str:
     """Returns why no physical parameter was compared, as a clause; empty if it is not the same reason for all."""
-    reasons = {without_full_stop(str(missing.reason)) for missing in difference.incomparable}
+    reasons = set()
+    for missing in difference.incomparable:
+        if missing.quantity.figures.get("name") not in LOOP_FIGURE_KINDS:
+            reasons.add(without_full_stop(str(missing.reason)))
     return reasons.pop() if len(reasons) == 1 else ""
 
 

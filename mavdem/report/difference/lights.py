@@ -345,13 +345,17 @@ def _flight_in_heading(side: str, light: JsonValues) -> str:
         light: the light; that of a fleet has the levels of its flights in order of date as ``levels``.
 
     Returns:
-        A text such as "A", "1 of 3 flights of A" where no other flight has that level, or "the last of 3 flights of A".
+        A text such as "A", "1 of 3 flights of A" where no other flight has that level, or "the last of 3 flights of A";
+        "(all bad)" follows where all have it.
     """
     levels = levels_in_flights(light)
     if len(levels) == 1:
         return side
-    if levels.count(light["level"]) == 1:
+    count_of_level = levels.count(light["level"])
+    if count_of_level == 1:
         return f"1 of {len(levels)} flights of {side}"
+    if count_of_level == len(levels):
+        return f"the last of {len(levels)} flights of {side} (all {light['level']})"
     return f"the last of {len(levels)} flights of {side}"
 
 
@@ -601,26 +605,36 @@ def light_blocks(reviews: Mapping[str, Review], text_above: str = "") -> Blocks:
     return blocks
 
 
-def sentences_on_lights_watched_in_both(reviews: Mapping[str, Review]) -> list[Sentence]:
-    """Returns a sentence with the lights that are to be watched in both logs, such as "Watch in A and B: vibration.".
+def sentences_on_further_watched_lights(
+    reviews: Mapping[str, Review], headline: Sequence[Sentence]
+) -> list[Sentence]:
+    """Returns sentences on the lights to be watched that the headline does not name, with their reasons.
 
-    A light is the judgement of one subject. Such a light is no change, but it may be the reason of the next step. Those
-    of wind and log are left out, since they judge the day and the recording, and not the vehicle.
+    A light is the judgement of one subject. These are to be watched in both logs, or in one and not known in the other:
+    they show no change, but may be the reason of the next step. An example is "Watch in A and B: vibration. Vibration
+    16 m/s² on IMU 2." Those of wind and log are left out, since they judge the day and the recording.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
-
-    Returns:
-        A list with the sentence; empty without such a light.
+        headline: the sentences that head the comparison; their leads name lights, such as "Motors:".
     """
-    names = []
+    names_in_headline = {sentence.lead.removesuffix(":").lower() for sentence in headline}
+    sentences = []
     for name, lights_by_side in lights_of_both(reviews).items():
-        first_light, second_light = lights_by_side.values()
-        is_of_vehicle = name not in (Light.WIND, Light.LOG)
-        is_watched = first_light["level"] == Level.WATCH
-        if is_of_vehicle and is_watched and lights_are_equal(first_light, second_light):
-            names.append(name)
-    return render_section("difference_watched_in_both", names=names)
+        if name in (Light.WIND, Light.LOG) or name in names_in_headline:
+            continue
+        levels = set[str]()
+        for light in lights_by_side.values():
+            levels.update(levels_in_flights(light))
+        if Level.WATCH not in levels or not levels <= {Level.WATCH, Level.UNKNOWN}:
+            continue
+        compared = compared_levels(lights_by_side)
+        reasons = []
+        for reason in compared.reasons:
+            reasons.append(reason._replace(sentence=first_sentence(reason.sentence)).text)
+        text = f"{name}. {' '.join(reasons)}{compared.remark}"
+        sentences.append(Sentence(text, lead=f"{capitalize_first(compared.levels)}:"))
+    return sentences
 
 
 def lights_of_side(review: Review) -> dict[str, JsonValues]:

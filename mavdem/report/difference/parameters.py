@@ -13,6 +13,9 @@ from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import parameter_value_text
 from mavdem.report.templates import render_section
 
+MAX_COUNTED_NAMES = 5
+"""Largest number of parameters set anew whose names stand beside their number: a choice, one line of a terminal."""
+
 
 def parameter_sentences(
     reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
@@ -24,7 +27,7 @@ def parameter_sentences(
         headline: sentences shown above; parameters that they name are left out.
     """
     changed = changed_parameter_sentences(reviewed, headline)
-    return [*changed, *parameter_count_sentences(reviewed)]
+    return [*changed, *parameter_count_sentences(reviewed, headline)]
 
 
 def changed_parameter_sentences(
@@ -70,11 +73,15 @@ def parameter_blocks(reviewed: ReviewedDifference, *, verbose: bool) -> Blocks:
     ]
 
 
-def parameter_count_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
+def parameter_count_sentences(
+    reviewed: ReviewedDifference, headline: Sequence[Sentence] | None = None
+) -> list[Sentence]:
     """Returns how many parameters are equal, and who set the others: a person, a calibration, or the autopilot itself.
 
     Args:
         reviewed: comparison of two states, with the changed parameters of both kinds.
+        headline: sentences shown above. A few changed parameters that they do not name are named here; None where a
+            table names them.
 
     Returns:
         The sentence with these numbers, which add up to all parameters that both sides have, and a sentence on
@@ -89,6 +96,7 @@ def parameter_count_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         common_count=common_count,
         equal_count=common_count - changed_count - set_by_autopilot_count,
         changed_count=changed_count,
+        changed_names=[] if headline is None else _few_further_names(reviewed, headline),
         calibrations=calibrations,
         are_two_vehicles=reviewed.are_two_vehicles,
         sides_without_parameters=reviewed.sides_without_parameters,
@@ -97,6 +105,20 @@ def parameter_count_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         tracked_sides=reviewed.tracked_sides,
         outdated_sides=reviewed.outdated_sides,
     )
+
+
+def _few_further_names(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> list[str]:
+    """Returns the names of the changed parameters; empty if they are many, or if the headline names one of them.
+
+    Args:
+        reviewed: comparison of two states, with the changed parameters.
+        headline: sentences shown above.
+    """
+    names = [parameter.name for parameter in reviewed.parameters]
+    text_above = " ".join(sentence.text for sentence in headline)
+    if len(names) > MAX_COUNTED_NAMES or any(name in text_above for name in names):
+        return []
+    return names
 
 
 def changed_rate_gains(

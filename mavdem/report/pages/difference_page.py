@@ -44,6 +44,7 @@ from mavdem.report.charts.flight_charts import MIN_DENSITY
 from mavdem.report.difference.changes import (
     difference_blocks,
     explained_bounds,
+    missing_margins_reason,
     sentences_on_missing_quantities,
     unchanged_quantity_sentences,
 )
@@ -64,7 +65,7 @@ from mavdem.report.difference.lights import (
     lights_are_equal,
     lights_of_both,
     lights_of_side,
-    sentences_on_lights_watched_in_both,
+    sentences_on_further_watched_lights,
     states_in_flights,
     vibration_changes,
     vibrations_of_same_imu,
@@ -234,7 +235,7 @@ class _Summary(NamedTuple):
     """The top of the page in sentences and a table."""
 
     first_blocks: Blocks
-    """The heading and the next step, which stand above the picture."""
+    """The heading, lights to be watched and the next step, which stand above the picture."""
 
     further_blocks: Blocks
     """The rest of the headline, remarks, and how both flew."""
@@ -255,14 +256,19 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> _Sum
     heading_end = _end_of_first_heading(blocks_of_headline)
     further_blocks: Blocks = [
         *_without_tabled_vibration(blocks_of_headline[heading_end:], reviewed),
-        *sentences_on_lights_watched_in_both(reviewed.reviews),
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
         *flight_cautions(reviewed),
-        *parameter_count_sentences(reviewed),
+        *parameter_count_sentences(reviewed, headline),
         *condition_table(reviewed),
     ]
-    return _Summary([*blocks_of_headline[:heading_end], *next_step], further_blocks)
+    first_blocks: Blocks = [
+        *blocks_of_headline[:heading_end],
+        # They may be the reason of the next step.
+        *sentences_on_further_watched_lights(reviewed.reviews, headline),
+        *next_step,
+    ]
+    return _Summary(first_blocks, further_blocks)
 
 
 class _Pictures(NamedTuple):
@@ -494,7 +500,7 @@ def _chapters_by_difference(
         alike.append(step_chapter._replace(folded=True))
     if not do_motors_differ:
         alike.append(motor_chapter._replace(folded=True))
-    margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviewed.reviews))
+    margins = _margin_chapter(reviewed.reviews)
     alike.append(margins._replace(folded=not _has_changed_loop(reviewed.difference)))
     return _ChaptersByDifference(different, alike=[*alike, *parameter_chapters])
 
@@ -515,7 +521,7 @@ def _chapter_in_words(reviewed: ReviewedDifference, headline: Sequence[Sentence]
         reviewed: comparison of both flights.
         headline: the sentences that head the comparison.
     """
-    stated_above = parameter_count_sentences(reviewed)
+    stated_above = parameter_count_sentences(reviewed, headline)
     sentences = []
     for sentence in difference_blocks(reviewed, headline):
         if sentence not in stated_above:
@@ -1124,8 +1130,40 @@ def _with_single_side(chart: Chart) -> Chart:
     return chart._replace(title=f"{chart.title}, only {chart.lines[0].name}")
 
 
+def _margin_chapter(reviews_by_side: Reviews) -> Chapter:
+    """Returns the chapter on stability margins: a table of those of both logs, and why axes have none in one of them.
+
+    Args:
+        reviews_by_side: review documents of both logs, by side.
+    """
+    sides_without = _sides_without_margins(reviews_by_side)
+    chapter = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
+    sentences = []
+    for axis, side in sides_without.items():
+        reason = missing_margins_reason(reviews_by_side, side, axis)
+        sentences += render_section(
+            "difference_missing_margins", axis=axis, side=side, reason=reason
+        )
+    return chapter._replace(blocks=[*chapter.blocks, *sentences])
+
+
+def _sides_without_margins(reviews_by_side: Reviews) -> dict[str, str]:
+    """Returns the side, "A" or "B", that has no margins of an axis, by each axis of which the other side has them."""
+    sides_by_axis = {}
+    for axis in AXES:
+        sides_without = []
+        for side, review in reviews_by_side.items():
+            if not value_at(review, f"axes.{axis}.loop"):
+                sides_without.append(side)
+        if len(sides_without) == 1:
+            [sides_by_axis[axis]] = sides_without
+    return sides_by_axis
+
+
 def _margin_rows(reviews_by_side: Reviews) -> list[list[str]]:
     """Returns the rows of the table of stability margins: for each axis, each figure of its rate and attitude loop.
+
+    An axis without margins in one of the logs has no rows: they would compare nothing.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
@@ -1134,7 +1172,10 @@ def _margin_rows(reviews_by_side: Reviews) -> list[list[str]]:
         Rows of a name, such as "roll rate: phase margin (°)", and one cell for each side.
     """
     rows = []
+    incomplete_axes = _sides_without_margins(reviews_by_side)
     for axis in AXES:
+        if axis in incomplete_axes:
+            continue
         for loop_name, keys in MARGIN_FIGURES.items():
             path = f"axes.{axis}.loop.{loop_name}"
             loops = [value_at(review, path) or {} for review in reviews_by_side.values()]

@@ -48,7 +48,7 @@ from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import (
     light_blocks,
     light_heading,
-    sentences_on_lights_watched_in_both,
+    sentences_on_further_watched_lights,
 )
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_step_sentences
@@ -466,11 +466,20 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
     shaken = {"level": "watch", "subject": "IMU 2", "sentence": "Vibration 16 m/s²."}
     alike = {"lights": {"vibration": shaken}, "next_step": {"sentence": "Balance the propellers."}}
     reviewed = reviewed_difference(unchanged(), {"A": alike, "B": alike})
-    assert plain_text(sentences_on_lights_watched_in_both(reviewed.reviews)) == (
-        "Watch in A and B: vibration."
+    assert plain_text(sentences_on_further_watched_lights(reviewed.reviews, [])) == (
+        "Watch in A and B: vibration. Vibration 16 m/s²."
+    )
+    # The reasons may differ, or be known on one side alone; the next step needs them all the same.
+    other = alike | {"lights": {"vibration": shaken | {"subject": "IMU 1", "sentence": "Clips."}}}
+    unknown = {"lights": {"vibration": {"level": "unknown", "sentence": "No message came."}}}
+    assert plain_text(sentences_on_further_watched_lights({"A": alike, "B": other}, [])).startswith(
+        "Watch in A and B: vibration. A: Vibration 16 m/s². B: Clips."
+    )
+    assert plain_text(sentences_on_further_watched_lights({"A": unknown, "B": alike}, [])) == (
+        "Unknown in A, watch in B: vibration. Vibration 16 m/s². A: No message came."
     )
     assert plain_text(next_step_sentences(reviewed)) == "Next, by B: Balance the propellers."
-    assert not sentences_on_lights_watched_in_both(reviews)
+    assert not sentences_on_further_watched_lights(reviews, [])
     first, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
     assert (first.lead, first.text) == (
         "Motors:",

@@ -307,6 +307,10 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     assert clause_of_both == "In 1 of 3 flights of A and B: motor 1 is weak."
     light["levels"] = ["bad", "unknown", "bad"]
     assert light_heading({"A": light}) == "In the last of 3 flights of A: motor 1 is weak."
+    light["levels"] = ["bad", "bad", "bad"]
+    assert (
+        light_heading({"A": light}) == "In the last of 3 flights of A (all bad): motor 1 is weak."
+    )
     assert "agrees" not in " ".join(
         texts(headline_of_comparison(reviewed_difference(difference, reviews)))
     )
