@@ -26,7 +26,10 @@ class ActiveAlarms:
         self._calm_seconds: dict[WatchedQuantity, float] = {}
 
     def begin_flight(self) -> None:
-        """Forgets how often alarms came and went in the flight before."""
+        """Makes alarms of the new flight end after the usual time without their fault.
+
+        :meth:`end` doubles that time for an alarm that came and went in the flight before.
+        """
         self._calm_seconds = {}
 
     def last_found(self, quantity: WatchedQuantity) -> float:

@@ -291,10 +291,10 @@ class ControlWatch:
 
     @staticmethod
     def awaits_impact(loss: Fact, moment: FlightMoment) -> bool:
-        """Returns whether the report of a new loss of control near the ground waits until the vehicle hits the ground.
+        """Returns whether a loss of control is to be reported only after the impact, since that is a moment away.
 
-        Nobody can act in that time, and the impact then shows what happened. The loss must be new, and lower than a
-        parachute needs to open.
+        That is so if the vehicle is too low for a parachute to open, and the loss began less than ``MAX_IMPACT_WAIT``
+        ago. Nobody can act in that time, and the impact shows what happened.
 
         Args:
             loss: the loss, as :meth:`loss` returns it.
@@ -415,7 +415,13 @@ class ControlWatch:
         return FlightEnd(is_in_air, is_falling, ending, _without_end_of_log(losses.contact))
 
     def _attitude_loss_since(self, takeoff_time: float) -> Fact | None:
-        """Returns the loss of attitude that was found in the flight that began at a time, s; None if none was."""
+        """Returns the latest loss of attitude if it was in the present flight; None otherwise.
+
+        :meth:`loss` stores the latest loss of attitude of the boot.
+
+        Args:
+            takeoff_time: beginning of the present flight, s of the boot clock.
+        """
         attitude_loss = self._attitude_loss
         if attitude_loss is None or attitude_loss.start_time < takeoff_time:
             # The latest loss, if there is one, was in an earlier flight.
@@ -436,7 +442,7 @@ class ControlWatch:
             The event; None if the vehicle kept its attitude, or got it back.
         """
         _, end_time = flight_interval
-        # A vehicle whose attitude has been near its setpoint for so long did not topple; the search below is slow.
+        # The attitude was near its setpoint in the last ``RECOVERY_SECONDS``: no need for the slow search below.
         was_upright = self._large_error_time < end_time - RECOVERY_SECONDS
         if was_upright:
             return None

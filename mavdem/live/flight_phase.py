@@ -118,7 +118,13 @@ class FlightPhase:
         return Fact(SessionFact.FLIGHT_UNKNOWN)
 
     def is_settled(self, time: float) -> bool:
-        """Returns whether the flight is settled at ``time``, s; the tilt, which is judged for each row, is left out."""
+        """Returns whether the flight is settled at a time: after the climb-out, before a landing, under control.
+
+        An extreme tilt ends settled flight too, but that is judged for each row (:class:`RowBuilder`), not here.
+
+        Args:
+            time: time on the boot clock, s.
+        """
         if not self.is_in_air or self._settled_start is None:
             return False
         return self._settled_start <= time < self._loss_onset
@@ -147,23 +153,23 @@ class FlightPhase:
         return self._settled_start if self.is_settled(now) else None
 
     def pop_withdrawal_time(self) -> float | None:
-        """Returns, once, since when samples that were taken for settled flight must be withdrawn from learning.
+        """Returns from which time on the latest samples must be withdrawn from learning, once for each withdrawal.
 
-        They turned out to be of a landing or of a loss of control. Each time is returned by one call only.
+        They were taken for settled flight, but turned out to be of a landing or of a loss of control
+        (:meth:`_withdraw_since`).
 
         Returns:
-            Time of the first of these samples, s of the boot clock; None if there are none since the last call.
+            Time of the first of these samples, s of the boot clock; None without a withdrawal since the last call.
         """
         withdrawal_time = self._withdrawal_time
         self._withdrawal_time = None
         return withdrawal_time
 
     def note_loss(self, onset: float | None) -> None:
-        """Notes since when the vehicle is out of control: from then on its flight is neither settled nor free.
+        """Stores when the vehicle went out of control: from that time on its flight is neither settled nor free.
 
-        The last ``TRANSIENT_SECONDS`` before the onset, in which the cause of the loss may have begun, are withdrawn
-        from settled flight too. Logs are judged by the same rule, and the seconds before a touch-down are withdrawn
-        likewise.
+        A new loss in flight also withdraws the last ``TRANSIENT_SECONDS`` before it from settled flight, since its
+        cause may have begun in them. Logs are judged by the same rule. It applies to a touch-down too.
 
         Args:
             onset: beginning of the loss of control, s of the boot clock; None while the vehicle is under control.

@@ -62,9 +62,13 @@ class LeanWatch:
             self._runs[-1].append(completed_block)
 
     def withdraw_since(self, time: float) -> None:
-        """Forgets the flight since a time, s of the boot clock, and lets the shifts be judged again without it.
+        """Discards the samples since the beginning of a landing or of a loss of control.
 
-        It turned out to be a landing or a loss of control, in which the commands show nothing about the trims.
+        The motors' commands since then show nothing about their trims. The next call of :meth:`unexplained_shifts`
+        judges the shifts of the trims anew.
+
+        Args:
+            time: beginning of the landing or of the loss of control, s of the boot clock.
         """
         self._runs = [[block for block in run if block.end <= time] for run in self._runs]
         self._judging_time = -inf

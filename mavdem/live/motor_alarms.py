@@ -228,12 +228,13 @@ class MotorAlarms:
         self._tested_motors = tested_motors
 
     def withdraw_since(self, time: float) -> Facts:
-        """Forgets the flight since a time for the shifts of the trims, and judges these again without it.
+        """Judges the shifts of the motors' trims again, without the flight since a given time.
 
-        It is called when that flight turns out to be a landing or a loss of control, which says nothing about trims.
+        It is called when a landing or a loss of control is recognised, which began at that time. What the motors did
+        since then says nothing about their trims.
 
         Args:
-            time: the time, s of the boot clock.
+            time: beginning of the landing or of the loss of control, s of the boot clock.
 
         Returns:
             A fact (coded finding) for each shift that only now is beyond what the lean explains; mostly none.

@@ -43,7 +43,11 @@ class Review:
     """When the faults of the last minute were there last; a fault that is not listed is there now."""
 
     def last_found_time(self, quantity: WatchedQuantity) -> float:
-        """Returns when the fault of a quantity was there last, s of the boot clock."""
+        """Returns when the fault of a quantity was there last, s of the boot clock; the present time if it still is.
+
+        Args:
+            quantity: watched quantity with a fault, such as the height.
+        """
         return self.last_found_times.get(quantity, self.now)
 
     def add_event(self, quantity: WatchedQuantity, event: Fact) -> None:

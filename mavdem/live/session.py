@@ -338,13 +338,16 @@ class LiveSession:
         self._report_results(status)
 
     def _store_state_of_flight(self, status: SessionStatus) -> None:
-        """Stores the present voltages of the batteries in flight, or on the ground that the vehicle does not fly.
+        """Stores the voltages of the batteries in the history while the vehicle flies.
+
+        On the ground it resets ``is_free_flight`` of the learning. So a vehicle that leaves the ground again does not
+        count as flying freely before a row, a sample of its motion, shows that it does.
 
         Args:
             status: the present status.
         """
         if not status.is_flying:
-            # In flight each row (sample of the motion) says whether the vehicle flies freely. On the ground none come.
+            # In flight each row sets this field. On the ground no rows come that would reset it.
             self.flight.learning.is_free_flight = False
         elif status.state is not None:
             self.history.add_voltages(status.state.voltages)
@@ -509,7 +512,7 @@ class LiveSession:
 
     @property
     def _restart_seconds(self) -> float:
-        """Time for which nothing was received during the latest restart of the vehicle, s; 0 without a restart."""
+        """Time between the attitudes before and after the latest restart of the autopilot, s; 0 without a restart."""
         restart = self.stream.latest_restart
         if restart is None:
             return 0.0
@@ -521,8 +524,9 @@ class LiveSession:
     ) -> None:
         """Reports that messages of the followed vehicle come again, if none had come for ``SILENCE_SECONDS``.
 
-        The report gets the vehicle's time, which messages such as HEARTBEAT do not have. So it waits for one that has,
-        ``SILENCE_SECONDS`` at most; otherwise its time would be that of the loss.
+        The report is shown with the time of the vehicle's clock, which messages such as HEARTBEAT do not have. So it is
+        kept in ``_resumption`` until a message with a time comes, for ``SILENCE_SECONDS`` at most. Reported at once, it
+        would have the time at which the silence began.
 
         Args:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
@@ -715,10 +719,11 @@ class LiveSession:
         return self.flight.learning.learn_row(row, self.stream.motor_alarms.weak_since)
 
     def _process_landing_or_loss(self) -> None:
-        """Requests advice on gains and withdraws the latest samples once a landing or a loss of control is recognised.
+        """Requests advice on gains and withdraws the latest samples when a landing or a loss of control is recognised.
 
-        It is recognised some time after it has begun. Until then its samples were taken for settled flight. They are
-        withdrawn from all that the model and the trims of the motors are judged by.
+        Both are recognised some time after they have begun. The samples since then were taken for settled flight, and
+        say nothing true about it. So they are withdrawn from the model, from the errors of its predictions, and from
+        the trims of the motors.
         """
         # Time of the first sample to withdraw, s of the boot clock. The stream returns each such time once.
         withdrawal_start = self.stream.pop_withdrawal_time()
@@ -736,9 +741,9 @@ class LiveSession:
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
 
-        A link that was lost in flight only a moment ago is no change: if it comes back, nothing has happened. Nor is a
-        reason of which only measured figures differ, such as rates. Every other change is remembered, so that it is not
-        taken for a change once more; but it is reported only if no other report says the same.
+        The reason is compared with the one of the last change, which ``_reported_reason`` has. Two differences do not
+        count: measured figures, such as rates, and a link that was lost in flight only a moment ago, which may come
+        back at once. A change is not reported either if another report has said the same.
 
         Args:
             status: the present status, with the reason.
@@ -760,9 +765,11 @@ class LiveSession:
             self._presentation.log(_report_on_learning(reason, status))
 
     def _is_repeated_end_of_flight(self, reason: Fact | None, flight_number: int) -> bool:
-        """Returns whether a reason is the end of a flight that it was before, and notes the end if it is a new one.
+        """Returns whether a reason is the end of a flight, and was reported for this flight before.
 
-        Between the two the reason may have been another, such as that no messages came for a while.
+        After a flight the reason may change, such as to a silence of the link, and back to the end of the flight. That
+        end is reported once only. ``_ended_flight`` has the number of the latest flight whose end was a reason; this
+        method updates it.
 
         Args:
             reason: why no model is learned now; None if one is.
@@ -1138,7 +1145,10 @@ def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
 
 
 def _reason_after_end(reason: Fact, status: SessionStatus) -> Fact:
-    """Returns why no model is learned, without what was said before if the flight has ended.
+    """Returns why no model is learned, as it is reported after the end of a flight; any other reason as it is.
+
+    After a loss of the vehicle the reason does not repeat the loss. If the vehicle was switched off after its landing,
+    the reason says so.
 
     Args:
         reason: why no model is learned now.
@@ -1148,7 +1158,7 @@ def _reason_after_end(reason: Fact, status: SessionStatus) -> Fact:
         # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
         return reason.replace(reason=None)
     if status.is_switched_off:
-        # A vehicle that is switched off after its landing is no fault of the link, which nobody need check.
+        # The link is silent because the vehicle is switched off: nobody needs to check the link.
         return reason.replace(is_after_landing=True)
     return reason
 

@@ -383,7 +383,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _is_in_air(self) -> bool:
-        """Whether the vehicle flies, and has not met the ground, which the autopilot of a lost one may not notice."""
+        """Whether the vehicle is in the air: it counts as flying, and no crash was found.
+
+        The autopilot of a crashed vehicle may still report for some seconds that it flies.
+        """
         return self.is_flying and self.ground_contact is None
 
     @cached_property
@@ -544,7 +547,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def is_in_flight(self) -> bool:
-        """Whether the vehicle flies now; false at the end of the session, though it may have ended in the air."""
+        """Whether the vehicle flies now; False once the session is over, even if the vehicle flew at its end."""
         return self.is_flying and not self.is_over
 
     def _judgement_without_check(self, judgement: Judgement) -> Judgement:
@@ -1008,10 +1011,11 @@ class SessionStatus(ImmutableResult):
         return present_lights
 
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
-        """Returns the status lights after a landing, with reasons that are true of the flight and not of the ground.
+        """Returns the lights after a landing: an unknown one says why the part could not be judged in the flight.
 
-        A light that is unknown has a reason. The reason on the ground, that nothing is watched or learned any more, is
-        no reason for what was unknown in the flight: the flight was too short to judge it, or did not show it.
+        A light is the judgement of one part of the vehicle, and has a reason if its level is unknown. On the ground
+        that reason would be that nothing is watched or learned any more. It is replaced by one that was true in the
+        flight, such as that the flight was too short.
 
         Args:
             lights: the judgement of each part of the vehicle, by the name of the part.
@@ -1028,7 +1032,8 @@ class SessionStatus(ImmutableResult):
             if not isinstance(reason, Fact):
                 continue
             if reason.code is WatchFact.ON_GROUND_NOW:
-                # Only what is computed beside the watch, the margins, waits while this computer is too slow.
+                # A slow computer may be why there are no margins, which take long to compute. All other parts are
+                # judged even then: without a judgement too little was received.
                 is_margins = name == Light.MARGINS
                 reason_of_flight = (
                     self._reason_for_no_model if is_margins else self._too_little_received

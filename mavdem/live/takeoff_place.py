@@ -100,10 +100,10 @@ class TakeoffPlace:
             self._latest = self._latest._replace(altitude=altitude)
 
     def note_phase(self, *, is_flying: bool, is_takeoff_seen: bool) -> None:
-        """Notes whether the vehicle flies, which decides what its latest measured place is.
+        """Updates the place of the take-off by the latest measured place and by whether the vehicle flies.
 
-        On the ground it is where the vehicle stands. Where it stood last becomes the place of the take-off, once a
-        take-off was seen.
+        On the ground the latest place is stored as the one where the vehicle stands. In flight the stored place is that
+        of the take-off, unless the take-off was not seen: the vehicle may then have been elsewhere.
 
         Args:
             is_flying: whether the vehicle is in the air.

@@ -41,9 +41,9 @@ class WatchList:
         self._first_time: float | None = None
 
     def set(self, quantity: WatchedQuantity, reason: Fact | None, now: float) -> None:
-        """Sets the fact that a quantity is watched, or why it is not, with the time since which that is so.
+        """Stores for a quantity that it is watched now, or why it is not.
 
-        The fact is replaced only if it has changed: its time says since when it is valid.
+        The stored fact has the time since which it is true. So it is replaced only if the present state differs.
 
         Args:
             quantity: what is watched, such as the vibration.

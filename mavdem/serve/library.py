@@ -234,9 +234,10 @@ class Library:
         return self.folder / RESULTS / entry.digest
 
     def progress(self, entry: LibraryEntry) -> JsonValues:
-        """Returns how far the processing of a log is, as its worker process reports it in a file.
+        """Returns how far a log has been processed, as the process that does it writes to a file.
 
-        The file is in the final folder of results or, while the log is processed, in a hidden folder next to it. It is
+        Results are made in a hidden folder, which is renamed when they are complete. So the file is looked for in three
+        folders: that of complete results, the hidden one, and the hidden one of recordings that are being made. It is
         missing before the process begins, and for a moment while the folder is renamed.
 
         Args:

@@ -247,13 +247,14 @@ def _allows_new_gains(headline: Fact) -> bool:
 
 
 def _is_uncertain_margin(headline: Fact) -> bool:
-    """Returns whether the most serious fact of a flight is that an axis probably has its stability margins.
+    """Returns whether the worst finding of a flight is that an axis probably, but not certainly, has its margins.
 
-    For example, 80 % of the models of the vehicle that fit the flight have the required margins; 90 % would be sure.
-    It is False if a measured response contradicts the models, or if wind biases them: then the margins are not known.
+    The margins are computed with many models of the vehicle that fit the flight. If 80 % of the models have the
+    required margins, for example, the axis probably has them. It is False if a measured response contradicts the
+    models, or if wind biases them: then nothing is known of the margins.
 
     Args:
-        headline: the most serious fact of the flight.
+        headline: the worst finding of the flight.
     """
     if headline.code is not MarginsLight.LOOP_MARGINS or headline.figures["reason"] is not None:
         return False

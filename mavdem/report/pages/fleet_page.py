@@ -521,7 +521,7 @@ def _vehicle_section(
     Args:
         summary: summary of all logs under the vehicle's name.
         vehicle: what is known of the vehicle from its flights together.
-        bar_count: number of flights for which the picture of the latest flights has room.
+        bar_count: largest number of bars in the section's picture, which has a bar for each of the latest flights.
         names: names that were given to vehicles and flights.
     """
     is_shared = summary.has_shared_name
