@@ -15,14 +15,13 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
-from mavdem.report.blocks import Blocks, Sentence, Table, shortened, truncated
+from mavdem.report.blocks import Blocks, Sentence, Table, truncated
 from mavdem.report.fleet import ANOMALOUS_HEALTHS, vehicle_label
-from mavdem.report.heading import listed_headline
+from mavdem.report.heading import listed_headline, listed_next_step
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import (
     as_clause,
     capitalize_first,
-    first_sentence,
     render_section,
 )
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
@@ -64,9 +63,6 @@ FLOWN_LEAD = "Flown:"
 
 MAX_UNNAMED_LINES = 3
 """Flights of unnamed vehicles to be watched with a line each; of more, the list of flights has them. A choice."""
-
-MAX_STEP_LENGTH = 120
-"""Letters of what such a line says to do: the page has the rest. A choice."""
 
 MAX_FILE_LENGTH = 40
 """Letters of a file's name in a table."""
@@ -263,8 +259,7 @@ def _vehicle_line(vehicle: _LabelledVehicle, names: GivenNames, *, has_step: boo
     finding = as_clause(listed_headline(texts.finding))
     text = f"{finding} ({vehicle.flights.finding_flight.label(names)})"
     if has_step and texts.next_step:
-        next_step = shortened(first_sentence(texts.next_step), MAX_STEP_LENGTH)
-        text = f"{text} · {next_step}"
+        text = f"{text} · {listed_next_step(texts.next_step)}"
     else:
         text += "."
     is_watched = _is_only_watched(vehicle.flights)
@@ -655,6 +650,12 @@ class FlownTotals(NamedTuple):
     are_all_simulated: bool
     """Whether no flight was real."""
 
+    named_vehicles: int
+    """Number of vehicles, named by their logs, that made any of the flights that ``flights`` counts."""
+
+    has_unnamed_vehicle: bool
+    """Whether any of these flights is of a vehicle that its log does not name."""
+
     settled_time: str
     """Settled flight of all of them, such as "2.5 h"."""
 
@@ -708,10 +709,18 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
     air_seconds = 0.0
     flights_by_tier: Counter[str] = Counter()
     dates: list[datetime] = []
+    named_vehicles = 0
+    has_unnamed_vehicle = False
     simulated_count = sum(summary.flown.simulated for summary in summaries)
     are_all_simulated = not any(summary.really_flown.flights for summary in summaries)
     for summary in summaries:
         flown = summary.flown if are_all_simulated else summary.really_flown
+        if not flown.flights:
+            continue
+        if summary.has_shared_name:
+            has_unnamed_vehicle = True
+        else:
+            named_vehicles += 1
         flight_count += flown.flights
         settled_seconds += flown.seconds
         air_seconds += flown.air_seconds
@@ -724,6 +733,8 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
         flights=flight_count,
         simulated=simulated_count,
         are_all_simulated=are_all_simulated,
+        named_vehicles=named_vehicles,
+        has_unnamed_vehicle=has_unnamed_vehicle,
         settled_time=flown_time_text(settled_seconds),
         air_time=flown_time_text(air_seconds) if air_seconds else "",
         dates=[min(dates), max(dates)] if dates else [],

@@ -6,10 +6,28 @@ from typing import NamedTuple
 
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending
-from mavdem.report.templates import capitalize_first, headline, without_full_stop
+from mavdem.report.templates import (
+    BAN,
+    capitalize_first,
+    first_and_further_sentences,
+    first_sentence,
+    headline,
+    without_full_stop,
+)
+
+SOURCE_OF_HEIGHT = re.compile(
+    r" by the (?:barometer|autopilot's estimate)(?![^:]* by satellites)(?=[^:]*: )"
+)
+"""What measured the height or the descent of a lost vehicle, before the colon of its cause.
+
+Where satellites contradict it, the text says which height is meant.
+"""
 
 MAX_HEADING_LENGTH = 120
 """Longest heading, characters: a choice, so that it fills at most four lines of a telephone and two of a desktop."""
+
+MAX_LISTED_LENGTH = 140
+"""Longest headline in a list, characters: a choice, so that a loss keeps its cause on four lines of a telephone."""
 
 CLAUSE_ENDS = (": ", "; ")
 """What ends a clause of a sentence after which its details may follow."""
@@ -48,7 +66,7 @@ def heading_of(fact: Fact, text: str) -> Heading:
     reason = fact.figures.get("reason")
     ending = reason if isinstance(reason, Fact) else fact
     if ending.code not in Ending:
-        return _divided(text, CLAUSE_ENDS)
+        return _divided(text, CLAUSE_ENDS, MAX_HEADING_LENGTH)
     short_ending = _without_source_of_height(ending)
     short_text = _with_ending(fact, short_ending)
     if len(short_text) <= MAX_HEADING_LENGTH:
@@ -56,28 +74,46 @@ def heading_of(fact: Fact, text: str) -> Heading:
     finding = _with_ending(fact, _with_cause_in_short(short_ending))
     _how_it_ended, _, causes = str(ending).partition(": ")
     if len(finding) > MAX_HEADING_LENGTH or not causes:
-        return _divided(short_text, CLAUSE_ENDS)
+        return _divided(short_text, CLAUSE_ENDS, MAX_HEADING_LENGTH)
     return Heading(finding, capitalize_first(causes))
 
 
 def listed_headline(text: str) -> str:
     """Shortens the headline of a flight for its row in a list of flights.
 
-    A headline that is too long loses its remarks in brackets first, such as intervals and limits. What is still too
-    long ends with its first clauses or sentences: the rest states the evidence, or what to check.
+    A headline that is too long loses first what measured a height, then its remarks in brackets, such as intervals and
+    limits. What is still too long ends with its first clauses or sentences: the rest states the evidence, or what to
+    check.
 
     Args:
         text: the headline, of one sentence or several.
 
     Returns:
-        At most ``MAX_HEADING_LENGTH`` characters where the text can be shortened so far.
+        At most ``MAX_LISTED_LENGTH`` characters where the text can be shortened so far.
     """
-    if len(text) <= MAX_HEADING_LENGTH:
+    for detail in (SOURCE_OF_HEIGHT, REMARK):
+        if len(text) > MAX_LISTED_LENGTH:
+            text = detail.sub("", text)
+    if len(text) <= MAX_LISTED_LENGTH:
         return text
-    text_without_remarks = REMARK.sub("", text)
-    if len(text_without_remarks) <= MAX_HEADING_LENGTH:
-        return text_without_remarks
-    return _divided(text_without_remarks, LISTED_ENDS).finding
+    return _divided(text, LISTED_ENDS, MAX_LISTED_LENGTH).finding
+
+
+def listed_next_step(text: str) -> str:
+    """Shortens the next step of a flight for its row in a list: the first action, as a whole sentence.
+
+    A sentence that only forbids flight is no action: the one after it says what to do.
+
+    >>> listed_next_step("Do not fly. Check the battery. Also balance the propellers.")
+    'Do not fly. Check the battery.'
+
+    Args:
+        text: what to do next, in sentences; empty where nothing is wrong.
+    """
+    first, further = first_and_further_sentences(text)
+    if first == f"{BAN}." and further:
+        return f"{first} {first_sentence(further)}"
+    return first
 
 
 def _without_source_of_height(ending: Fact) -> Fact:
@@ -121,19 +157,20 @@ def _with_ending(fact: Fact, ending: Fact) -> str:
     return fact.replace(reason=ending).sentence
 
 
-def _divided(text: str, ends: Sequence[str]) -> Heading:
-    """Divides a long text after the last clause or sentence that still ends within ``MAX_HEADING_LENGTH`` characters.
+def _divided(text: str, ends: Sequence[str], max_length: int) -> Heading:
+    """Divides a long text after the last clause or sentence that still ends within ``max_length`` characters.
 
     It is not divided within brackets.
 
     Args:
         text: the text.
         ends: what ends the clauses or sentences after which it may be divided.
+        max_length: number of characters that there is room for.
 
     Returns:
         The heading, and the rest as a sentence of its own. The rest is empty if the text could not be divided.
     """
-    for length in range(MAX_HEADING_LENGTH - 1, 0, -1):
+    for length in range(max_length - 1, 0, -1):
         beginning, rest = text[:length], text[length:]
         is_within_brackets = beginning.count("(") > beginning.count(")")
         if is_within_brackets:

@@ -259,6 +259,9 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     text = plain_text(fleet_blocks(rows))
     assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
     assert fleet_counts(rows)["vehicles"] == 0
+    # A simulated flight without a name stands beside those that were flown, and is none of them.
+    text = plain_text(fleet_blocks([flight_row("quad", 0), replace(rows[0], simulated=1)]))
+    assert "Flown: 1 flight of 1 vehicle, 2026-01-05" in text and "1 simulated besides" in text
     # A bad flight under such a name is counted once, as a flight.
     fell = replace(rows[1], headline="It fell.", headline_level="bad")
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
@@ -502,7 +505,8 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     drift = {"health": "drift", "health_reason": "The load shifted. More."}
     drifted = replace(rows[0], **drift, flight_time=12.6, status="Too short.")
     assert fleet_blocks([drifted, rows[1]])[1].text == (
-        "fell 0. The load shifted (0000.ulg, 2026-01-05) · Do not fly."
+        "fell 0. The load shifted (0000.ulg, 2026-01-05) · Do not fly. Unless they were replaced, check motors and "
+        "propellers, then the load."
     )
     assert flight_line([drifted]).cell("time") == "0:13"
     assert "13 s in the air" in plain_text(fleet_blocks([drifted]))

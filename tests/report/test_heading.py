@@ -6,7 +6,13 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import HeightSource
-from mavdem.report.heading import MAX_HEADING_LENGTH, heading_of, listed_headline
+from mavdem.report.heading import (
+    MAX_HEADING_LENGTH,
+    MAX_LISTED_LENGTH,
+    heading_of,
+    listed_headline,
+    listed_next_step,
+)
 
 SPENT_THRUST = Fact(
     FailedFirst.THRUST_SPENT_FIRST,
@@ -80,7 +86,8 @@ WEAK_MOTOR = (
     [
         (
             f"{WEAK_MOTOR}probability 0.96: it then works 15 % (12 to 19 %) harder than in 3 healthy flights.",
-            "Motor 1 (front right) lost about 25 % of its thrust with probability 0.96.",
+            "Motor 1 (front right) lost about 25 % of its thrust with probability 0.96: it then works 15 % harder "
+            "than in 3 healthy flights.",
         ),
         (
             "All motors work 8 % harder than in 3 healthy flights (probability 0.57): check the load, then all "
@@ -95,10 +102,31 @@ WEAK_MOTOR = (
             "the vehicle.",
         ),
         (
+            "Lost control at 100.4 s, 9 m up by the autopilot's estimate: the autopilot stopped the motors in the air "
+            "at 100.1 s: the remote control was lost.",
+            "Lost control at 100.4 s, 9 m up: the autopilot stopped the motors in the air at 100.1 s: the remote "
+            "control was lost.",
+        ),
+        (
+            "Hit the ground at 630.0 s, falling at 4.3 m/s by the autopilot's estimate: it sank at full throttle, with "
+            "motor 2 (rear left) and motor 4 (rear right) at the limit.",
+            "Hit the ground at 630.0 s, falling at 4.3 m/s: it sank at full throttle, with motor 2 (rear left) and "
+            "motor 4 (rear right) at the limit.",
+        ),
+        (
             "Vibration 15.7 m/s² on IMU 2 (axis z; above 15.0), no clips.",
             "Vibration 15.7 m/s² on IMU 2 (axis z; above 15.0), no clips.",
         ),
     ],
 )
 def test_a_headline_in_a_list_keeps_cause_size_probability_and_the_place_of_a_motor(text, listed):
-    assert listed_headline(text) == listed and len(listed) <= MAX_HEADING_LENGTH
+    assert listed_headline(text) == listed and len(listed) <= MAX_LISTED_LENGTH
+
+
+@mark.parametrize(
+    "step",
+    ["Do not fly. Check the battery (71 mΩ).", "Align all arms; then compare propellers and ESCs."],
+)
+def test_a_next_step_in_a_list_ends_with_an_action_in_full(step):
+    assert listed_next_step(f"{step} Also balance the propellers.") == step
+    assert listed_next_step(step) == step and listed_next_step("Do not fly.") == "Do not fly."

@@ -819,17 +819,21 @@ def _move_reasons_to_table(sections: Sequence[VehicleSection]) -> Table:
             the reason. If there are several such vehicles, this function empties these summaries.
 
     Returns:
-        Rows with a reason and the number of its vehicles, the most frequent first. No rows if there is only one such
+        Rows with the number of vehicles and their reason, the most frequent first. No rows if there is only one such
         vehicle: its section keeps the reason.
     """
     rows = []
     uncompared_sections = [section for section in sections if not section.is_compared]
     if len(uncompared_sections) > 1:
-        counts = Counter(section.summary for section in uncompared_sections)
-        rows = [[reason, str(count)] for reason, count in counts.most_common()]
+        # The title above the table says that they are not compared.
+        counts = Counter(
+            section.summary.removeprefix("Not compared with other flights. ")
+            for section in uncompared_sections
+        )
+        rows = [[str(count), reason] for reason, count in counts.most_common()]
         for section in uncompared_sections:
             section.summary = ""
-    return Table(["reason", "vehicles"], rows, words=True)
+    return Table(["vehicles", "reason"], rows, words=True)
 
 
 def _wind_drawing(summaries: Sequence[VehicleSummary]) -> Plan | None:

@@ -48,11 +48,10 @@ from mavdem.report.fleet import (
     vehicle_texts,
 )
 from mavdem.report.flight_lines import flight_line, minutes_text, wind_speed_text
-from mavdem.report.heading import listed_headline
+from mavdem.report.heading import listed_headline, listed_next_step
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.motor_anomaly import MotorAnomaly, with_motor_anomaly
 from mavdem.report.pages.page import PageEvent
-from mavdem.report.templates import first_sentence
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
@@ -150,7 +149,7 @@ def _server_environment() -> Environment:
     jinja.filters["minutes"] = minutes_text
     jinja.filters["metres"] = _metres_text
     jinja.filters["listed_headline"] = listed_headline
-    jinja.filters["first_sentence"] = first_sentence
+    jinja.filters["listed_next_step"] = listed_next_step
     # Constants and functions that the templates use by these names.
     values = {
         "lights": [str(light) for light in Light],

@@ -377,7 +377,6 @@
   const savedStatus = sessionStorage.getItem("savedStatus");
   sessionStorage.removeItem("savedStatus");
   if (savedStatus && $(savedStatus)) $(savedStatus).textContent = "Saved.";
-  $("toshare")?.addEventListener("click", () => { $("share").open = true; });
   let savedSharing = $("sharing")?.value;
   $("edit")?.addEventListener("submit", async event => {
     event.preventDefault();

@@ -371,8 +371,8 @@ def test_a_serial_number_stands_behind_the_frame_and_a_repeated_sentence_once_wi
     # The line of a vehicle that has flown once has all, and nothing unfolds.
     assert text.count('<div class="vehicle">') == 4 and text.count('<details class="vehicle"') == 2
     # The vehicles of all reasons add up to those that the summary counts.
-    reasons = re.findall(r"Not compared with other flights. ([^<]*)</td><td[^>]*>(\d)</td>", text)
-    assert reasons == [("Too few flights.", "3"), ("It fell.", "1")]
+    reasons = re.findall(r">(\d)</td><td[^>]*>([^<]*\.)</td>", text)
+    assert reasons == [("3", "Too few flights."), ("1", "It fell.")]
     assert "Motors not compared between flights:</strong> 4 vehicles." in text
     assert ">No drift and no fault in 1 flight that could be judged.</td>" not in text
 
