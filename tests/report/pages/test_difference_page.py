@@ -150,6 +150,8 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     assert [result.index(text) for text in order] == sorted(result.index(text) for text in order)
     closed = re.findall(r'<section id="([^"]*)"[^>]*>\s*<details class="phone-closed" open>', page)
     assert "motors" in closed and "both-flights" in closed and "what-changed" not in closed
+    # How plots are moved comes below the first result.
+    assert page.index('id="what-changed"') < page.index("Drag over a plot")
     assert _main_chart(reviewed_difference(unchanged()), pictures).title == MEAN_MOTOR_OUTPUT
 
 
