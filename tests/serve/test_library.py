@@ -295,10 +295,10 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     # A phone has all lights in one line, in which no unknown one is left out.
     on_phone = page.partition('<span class="phone">')[2].partition("</td>")[0]
     good_count = 7 if health == "ok" else 6
-    assert plain_line(on_phone).endswith(f"{good_count} good – 1 unknown")
+    assert plain_line(on_phone).endswith(f"{good_count} good ○ 1 unknown")
     motors_unknown = replace(entry, motors="unknown")
     on_phone = library_page([motors_unknown]).partition('<span class="phone">')[2]
-    assert "– motors and 1 more unknown" in plain_line(on_phone.partition("</td>")[0])
+    assert "○ motors and 1 more unknown" in plain_line(on_phone.partition("</td>")[0])
     # A vehicle without a name has one line.
     by_calibration = replace(
         entry, vehicle="accelerometer-39ca5c6f6923", vehicle_basis="accelerometer"
