@@ -114,7 +114,7 @@ shaded band, the figure is called the same."""
 OUTCOME_CAPTIONS = {
     QuantityOutcome.CHANGED: " Square: changed, red for the worse, green for the better, blue where neither can be "
     "said or lean explains it.",
-    QuantityOutcome.UNCERTAIN: " Ring: too uncertain to tell.",
+    QuantityOutcome.UNCERTAIN: " Ring: too uncertain to tell; perhaps a change where the interval leaves out 0.",
     QuantityOutcome.SAME: " Dot: the same.",
 }
 """What the shape of each outcome means, for the outcomes that are drawn."""

@@ -390,6 +390,7 @@ def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     page = comparison_page(("a.bin", "b.bin"), reviewed)
     # The caption of the drawing explains the shapes that it has.
     assert "Square: changed, red for the worse" in page and "Dot: the same." not in page
+    assert "Ring: too uncertain to tell; perhaps a change where the interval leaves out 0." in page
     chapter = page[page.index('id="both-flights"') : page.index('id="in-words"')]
     assert page.index('id="what-changed"') < page.index('id="both-flights"')
     assert "Gyro, power" in chapter and '<details class="phone-closed" open>' in chapter
