@@ -52,6 +52,7 @@ class LandedStates:
     @property
     def is_first_phase(self) -> bool:
         """Whether the state has not changed in this boot yet."""
+        # Each phase has two samples (:meth:`begin_phase`).
         return len(self._samples) <= 2
 
     @property
@@ -63,9 +64,10 @@ class LandedStates:
         return last_of_former_phase.time if last_of_former_phase.landed_state == IN_AIR else None
 
     def begin_phase(self, state: int, now: float, last_review_time: float) -> None:
-        """Notes that the vehicle has changed to another landed state, in the air or on the ground.
+        """Begins a phase in the air or on the ground, by a sample of the former state and one of the new state.
 
-        The time of the change is known only to lie between two reviews, so that both ends are noted.
+        The vehicle changed its state at some time between two reviews. So the former state is stored with the time of
+        the review before, and the new state with that of the present review.
 
         Args:
             state: landed state of the phase, ``IN_AIR`` or ``ON_GROUND``.

@@ -207,7 +207,11 @@ class FlightLearning:
         return self._prior.physical
 
     def _date_models_of_other_boot(self) -> None:
-        """Dates all models minus infinity, so that a landing in the boot that begins now never withdraws them."""
+        """Sets the time of all models so far to minus infinity, at the first rows after a restart of the autopilot.
+
+        Their times are on the clock of the former boot. A landing withdraws the models that are later than its
+        beginning, and must not withdraw any of these.
+        """
         redated_models = [_KeptModel(-inf, model.learned) for model in self._models]
         self._models = deque(redated_models, MAX_MODELS)
 
@@ -263,9 +267,9 @@ class FlightLearning:
     def _keep_model(self, row: AlignedRow, model: Learned | None) -> None:
         """Keeps the learner's model, if it is new and of settled flight, with the time at which it was learned.
 
-        After a landing, these times show which models were learned from the landing itself, so that they can be
-        withdrawn. A model of the climb after take-off is noted, but not kept: the learner still has it when settled
-        flight begins.
+        After a landing, these times show which models were learned from the landing itself: :meth:`withdraw_since`
+        removes those. A model of the climb after take-off is not kept. It is stored in ``_climb_model`` only because
+        the learner still returns it when settled flight begins, when it must not count as a new one.
 
         Args:
             row: the sample, of one time, that the learner was updated with.
@@ -322,10 +326,10 @@ class FlightLearning:
         return bool(collective <= min_airborne_collective(parameters))
 
     def _report_unexpected_motion(self, now: float) -> None:
-        """Reports unexpected motion that was held back long enough, or drops it if a weak motor explains it.
+        """Reports unexpected motion ``HELD_MOTION_SECONDS`` after it began, unless a motor is found to be weak by then.
 
-        The alarm of a weak motor says what moved the vehicle. A report beside it would be a second piece of news, with
-        other advice.
+        :meth:`note_estimate` holds the report back in ``_held_report``. The alarm of a weak motor says what moved the
+        vehicle, so that the report, which has other advice, is dropped.
 
         Args:
             now: time of the latest row, s of the boot clock.
@@ -343,11 +347,11 @@ class FlightLearning:
             self._log(held_report.fact)
 
     def withdraw_since(self, landing_time: float) -> None:
-        """Forgets the samples of a landing or of a loss of control, and the models that were learned from them.
+        """Removes the samples of a landing or of a loss of control, and the models that were learned from them.
 
-        Ground contact, ground effect and a tumble would spoil the model. The learner starts a fit to the samples
-        before; until it has ended, the last model from before the landing is the final one (``has_landed``). There must
-        be a learner, without which there is nothing to forget.
+        Ground contact, ground effect and a tumble would spoil the model. The learner then fits a model to the samples
+        from before the landing. Until that fit has ended, the last model from before the landing is the one to keep at
+        the end of the session (:meth:`final_model`). There must be a learner, which has the samples.
 
         Args:
             landing_time: time when the landing or the loss of control began, s of the boot clock.

@@ -76,15 +76,18 @@ class ReportAlarms:
         )
 
     def update(self, reports: Sequence[Fact], now: float) -> list[Fact]:
-        """Notes which faults are reported still or again, and ends the alarms on faults that are over.
+        """Updates the active alarms by the reports of the last minute, and ends those whose fault is over.
+
+        The alarm on a bad fault stays until the flight ends. Another alarm ends when the autopilot reports the end of
+        its fault, or has not reported the fault for ``REPEAT_SECONDS``.
 
         Args:
             reports: all reports of the last minute, with repetitions merged.
             now: present time on the boot clock, s.
 
         Returns:
-            The ends that the autopilot has reported, each with the report as it is now. That a fault is no longer
-            reported does not show that it is over, and is not returned.
+            The facts that an alarm is over, for faults whose end the autopilot has reported. An alarm that ends only
+            because its fault is no longer reported has none: that does not show that the fault is over.
         """
         latest_reports: dict[Code, Fact] = {}
         for report in reports:

@@ -47,9 +47,10 @@ class ReportLimit:
         self._omitted_states: dict[str, Fact] = {}
 
     def admits(self, fact: Fact, now: float) -> bool:
-        """Returns whether a fact is to be reported; one that is not is counted, for a later report.
+        """Returns whether a fact is to be reported now, and stores that it was reported or left out.
 
-        A fact is left out if ``MAX_REPORTS_OF_KIND`` others of its kind were reported in the last ``REPEAT_SECONDS``.
+        It is left out if ``MAX_REPORTS_OF_KIND`` others of its kind were reported in the last ``REPEAT_SECONDS``. The
+        user later reads how many were left out (:meth:`pop_omission_report`).
 
         Args:
             fact: a fact (coded finding) of the session, such as an alarm whose reason is a text.
