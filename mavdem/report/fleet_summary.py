@@ -668,6 +668,9 @@ class FlownTotals(NamedTuple):
     kinds: str
     """The kinds of model that the logs allow (their tiers), in words, with the number of flights of each kind."""
 
+    has_slow_logs: bool
+    """Whether the log of any flight has too few messages a second for a full model, and so for margins."""
+
 
 def flown_time_text(seconds: float) -> str:
     """Returns a time in the air as people read it: "20 s", "48 min", "2.5 h", or "35 h"."""
@@ -739,6 +742,7 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
         air_time=flown_time_text(air_seconds) if air_seconds else "",
         dates=[min(dates), max(dates)] if dates else [],
         kinds=_kinds_of_model_text(flights_by_tier),
+        has_slow_logs=flights_by_tier["b"] + flights_by_tier["c"] > 0,
     )
 
 

@@ -52,8 +52,7 @@ from mavdem.report.pages.library_page import (
     vehicle_id_on_page,
     vehicle_page,
     vehicles_page,
-    with_pending_comparison,
-    with_server_script,
+    with_comparison_bar,
     with_toolbar,
     without_last_position,
 )
@@ -199,7 +198,7 @@ class Pages:
         # The rights of the visitor, and what else all pages have.
         visitor = self._visible_library.visitor_values(request)
         unread_count = 0
-        if visitor["may_read"]:
+        if visitor["may_read"] and result.is_judged_first:
             unread_count = self._library.find(UNFINISHED_SQL, (), limit=0).total
         is_library_empty = not result.entries and not result.query and not result.offset
         html = render_server_page(
@@ -714,16 +713,15 @@ class Pages:
         html = comparison_page(
             names=(names[entry_before.id], names[entry_after.id]),
             reviewed=reviewed,
-            back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
             addresses=(f"/f/{entry_before.id}", f"/f/{entry_after.id}"),
         )
-        html = with_pending_comparison(
-            html, [name for id, name in names.items() if id in uncompared_ids]
+        html = with_comparison_bar(
+            html,
+            [name for id, name in names.items() if id in uncompared_ids],
+            **self._visible_library.visitor_values(request),
         )
-        return HTMLResponse(
-            with_server_script(html, **self._visible_library.visitor_values(request))
-        )
+        return HTMLResponse(html)
 
     def _entry_with_results(self, entry_id: str) -> LibraryEntry:
         """Returns the entry of a flight in the library's index.

@@ -27,7 +27,7 @@ from mavdem.serve.library import Library
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
 from mavdem.serve.rights import Rights
-from mavdem.serve.search import search_condition
+from mavdem.serve.search import UNFINISHED_SQL, search_condition
 from mavdem.serve.similar_flight import most_similar_flight
 
 MAX_SEARCH_LETTERS = 500
@@ -46,11 +46,17 @@ A flight without a digest, whose log the library does not keep, need not have a 
 """
 
 
+MAX_UNREAD_LOGS_ON_TOP = 5
+"""Logs still to be read that are listed as the newest uploads; a choice. More are of a folder, whose flights that have
+a verdict would be pushed off the first page.
+"""
+
+
 class SearchResult(NamedTuple):
     """What a search in the library found."""
 
     entries: list[LibraryEntry]
-    """the flights of one page of the result in the order that was asked for, logs without a verdict last"""
+    """the flights of one page of the result in the order that was asked for; logs that could not be read come last"""
     total: int
     """number of all flights that match"""
     query: str
@@ -61,6 +67,8 @@ class SearchResult(NamedTuple):
     """whether that order is reversed"""
     offset: int
     """number of matching flights that precede the page"""
+    is_judged_first: bool
+    """whether logs that are still to be read come after the flights with a verdict, whatever the order"""
 
     @property
     def sort(self) -> str:
@@ -153,6 +161,9 @@ class VisibleLibrary:
         # Senders without the right to read all flights find only the public ones.
         if not self.rights.allows(request, Permission.READ):
             condition = f"sharing = '{Sharing.PUBLIC}' and ({condition})"
+        # Only the order by upload has a place for a log that nothing is known of.
+        unread_count = self.library.find(UNFINISHED_SQL, (), limit=0).total
+        is_judged_first = order != ListingOrder.UPLOAD or unread_count > MAX_UNREAD_LOGS_ON_TOP
         entries, entry_count = self.library.find(
             condition,
             values,
@@ -160,7 +171,7 @@ class VisibleLibrary:
             offset,
             order,
             is_reversed=is_reversed,
-            judged_first=True,
+            judged_first=is_judged_first,
         )
         return SearchResult(
             entries,
@@ -169,6 +180,7 @@ class VisibleLibrary:
             order=order,
             is_reversed=is_reversed,
             offset=offset,
+            is_judged_first=is_judged_first,
         )
 
     def previous_flight(self, entry: LibraryEntry) -> LibraryEntry | None:

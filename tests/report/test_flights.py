@@ -262,6 +262,10 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     # A simulated flight without a name stands beside those that were flown, and is none of them.
     text = plain_text(fleet_blocks([flight_row("quad", 0), replace(rows[0], simulated=1)]))
     assert "Flown: 1 flight of 1 vehicle, 2026-01-05" in text and "1 simulated besides" in text
+    # Logs that are too slow for margins are to be faster.
+    assert "40 Hz" not in text
+    text = plain_text(fleet_blocks([replace(flight_row("quad", 0), tier="b")]))
+    assert "slow motion alone (1). To know margins, log attitude, body rates and motors" in text
     # A bad flight under such a name is counted once, as a flight.
     fell = replace(rows[1], headline="It fell.", headline_level="bad")
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))

@@ -36,7 +36,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import Job, failed
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import PAGE_FILE
-from mavdem.serve import api, listening, uploads
+from mavdem.serve import api, listening, uploads, visible_library
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import columns_of_flight
 from mavdem.serve.library import Library
@@ -186,12 +186,18 @@ def test_progress_is_streamed_until_all_logs_are_read(tmp_path, monkeypatch):
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
         assert interface_words()["stages"][Stage.WAITING] in server.get(f"/f/{id}").text
-        # Beside flights with a verdict, a log to be read stands last, and is counted above the list.
+        # A log to be read is the newest upload. In other orders it stands last, and is counted above the list.
         note = "1 log is still to be read"
         assert note not in server.get("/").text
         server.library.change(id, stage=Stage.DONE)
         later = server.add("b.ulg", "Two.")
         listed = server.get("/").text
+        assert note not in listed and listed.index("b.ulg") < listed.index("a.ulg")
+        listed = server.get("/?sort=flight").text
+        assert note in listed and listed.index("a.ulg") < listed.index("b.ulg")
+        # So do the logs of a whole folder.
+        monkeypatch.setattr(visible_library, "MAX_UNREAD_LOGS_ON_TOP", 0)
+        listed = server.get("/?sort=upload").text
         assert note in listed and listed.index("a.ulg") < listed.index("b.ulg")
         server.library.delete(later)
         server.library.change(id, stage=Stage.WAITING)
@@ -353,6 +359,9 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     a, b = (served.add(f"{name}.ulg", name) for name in ("One.", "Two."))
     compared = served.get(f"/compare?a={a}&b={b}")
     assert compared.status == 200 and "<h1>One..ulg and Two..ulg</h1>" in compared.text
+    # It has the bar of all pages, whose last entry is the title on a phone.
+    assert 'href="/vehicles">Vehicles (1)' in compared.text
+    assert '<span aria-current="page">Two flights compared</span>' in compared.text
     # Flights that an earlier version has read have no stored series.
     assert "time series of A and B, which were not stored" in compared.text
     not_compared = "parameters beside those of control"

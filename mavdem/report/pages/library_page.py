@@ -334,18 +334,19 @@ def without_last_position(page: str) -> str:
     return LAST_POSITION.sub("", page)
 
 
-def with_pending_comparison(page: str, names: Sequence[str]) -> str:
-    """Returns the page of a comparison with a remark that the verdict on the motors may become worse.
+def with_comparison_bar(page: str, uncompared_names: Sequence[str], **values: Any) -> str:
+    """Returns the page of a comparison as the server sends it: with the bar of the library's pages, and its script.
 
     Args:
         page: HTML of the page.
-        names: names of the compared flights whose motors are still to be compared with others of the vehicle. Without
-            any the page stays as it is.
+        uncompared_names: names of the compared flights whose motors are still to be compared with others of the
+            vehicle. A remark states that the verdict on them may become worse.
+        **values: further values that the templates of the bar and of the script use, by name: what the visitor may do,
+            and the names of all vehicles.
     """
-    if not names:
-        return page
-    remark = render_server_page("comparing", names=names)
-    return page.replace("<main>\n", f"<main>\n{remark}", 1)
+    page = with_server_script(page, **values)
+    bar = render_server_page("comparing", uncompared_names=uncompared_names, **values)
+    return page.replace("<main>\n", f"<main>\n{bar}", 1)
 
 
 def with_server_script(page: str, **values: Any) -> str:
