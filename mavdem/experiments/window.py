@@ -187,8 +187,7 @@ def windows(
         test = default_test
     window_length = train + test
     if hop is None:
-        # Rounded up, so that every second window overlaps none before it, also where the length is odd.
-        hop = ceil(window_length / 2)
+        hop = _half_window(window_length)
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
     last_start = len(flight) - window_length
@@ -204,6 +203,11 @@ def windows(
         )
         windows_of_flight.append(window)
     return tuple(windows_of_flight)
+
+
+def _half_window(window_length: int) -> int:
+    """Returns half the length of a window, in samples, rounded up: every second window then overlaps none before it."""
+    return ceil(window_length / 2)
 
 
 def required_windows(
@@ -233,7 +237,7 @@ def required_windows(
     window_length = train_samples + test_samples
     if hop is None:
         spread_hop = ceil((len(flight) - window_length) / (MAX_WINDOWS - 1))
-        hop = max(ceil(window_length / 2), spread_hop)
+        hop = max(_half_window(window_length), spread_hop)
     fitting_windows = windows(name, flight, train_samples, test_samples, hop)
     if not fitting_windows:
         raise too_short(flight, 0.0, train_samples, test_samples, MIN_SAMPLES)

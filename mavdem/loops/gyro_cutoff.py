@@ -15,7 +15,6 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact
 from mavdem.loops.axis_loops import Loop, MarginTarget, margin_rating
-from mavdem.loops.controllers import Controller
 from mavdem.loops.demand_noise import demand_noise
 from mavdem.loops.filters import gyro_filters
 
@@ -35,11 +34,14 @@ that rises with f from 1 to k².
 MAX_DEMAND_NOISE = 1e-3
 """Largest standard deviation of the gyro's noise in the demand: the resolution of a PWM output, 1 of 1000 µs."""
 MAX_CUTOFFS = {"INS_GYRO_FILTER": 256.0, "IMU_GYRO_CUTOFF": 1000.0}
-"""Highest cut-off that ArduPilot and PX4 document for the parameter of the gyro's low-pass, Hz."""
+"""Highest cut-off that ArduPilot and PX4 document for the parameter of the gyro's low-pass, Hz.
+
+They are in ``AP_InertialSensor.cpp`` ("Range: 0 256", 127 in old versions) and ``imu_gyro_parameters.c`` ("max 1000").
+"""
 
 
-class CutoffChange(NamedTuple):
-    """A higher cut-off of the gyro's low-pass."""
+class RaisedCutoff(NamedTuple):
+    """A higher cut-off of the gyro's low-pass, and the loops of an axis with it."""
 
     name: str
     """Name of the parameter."""
@@ -47,23 +49,31 @@ class CutoffChange(NamedTuple):
     """The cut-off in flight, Hz."""
     new: float
     """The higher cut-off, Hz."""
+    loop: Loop
+    """Rate and attitude loop of the axis with the logged gains and the higher cut-off."""
 
 
-def raised_cutoff(controller: Controller) -> CutoffChange | None:
-    """Returns the cut-off of the gyro's low-pass, raised by ``CUTOFF_FACTOR``.
+def with_raised_cutoff(loop: Loop) -> RaisedCutoff | None:
+    """Returns the loops of an axis with the cut-off of the gyro's low-pass raised by ``CUTOFF_FACTOR``.
 
     Args:
-        controller: the controller that flew.
+        loop: rate and attitude loop of the axis as it flew.
 
     Returns:
-        The change; None without a low-pass, or if the autopilot does not allow the higher cut-off.
+        The cut-off with its loops. None without a low-pass, if the autopilot does not allow the higher cut-off, or if
+        the phase that the low-pass takes at the crossover of the rate loop is not known.
     """
-    name = "INS_GYRO_FILTER" if controller.is_ardupilot else "IMU_GYRO_CUTOFF"
-    cutoff = controller.gyro_filter
+    name = "INS_GYRO_FILTER" if loop.controller.is_ardupilot else "IMU_GYRO_CUTOFF"
+    cutoff = loop.controller.gyro_filter
     new_cutoff = CUTOFF_FACTOR * cutoff
-    if cutoff == 0 or new_cutoff > MAX_CUTOFFS[name]:
+    # The plant that was identified without the setpoint contains the filter.
+    is_filter_known = isfinite(loop.rate.crossover) and not loop.plant.filtered
+    if not is_filter_known or cutoff == 0 or new_cutoff > MAX_CUTOFFS[name]:
         return None
-    return CutoffChange(name, cutoff, new_cutoff)
+    try:
+        return RaisedCutoff(name, cutoff, new_cutoff, loop.with_parameters({name: new_cutoff}))
+    except NotLearnable:
+        return None
 
 
 def gyro_cutoff_advice(loops: Iterable[Loop], target: MarginTarget) -> Fact | None:
@@ -102,20 +112,14 @@ def _cutoff_advice_of_axis(loop: Loop, target: MarginTarget, max_noise: float) -
         max_noise: standard deviation that the gyro's noise causes in the demand at most with the higher cut-off.
     """
     crossover = loop.rate.crossover
-    cutoff = raised_cutoff(loop.controller)
-    # The plant that was identified without the setpoint contains the filter.
-    is_filter_known = isfinite(crossover) and not loop.plant.filtered
     rating = margin_rating(loop, target)
-    if not is_filter_known or cutoff is None or not rating.is_bad:
+    cutoff = with_raised_cutoff(loop)
+    if cutoff is None or not rating.is_bad:
         return None
     phase_lag = low_pass_lag(loop, crossover)
     if phase_lag < MIN_PHASE_LAG:
         return None
-    try:
-        loop_with_cutoff = loop.with_parameters({cutoff.name: cutoff.new})
-    except NotLearnable:
-        return None
-    new_rating = margin_rating(loop_with_cutoff, target)
+    new_rating = margin_rating(cutoff.loop, target)
     if new_rating.is_bad:
         return None
     return Fact(
@@ -125,7 +129,7 @@ def _cutoff_advice_of_axis(loop: Loop, target: MarginTarget, max_noise: float) -
         changes=((cutoff.name, cutoff.now, cutoff.new),),
         crossover=crossover,
         phase_lag=phase_lag,
-        new_phase_lag=low_pass_lag(loop_with_cutoff, crossover),
+        new_phase_lag=low_pass_lag(cutoff.loop, crossover),
         rating=rating,
         expected=new_rating,
         noise=max_noise,

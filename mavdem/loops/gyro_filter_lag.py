@@ -5,13 +5,12 @@ This is what to look at, and no advice to raise the cut-off: a higher one passes
 """
 
 from collections.abc import Iterable, Mapping
-from math import atan, degrees, isfinite, pi
+from math import atan, degrees, pi
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.containers import JsonValues
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact
 from mavdem.loops.advice import Advice
@@ -19,7 +18,7 @@ from mavdem.loops.axis_loops import Loop, margin_rating
 from mavdem.loops.controllers import Controller
 from mavdem.loops.demand_noise import GyroNoise, demand_deviation
 from mavdem.loops.filters import gyro_response
-from mavdem.loops.gyro_cutoff import MIN_PHASE_LAG, low_pass_lag, raised_cutoff
+from mavdem.loops.gyro_cutoff import MIN_PHASE_LAG, low_pass_lag, with_raised_cutoff
 from mavdem.plant.parameters import ESTIMATE
 
 
@@ -84,25 +83,18 @@ def _filter_lag_of_axis(advice: Advice, noise: GyroNoise | None) -> Fact | None:
     """
     loop = advice.before
     crossover = loop.rate.crossover
-    # The plant that was identified without the setpoint contains the filter.
-    is_filter_known = isfinite(crossover) and not loop.plant.filtered
-    cutoff = raised_cutoff(loop.controller)
-    if not is_filter_known or cutoff is None or not advice.rating.is_bad:
+    cutoff = with_raised_cutoff(loop)
+    if cutoff is None or not advice.rating.is_bad:
         return None
     lags = phase_lags(loop, crossover)
     if not lags.is_mostly_of_low_pass:
         return None
-    new_value = {cutoff.name: cutoff.new}
-    try:
-        loop_with_cutoff = loop.with_parameters(new_value)
-    except NotLearnable:
-        return None
     figures: JsonValues = {}
     if advice.parameters:
-        loop_with_both = advice.after.with_parameters(new_value)
+        loop_with_both = advice.after.with_parameters({cutoff.name: cutoff.new})
         figures["expected_with_new_gains"] = margin_rating(loop_with_both, advice.target)
     if noise is not None:
-        figures |= _noise_figures(loop.controller, loop_with_cutoff.controller, noise)
+        figures |= _noise_figures(loop.controller, cutoff.loop.controller, noise)
     return Fact(
         GainFact.GYRO_FILTER_LAG,
         axis=loop.axis,
@@ -112,9 +104,9 @@ def _filter_lag_of_axis(advice: Advice, noise: GyroNoise | None) -> Fact | None:
         phase_lag=lags.low_pass,
         motor_phase_lag=lags.motors,
         delay_phase_lag=lags.delay,
-        new_phase_lag=low_pass_lag(loop_with_cutoff, crossover),
+        new_phase_lag=low_pass_lag(cutoff.loop, crossover),
         rating=advice.rating,
-        expected=margin_rating(loop_with_cutoff, advice.target),
+        expected=margin_rating(cutoff.loop, advice.target),
         **figures,
     )
 

@@ -355,13 +355,10 @@ class DensityModel:
         """
         parameters = LoopParameters.from_logarithms(theta)
         loop = self._closed_loop(parameters)
-        rate_from_output = (
-            parameters.effect * loop.plant * loop.motor_lag * np.exp(-parameters.delay * self._s)
-        )
         output_from_rate = parameters.controller * self._controller.from_rate * self._gyro_filter
         # Alias number 0 is the frequency itself.
         (base,) = np.flatnonzero(self._alias_numbers == 0)
-        response: ComplexArray = (rate_from_output * output_from_rate)[:, base]
+        response: ComplexArray = (loop.rate_from_output * output_from_rate)[:, base]
         return response
 
     def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:

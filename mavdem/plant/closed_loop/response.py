@@ -103,6 +103,9 @@ class ClosedLoopResponse:
     motor_lag: ComplexArray
     """M: torque per commanded torque (J, F)."""
 
+    rate_from_output: ComplexArray
+    """A: body rate per output, with the loop opened at the motors (J, F), rad/s."""
+
     sensitivity: ComplexArray
     """S = 1 / (1 + L), what the loop leaves of a disturbance (J, F)."""
 
@@ -164,5 +167,11 @@ def closed_loop_response(
     from_source[Source.GYRO_NOISE, Quantity.OUTPUT] -= C_y
     from_source[Source.ACTUATION, Quantity.OUTPUT] += 1.0
     return ClosedLoopResponse(
-        plant, motor_lag, sensitivity, from_rate, rate_from_source, from_source
+        plant,
+        motor_lag,
+        rate_from_output,
+        sensitivity,
+        from_rate,
+        rate_from_source,
+        from_source,
     )
