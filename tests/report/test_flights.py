@@ -173,6 +173,10 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
         "motor 1 (probability of a fault 0.99)" in summary_text
         and "The latest flight that was judged shows none." in summary_text
     )
+    # What a drift is stands beside the word.
+    drifted = [[flight_row("quad", 2, health="drift")]]
+    assert "a drift in 1 (a change is more likely than not" in vehicle_texts(drifted).all_flights
+    assert "more likely than not" not in summary_text
     text = plain_text(fleet_blocks([row for flight in flights for row in flight]))
     assert text.startswith("No drift and no fault in the latest flights of 1 vehicle")
     assert "A drift or a fault in earlier flights, and not in the latest: quad." in text

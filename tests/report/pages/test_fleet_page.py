@@ -21,7 +21,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.charts.chart import LineStyle
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.flight_lines import COLUMNS, file_name
-from mavdem.report.heading import MAX_HEADING_LENGTH
+from mavdem.report.heading import MAX_LISTED_LENGTH
 from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.palette import BAD
@@ -602,7 +602,7 @@ def test_a_note_of_many_flights_is_in_few_words_until_it_is_chosen(tmp_path, bro
     _, shown_by_browser = browser.shown(text, FOLDED, tmp_path, width=1280)
     assert shown_by_browser["lines"] == 9 and shown_by_browser["isWhole"]
     (finding,) = shown_by_browser["folded"]
-    assert 0 < len(finding) <= MAX_HEADING_LENGTH
+    assert 0 < len(finding) <= MAX_LISTED_LENGTH
     assert shown_by_browser["opened"] == [columns["headline"]]
 
 
