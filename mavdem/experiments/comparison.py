@@ -327,6 +327,11 @@ class Comparison:
             )
         return summaries
 
+    @property
+    def are_flights_pairs(self) -> bool:
+        """Whether paired tests compare whole flights; if there are too few, they compare windows of flights."""
+        return len(self.flights) >= MIN_PAIRS
+
     def tests(self, kind: ForecastKind = KNOWN_INPUTS) -> dict[str, Paired]:
         """Tests, for each other method, whether its errors over the whole test part differ from the first method's.
 
@@ -342,7 +347,7 @@ class Comparison:
         """
         first_method, *other_methods = self.methods_of(kind)
         tests = {}
-        if len(self.flights) >= MIN_PAIRS:
+        if self.are_flights_pairs:
             for summary in self.over_flights(kind):
                 method = summary["method"]
                 if method != first_method:
@@ -372,7 +377,7 @@ class Comparison:
 
     def _independent_ratios(self, method: str, kind: ForecastKind) -> list[float]:
         """Collects the error ratios of a method that :meth:`tests` uses: of each flight, or of disjoint windows."""
-        if len(self.flights) >= MIN_PAIRS:
+        if self.are_flights_pairs:
             ratios_of_flights = []
             for flight in self.flights:
                 for summary in self.summaries(flight, kind):

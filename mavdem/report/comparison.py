@@ -221,7 +221,7 @@ def _figure_definitions(section: str, comparison: Comparison) -> Table:
         reference=comparison.methods[0],
         seconds=_test_length(comparison),
         can_predict=bool(comparison.methods_of(UNKNOWN_INPUTS)),
-        are_flights_pairs=_are_flights_pairs(comparison),
+        are_flights_pairs=comparison.are_flights_pairs,
         pair_count=_pair_count(comparison),
         several=len(comparison.flights) > 1,
         significance=SIGNIFICANCE,
@@ -236,7 +236,7 @@ def _figure_definitions(section: str, comparison: Comparison) -> Table:
 
 def _pair_count(comparison: Comparison) -> int:
     """Returns how many pairs of errors a paired test compares: one pair for each flight, or each disjoint window."""
-    if _are_flights_pairs(comparison):
+    if comparison.are_flights_pairs:
         return len(comparison.flights)
     return len(disjoint_windows(comparison.windows))
 
@@ -386,7 +386,7 @@ def _insignificance_sentences(comparison: Comparison, kind: ForecastKind) -> lis
                 measured_ratio=_short_number(ratio.measured),
                 significant_ratio=_short_number(ratio.significant),
                 pairs=_pair_count(comparison),
-                are_flights_pairs=_are_flights_pairs(comparison),
+                are_flights_pairs=comparison.are_flights_pairs,
             )
     return []
 
@@ -400,11 +400,6 @@ def _is_shown_smaller(error_ratio: float, other_ratio: float) -> bool:
 def _p_value_text(test: Paired) -> str:
     """Returns the p-value of a paired test with its sign: "= 0.04", or "< 0.001"."""
     return f"< {MIN_DECIMAL:g}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}"
-
-
-def _are_flights_pairs(comparison: Comparison) -> bool:
-    """Returns whether paired tests compare whole flights; if there are too few, they compare windows of flights."""
-    return len(comparison.flights) >= MIN_PAIRS
 
 
 def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
