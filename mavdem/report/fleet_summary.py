@@ -212,7 +212,10 @@ def _urgent_vehicle_lines(
     if len(urgent) < 2:
         return []
     shown = urgent[: _max_vehicle_lines(len(urgent), lists_follow=lists_follow)]
-    lines = [_vehicle_line(vehicle, names, has_step=not lists_follow) for vehicle in shown]
+    lines = []
+    for vehicle in shown:
+        # The list has the flight and the next step of each vehicle.
+        lines.append(_finding_line(vehicle) if lists_follow else _vehicle_line(vehicle, names))
     further_count = len(urgent) - len(shown)
     return [
         *lines,
@@ -240,12 +243,18 @@ def _watched_vehicle_lines(
     if len(watched) == 1 and not has_urgent_vehicle:
         return []
     shown = watched[:MAX_VEHICLE_LINES]
-    lines = [_vehicle_line(vehicle, names, has_step=True) for vehicle in shown]
+    lines = [_vehicle_line(vehicle, names) for vehicle in shown]
     further_count = len(watched) - len(shown)
     return [*lines, *render_section("fleet_further", count=further_count, lists_follow=False)]
 
 
-def _vehicle_line(vehicle: _LabelledVehicle, names: GivenNames, *, has_step: bool) -> Sentence:
+def _finding_line(vehicle: _LabelledVehicle) -> Sentence:
+    """Returns what is wrong with a vehicle, in one line, such as "quad 1: motor 2 lost about 20 % of its thrust."."""
+    finding = as_clause(listed_headline(vehicle.flights.texts.finding))
+    return Sentence(f"{finding}.", lead=f"{vehicle.label}:")
+
+
+def _vehicle_line(vehicle: _LabelledVehicle, names: GivenNames) -> Sentence:
     """Returns the line of a vehicle: what is wrong, in which flight, and what to do.
 
     For example "quad 1: motor 2 lost about 20 % of its thrust (flight.ulg, 2026-03-09) · Check motor 2."
@@ -253,12 +262,11 @@ def _vehicle_line(vehicle: _LabelledVehicle, names: GivenNames, *, has_step: boo
     Args:
         vehicle: the vehicle, with the label that begins the line.
         names: names that were given to flights.
-        has_step: whether the line says what to do.
     """
     texts = vehicle.flights.texts
     finding = as_clause(listed_headline(texts.finding))
     text = f"{finding} ({vehicle.flights.finding_flight.label(names)})"
-    if has_step and texts.next_step:
+    if texts.next_step:
         text = f"{text} · {listed_next_step(texts.next_step)}"
     else:
         text += "."
