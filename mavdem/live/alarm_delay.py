@@ -9,10 +9,10 @@ MAX_ALARM_DELAY = 3.0
 RELIABLE_ALARM_DELAY = MAX_ALARM_DELAY / 2
 """Delay of the alarms below which a pilot may rely on them again, s: a choice, the ratio of postponed tasks."""
 
-HOLD_SECONDS = 5.0
+HOLD_SECONDS = 30.0
 """Time without a longer delay than ``RELIABLE_ALARM_DELAY`` after which alarms are reliable again, s: a choice.
 
-A pilot who is to watch the vehicle itself needs that time to look up and down again.
+A busy computer is late again and again: the same advice must not come and go every few seconds.
 """
 
 

@@ -520,8 +520,8 @@ def closing_lines(status: SessionStatus) -> list[str]:
     """Returns the last lines that a session prints: what it found, and what to do next.
 
     After one flight these are the headline and the next step. After several, they are the verdict on each flight (its
-    headline) and its next step, the worst flight first, so that a fault of the first flight is not forgotten because
-    the last one was sound. If the session ended in flight, see :func:`_closing_lines_in_flight`.
+    headline), the worst flight first, so that a fault of the first flight is not forgotten because the last one was
+    sound; and last one next step (:func:`_next_step_of_session`). If the session ended in flight, see :func:`_closing_lines_in_flight`.
 
     Args:
         status: state of the session at its end.
@@ -534,14 +534,33 @@ def closing_lines(status: SessionStatus) -> list[str]:
         return headline_and_next_step(status.session_judgement)
     if _is_landing(status.session_judgement.next_step):
         return _closing_lines_in_flight(status)
-    lines = []
-    for verdict in verdicts:
-        lines.append(verdict.fact.sentence)
-        step_text = _next_step_text(verdict, status)
-        is_in_verdict = step_text in headline(verdict.judgement.headline)
-        if step_text and not is_in_verdict:
-            lines.append(f"{NEXT_STEP_LEAD}{step_text}")
+    lines = [verdict.fact.sentence for verdict in verdicts]
+    next_step = _next_step_of_session(verdicts, status)
+    if next_step:
+        lines.append(f"{NEXT_STEP_LEAD}{next_step}")
     return lines
+
+
+def _next_step_of_session(verdicts: Sequence[FlightVerdict], status: SessionStatus) -> str:
+    """Returns what to do after several flights: the step of the worst one, then those of others that forbid to fly.
+
+    A lesser fault has its verdict alone, so that what is read last is what matters most.
+
+    Args:
+        verdicts: the verdicts on all flights, the worst first.
+        status: state of the session at its end.
+
+    Returns:
+        The sentences, each once; empty if nothing is to be done, or if the verdicts say it.
+    """
+    texts: list[str] = []
+    for verdict in verdicts:
+        flight_headline = verdict.judgement.headline
+        text = _next_step_text(verdict, status)
+        is_stated = text in headline(flight_headline) or text in texts
+        if not is_stated and (not texts or flight_headline.forbids_flight):
+            texts.append(text)
+    return " ".join(texts)
 
 
 def _next_step_text(verdict: FlightVerdict, status: SessionStatus) -> str:

@@ -1356,6 +1356,13 @@ def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys,
         steps.append([line.split("NEXT ")[1] for line in printed if "NEXT" in line])
     # Without a warning a step must be the same in two looks.
     assert steps == [[], ["Fly on."], ["Land now."], [], [], ["Fly on."], []]
+    # A computer that is late twice is told once, and the step that holds again is not repeated.
+    late = replace(sound, held_alarm_delay=4.0)
+    for status in (late, sound, sound, late, sound, sound):
+        lines.show_status(status)
+    printed = capsys.readouterr().out
+    assert re.findall("NEXT (.*?)[:.]", printed) == ["Watch the vehicle itself"]
+    assert "; up to 4 s late" in printed
     # Whether quick movements would help changes with the learning. To fly on is no news after it.
     learning = replace(sound, no_model_reason=None)
     # After a landing the step waits until the flight is judged.
