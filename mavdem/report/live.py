@@ -521,7 +521,8 @@ def closing_lines(status: SessionStatus) -> list[str]:
 
     After one flight these are the headline and the next step. After several, they are the verdict on each flight (its
     headline), the worst flight first, so that a fault of the first flight is not forgotten because the last one was
-    sound; and last one next step (:func:`_next_step_of_session`). If the session ended in flight, see :func:`_closing_lines_in_flight`.
+    sound; and last one next step (:func:`_next_step_of_session`). If the session ended in flight, see
+    :func:`_closing_lines_in_flight`.
 
     Args:
         status: state of the session at its end.
