@@ -138,10 +138,14 @@ def health_figures(row: FlightRow) -> Mapping[str, Any]:
     """Returns the figures behind the judgement of a flight's motors, such as the lost thrust, by name.
 
     Args:
-        row: row of the flight in the fleet's table. Without figures, as in rows of old versions, the result is empty.
+        row: row of the flight in the fleet's table. If it has no figures, as rows of old versions, or damaged ones, the
+            result is empty.
     """
-    figures: Mapping[str, Any] = json.loads(row.health_figures or "{}")
-    return figures
+    try:
+        figures = json.loads(row.health_figures or "{}")
+    except (ValueError, RecursionError):
+        return {}
+    return figures if isinstance(figures, dict) else {}
 
 
 def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:

@@ -81,6 +81,11 @@ def test_a_fault_beside_other_flights_is_the_headline_and_the_next_step_of_the_p
     assert "<strong>Then, by this log alone:</strong> Fly anew." in page
 
 
+@mark.parametrize("figures", [None, "{damaged", "[1]", "[" * 100_000])
+def test_an_anomaly_without_figures_or_with_damaged_ones_has_none(figures):
+    assert anomaly("fault", 1, health_figures=figures).figures == {}
+
+
 def test_the_light_of_the_motors_with_a_figure_is_as_bad_as_the_anomaly_too():
     """The page of a flight has a figure for phones, which the anomaly hides: it is by the log alone."""
     page = PAGE.replace('">watch</dd>', '">watch</dd><dd class="brief">headroom 20 %</dd>')
