@@ -730,16 +730,13 @@ def tune_blocks(
 
 
 def _sentences_on_feedforward(findings: Iterable[Fact]) -> list[Sentence]:
-    """Returns a sentence for each axis that overshoots its setpoint because of feed-forward, with what to do.
+    """Returns sentences on the axes that overshoot their setpoint because of feed-forward, with what to do.
 
     Args:
         findings: the fact (coded finding) for each such axis.
     """
-    sentences = []
-    for finding in findings:
-        lead = f"{finding.figures['axis'].capitalize()}:"
-        sentences.append(Sentence(finding.sentence_and_remedy, lead))
-    return sentences
+    axes_and_findings = [(finding.figures["axis"], finding) for finding in findings]
+    return sentences_by_axes(axes_and_findings, attrgetter("sentence_and_remedy"))
 
 
 def _without_reason_in_headline(
