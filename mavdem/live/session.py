@@ -670,7 +670,8 @@ class LiveSession:
         estimate = self._learn_row(row)
         # The latency counts from the packet's arrival to the estimate, without the time for drawing below.
         self.flight.latencies.add(clock.monotonic() - arrival_time)
-        learning.note_estimate(estimate, row, self.stream.parameters)
+        is_late = self.backlog.alarm_delay.seconds > 0.0
+        learning.note_estimate(estimate, row, self.stream.parameters, is_late=is_late)
         self._show_row(row, row_format, estimate)
 
     def _show_row(self, row: AlignedRow, row_format: RowFormat, estimate: Estimate | None) -> None:

@@ -728,17 +728,36 @@ class SessionStatus(ImmutableResult):
         """The warning that a fault with which the vehicle must not fly may still be there since an earlier flight.
 
         The earlier flight is one of this session. If none of these has such a fault, it is one of a former session,
-        whose recording the library has judged. None if there is no such fault, or if the headline states it already.
+        whose recording the library has judged, or else the latest one of this session whose end was not seen. None if
+        there is no such fault, or if the headline states it already.
         """
         worst_verdict = self.worst_earlier_verdict
         if worst_verdict is None or not worst_verdict.judgement.headline.forbids_flight:
-            return self._library_warning
+            return self._library_warning or self._warning_of_unseen_end
         headline = self._judgement_with_worst_headline.headline
         if worst_verdict.fact in (headline, headline.figures.get("cause")):
             return None
         return self._warning_of_unrepaired_fault(
             worst_verdict.fact, worst_verdict.judgement.next_step
         )
+
+    @property
+    def _warning_of_unseen_end(self) -> Fact | None:
+        """The warning that the end of an earlier flight of this session was not seen, so that it may have been a crash.
+
+        None without such a flight, and after a later flight that was judged good: then the vehicle was sound.
+        """
+        for verdict in reversed(self.verdicts):
+            if verdict.number == self.flight_number:
+                continue
+            if verdict.is_lost_in_air:
+                end_unknown = Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=None)
+                return self._warning_of_unrepaired_fault(
+                    end_unknown, Fact(NextStep.DO_AS_ADVISED, reason=end_unknown)
+                )
+            if verdict.judgement.headline.is_good:
+                return None
+        return None
 
     @property
     def _library_warning(self) -> Fact | None:

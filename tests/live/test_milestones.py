@@ -231,6 +231,12 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
     assert first_line.startswith("Flight 1 (0:39 min): how the flight ended was not seen")
     landing = "Next: Land by sight. After landing: Look at the vehicle and its power"
     assert next_step.startswith(landing)
+    # In the next flight the step is that of a server whose library has such a flight: it may have been a crash.
+    flying = replace(sound, verdicts=verdicts)
+    end_unknown = Fact(SessionFact.FLIGHT_END_UNKNOWN, reason=None)
+    on_server = replace(sound, fault_in_library=end_unknown)
+    assert flying.session_judgement.next_step == on_server.session_judgement.next_step
+    assert "Land unless the vehicle was inspected" in str(flying.session_judgement.next_step)
 
 
 def test_the_verdict_on_a_flight_comes_at_its_end_and_not_again_at_the_next_take_off():

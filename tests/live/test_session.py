@@ -991,7 +991,12 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
 def test_unexpected_motion_is_one_event_while_it_lasts_and_none_where_a_weak_motor_explains_it():
     unknown = np.zeros((1, 2))
     usual = Estimate(0.0, unknown, unknown, np.zeros(1), unknown, unknown, unknown)
-    for seconds_to_alarm, report_count in ((2.0, 0), (9.0, 1)):
+    # A computer that is late leaves out samples, and its model is old.
+    for seconds_to_alarm, is_late, report_count in (
+        (2.0, False, 0),
+        (9.0, False, 1),
+        (9.0, True, 0),
+    ):
         reports = []
         learning = FlightLearning("roll", Settings(), None, prior=None, log=reports.append)
         learning._gusts = Mock(**{"add.return_value": ()})
@@ -1000,7 +1005,7 @@ def test_unexpected_motion_is_one_event_while_it_lasts_and_none_where_a_weak_mot
             learning._is_motor_weak = time >= 88.0 + seconds_to_alarm
             # It lasts for two seconds from 88 s on, and comes again while the alarm lasts.
             estimate = usual._replace(unusual=time in (88, 89, 98), window_center=float(time))
-            learning.note_estimate(estimate, Mock(time=float(time)), {})
+            learning.note_estimate(estimate, Mock(time=float(time)), {}, is_late=is_late)
         assert [report.figures["clock"] for report in reports] == [88.0] * report_count
         for report in reports:
             assert (report.code, report.level) == (SessionFact.MOTION_UNEXPECTED, Level.WATCH)
