@@ -8,7 +8,7 @@ and are weighted by how well they predicted so far.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from math import inf
@@ -40,7 +40,7 @@ from mavdem.wind_velocity.drag_identification import (
 from mavdem.wind_velocity.from_log import VELOCITY_VALID_FLAG, horizontal_velocity_valid
 from mavdem.wind_velocity.ground_motion import MAX_VELOCITY_GAP, VELOCITY_MESSAGES
 from mavdem.wind_velocity.identifiability import MAX_DIRECTION_INTERVAL, speed_status
-from mavdem.wind_velocity.mean_wind import lower_speed_bound
+from mavdem.wind_velocity.mean_wind import MAX_DIRECTION_OF_WIND, lower_speed_bound
 from mavdem.wind_velocity.motion_grid import GRID_STEP, motion_grid, validated_motion
 from mavdem.wind_velocity.vehicle_drag import Drag
 
@@ -123,6 +123,9 @@ class WindEstimate:
     band: Array
     """(2,) Half widths of its 90 % interval, m/s."""
 
+    was_direction_known: bool = False
+    """Whether the direction of the flight's estimate before this one was known, so that it is kept for longer."""
+
     @cached_property
     def compass(self) -> CompassWind:
         """The estimate as speed, m/s, and direction that the wind comes from, degrees, with their 90 % intervals.
@@ -151,21 +154,16 @@ class WindEstimate:
         """What the user gets: one fact on the wind's speed, m/s, and, if it is known, one on where it comes from.
 
         If the 90 % interval of the speed reaches down to calm, there may be no wind at all: the speed is None beside
-        its interval, and a direction would be chance. The direction is in degrees clockwise from north, and a point of
-        the compass. It is left out, too, if its interval is too wide.
+        its interval. The direction is in degrees clockwise from north, and a point of the compass.
         """
         wind = self.compass
-        # The lower end of the speed's interval, m/s; 0 where still air is likely as well.
-        lowest_speed = lower_speed_bound(wind.speed_low, wind.speed_high)
-        may_be_calm = lowest_speed == 0.0
         speed_fact = Fact(
             SessionFact.WIND_SPEED,
-            speed=None if may_be_calm else wind.speed,
-            speed_interval=(lowest_speed, wind.speed_high),
+            speed=wind.speed if self._lowest_speed else None,
+            speed_interval=(self._lowest_speed, wind.speed_high),
             status=speed_status(wind.speed, wind.speed_low, wind.speed_high),
         )
-        is_direction_unknown = wind.direction_half_width > MAX_DIRECTION_INTERVAL
-        if may_be_calm or is_direction_unknown:
+        if not self.is_direction_known:
             return (speed_fact,)
         direction_fact = Fact(
             SessionFact.WIND_FROM,
@@ -174,6 +172,24 @@ class WindEstimate:
             half_width=wind.direction_half_width,
         )
         return speed_fact, direction_fact
+
+    @property
+    def is_direction_known(self) -> bool:
+        """Whether it is stated where the wind comes from.
+
+        A direction becomes known when its interval is narrow and still air is unlikely: in still air it would be
+        chance. Once known it stays so in the flight until its interval is so wide that still air is likely, by the
+        limit for the wind of a log. A speed that varies about the limit of calm would else show and hide it in turn.
+        """
+        half_width = self.compass.direction_half_width
+        if self.was_direction_known:
+            return half_width <= MAX_DIRECTION_OF_WIND
+        return half_width <= MAX_DIRECTION_INTERVAL and self._lowest_speed > 0.0
+
+    @property
+    def _lowest_speed(self) -> float:
+        """The lower end of the speed's interval, m/s; 0 where still air is likely as well."""
+        return lower_speed_bound(self.compass.speed_low, self.compass.speed_high)
 
     @property
     def light(self) -> Fact:
@@ -573,7 +589,9 @@ class LiveWind:
                 # Exponential forgetting of the likelihood.
                 filters.log_likelihoods *= 1 - self._step / LIKELIHOOD_MEMORY_SECONDS
 
-        self.latest = _averaged_wind(filters, end_time - self._step)
+        was_direction_known = self.latest is not None and self.latest.is_direction_known
+        estimate = _averaged_wind(filters, end_time - self._step)
+        self.latest = replace(estimate, was_direction_known=was_direction_known)
         self._update_mean(self.latest)
 
     def _update_mean(self, estimate: WindEstimate) -> None:
@@ -590,7 +608,7 @@ class LiveWind:
         mean = self.mean or estimate
         velocity = mean.velocity + (estimate.velocity - mean.velocity) / self._estimate_count
         band = mean.band + (estimate.band - mean.band) / self._estimate_count
-        self.mean = WindEstimate(estimate.time, velocity, band)
+        self.mean = WindEstimate(estimate.time, velocity, band, mean.is_direction_known)
 
 
 def _averaged_wind(filters: AirflowFilter, time: float) -> WindEstimate:

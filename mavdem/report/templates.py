@@ -445,6 +445,7 @@ def _environment() -> Environment:
         "degrees": degrees,
         "first_sentence": first_sentence,
         "fixed": _fixed,
+        "seconds_or_minutes": _seconds_or_minutes,
         "rounded_up": rounded_up,
         "forbids_flight": forbids_flight,
         "headline": headline,
@@ -900,6 +901,12 @@ def rounded_up(value: float, decimals: int = 0) -> str:
     # The binary product of 0.3 and 10 may be a little more than 3 and become 4, so it is first rounded to a millionth.
     scaled_value = round(value * scale, 6)
     return _fixed(ceil(scaled_value) / scale, decimals)
+
+
+def _seconds_or_minutes(duration: float) -> str:
+    """Returns a duration in s such as "59 s", and from a minute on such as "1:05 min"."""
+    minutes, seconds = divmod(round(duration), 60)
+    return f"{minutes}:{seconds:02d} min" if minutes else f"{seconds} s"
 
 
 def _fixed(value: float, decimals: int = 0) -> str:

@@ -1062,6 +1062,8 @@ def test_the_time_in_flight_is_in_the_first_line(slow):
     assert "in flight, last heard 12:34 min after take-off, " in vehicle_text(
         replace(flying, message_age=29.0)
     )
+    # A console that was left open does not count seconds for ever.
+    assert vehicle_text(replace(flying, message_age=2039.0)).endswith("last message 33:59 min ago.")
 
 
 def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):

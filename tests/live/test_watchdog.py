@@ -784,6 +784,18 @@ def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
     )
 
 
+def test_the_direction_of_a_wind_is_kept_while_its_speed_varies_about_calm():
+    """Speeds from 0.48 and from 0.52 m/s on: the second states its direction, which stays until it is half unknown."""
+    near_calm = WindEstimate(60.0, np.array([-3.48, 0.0]), np.array([3.0, 1.0]))
+    windy = WindEstimate(60.1, np.array([-3.52, 0.0]), np.array([3.0, 1.0]))
+    from_anywhere = WindEstimate(60.2, np.array([-0.1, 0.0]), np.array([5.0, 5.0]))
+    assert not near_calm.is_direction_known and windy.is_direction_known
+    near_calm_later = replace(near_calm, was_direction_known=True)
+    (speed, direction) = near_calm_later.facts
+    assert speed.figures["speed"] is None and direction.figures["direction"] == approx(0.0)
+    assert not replace(from_anywhere, was_direction_known=True).is_direction_known
+
+
 @mark.slow
 def test_the_status_stands_in_its_place_on_a_terminal():
     """The terminal shows wind, two alarms and the learning in lines that are updated in place."""
