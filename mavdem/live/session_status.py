@@ -667,7 +667,7 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, headline=headline, next_step=step)
 
     def _is_worse_on_ground(self, fault: Fact, headline: Fact) -> bool:
-        """Returns whether the fault of a flight before this session becomes the headline of a vehicle on the ground.
+        """Returns whether a fault of a flight before this session replaces the headline of a vehicle on the ground.
 
         Of two faults, the one that forbids to fly comes first, otherwise that of this session. The headline stays if no
         vehicle is received, or if the vehicle may still be in the air.
@@ -1256,7 +1256,10 @@ class SessionStatus(ImmutableResult):
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
     def _judgement_before_recording(self, judgement: Judgement, not_judged: Fact) -> Judgement:
-        """Returns the judgement of a flight that is over as long as its recording is not judged.
+        """Returns what to show of a flight that has ended until its recording has been judged.
+
+        For example, "good so far" becomes "the recording is being judged", since the recording may show faults that the
+        live session did not.
 
         Args:
             judgement: judgement of the flight by this session. A bad headline stays. One that warns stays only if the
@@ -1503,9 +1506,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def lacks_motor_reference(self) -> bool:
-        """Whether a loss of thrust would not be noticed yet, for want of some seconds of hover to compare motors with.
+        """Whether the vehicle has hovered for too short a time to notice a weak motor.
 
-        The oscillation comes first: this is False as long as ``is_oscillation_unjudged``.
+        A weak motor shows by its commands, compared with those of some earlier seconds of hover. Only one
+        wait is shown at a time: while ``is_oscillation_unjudged``, this is False.
         """
         watch_fact = self._watch_states.get(WatchedQuantity.MOTORS)
         if watch_fact is None or not self.is_flying or self.is_oscillation_unjudged:

@@ -473,7 +473,8 @@ def unrepaired_fault_beside_next_step(status: SessionStatus) -> str:
 def verdict_on_present_flight(status: SessionStatus) -> str:
     """Returns what was found in the latest flight, if the headline of the session is a fault of an earlier flight.
 
-    Without it, a reader would take the fault above for one of the present flight.
+    Without it, a reader would take that fault for one of the latest flight. Two headlines are such faults:
+    ``FLIGHT_VERDICT``, of an earlier flight of this session, and ``UNREPAIRED_FAULT``, of a flight before it.
 
     Args:
         status: state of the session.

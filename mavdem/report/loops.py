@@ -1675,7 +1675,7 @@ def _unless_in(texts: Collection[str], sentence: str) -> str:
 
 
 def _texts_in_next_step(tuning: Tuning) -> set[str]:
-    """Returns the texts that the next step of a tuning states already, which the report with it does not repeat.
+    """Returns the texts that the report of a tuning leaves out, since its next step states them.
 
     The next step follows from other facts (coded findings), such as low margins on roll: they are its figures "reason"
     and "also". It states what to do about them, which is their remedy.
@@ -2170,9 +2170,9 @@ def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
 def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
     """Returns whether the stability margins of an identified loop may be wrong.
 
-    They may be if a measured response contradicts the loop, or if there are reasons on the loop to advise no gains: all
-    of these also make the margins uncertain. A repair, such as that of a weak motor, is a reason against new gains as
-    well, but the margins of the vehicle as it flew are as sure as those of any other.
+    They may be wrong in two cases: a measured response contradicts the loop, or no gains are advised for a reason that
+    concerns the loop itself. A repair, such as that of a weak motor, also stands against new gains, but does not count
+    here: the margins are right for the vehicle as it flew.
 
     Args:
         tuning: advice for each axis, the axes whose loops a measured response contradicts, and the repairs by which the

@@ -360,7 +360,7 @@ def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
 def _step_to_fly_before_gains(
     judgement: Judgement, changed_loops: Sequence[Advice], flight_for_gains: Fact | None
 ) -> Fact:
-    """Returns the advice to fly once more, since this flight is too uncertain a basis for new gains on any axis.
+    """Returns the next step "fly once more", since this flight does not show clearly enough that gains should change.
 
     Args:
         judgement: the flight's most serious finding (headline), and what was found about its motors, power and so on.

@@ -510,8 +510,9 @@ def _reason_without_loops(reviews: Mapping[str, Review]) -> str:
 def change_sentences(
     reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
 ) -> list[Sentence]:
-    """Returns up to three sentences: on quantities that changed, on those that other gains changed, and doubtful ones.
+    """Returns the sentences on what changed between two states of a vehicle, such as before and after a repair.
 
+    Up to three list the changes that nothing explains, those that other gains explain, and those that are doubtful.
     If no quantity could be compared, the sentences say why.
 
     Args:

@@ -718,9 +718,10 @@ def _sentences_on_watched_lights_by_change(reviews: Mapping[str, Review]) -> _Wo
 
 
 def _sentence_on_watched_light(name: str, lights_by_side: Mapping[str, JsonValues]) -> Sentence:
-    """Returns the sentence on a light that is to be watched on one side: its levels, and why.
+    """Returns the sentence on a light (a judgement, such as of vibration) that is "watch" in one of two logs.
 
-    The vibration of each IMU takes the place of both reasons, unless clips are one.
+    For example "good in A, watch in B", each with its reason. If the vibration of the IMUs changed, that change takes
+    the place of both reasons, unless clips of an accelerometer are one of them.
 
     Args:
         name: name of the light, such as "vibration".

@@ -79,7 +79,11 @@ def _doubted_probability(review: Review) -> float | None:
 
 
 def _trim_that_surely_rose(motors: MotorVerdict) -> QuantityChange | None:
-    """Returns the trim of a motor that is named as weak, if it surely rose and lean does not explain it; or None."""
+    """Returns the first surely risen trim that shows a weaker motor, or None if there is none.
+
+    The trim is a motor's mean command in hover compared with the other motors: a weak motor gets more. A rise that a
+    change of the vehicle's lean (its tilt in hover) explains does not count.
+    """
     for change in motors.evidence:
         is_rise_of_trim = change.quantity.kind == SHARE and change.shows_weaker_motor
         is_sure = change.outcome is QuantityOutcome.CHANGED and not change.is_explained_by_lean

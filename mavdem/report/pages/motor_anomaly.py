@@ -130,16 +130,18 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
         next_step=motor_next_step(row),
         code=row.health_code or "",
         motor=suspected_motor(row),
-        figures=health_figures(row),
+        figures=_motor_figures(row),
     )
 
 
-def health_figures(row: FlightRow) -> Mapping[str, Any]:
-    """Returns the figures behind the judgement of a flight's motors, such as the lost thrust, by name.
+def _motor_figures(row: FlightRow) -> Mapping[str, Any]:
+    """Reads the figures behind the judgement of a flight's motors, such as the lost thrust, by name.
 
     Args:
-        row: row of the flight in the fleet's table. If it has no figures, as rows of old versions, or damaged ones, the
-            result is empty.
+        row: row of the flight in the fleet's table.
+
+    Returns:
+        The figures; empty if the row has none, as rows of old versions, or if their JSON text is damaged.
     """
     try:
         figures = json.loads(row.health_figures or "{}")
@@ -215,7 +217,7 @@ def _fleet_judgement(flights: Flights) -> Mapping[str, Any]:
         "level": HEALTH_LEVELS[MotorHealth(latest_row.health)],
         "sentence": latest_row.health_reason,
         "subject": suspected_motor(latest_row),
-        "figures": health_figures(latest_row),
+        "figures": _motor_figures(latest_row),
         "levels": [HEALTH_LEVELS[MotorHealth(worst_health(flight))] for flight in flights],
         "flights": [_flight_document(worst_row(flight)) for flight in flights],
     }
