@@ -28,7 +28,6 @@ from mavdem.cli.live_lines import (
 from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable, print_to_stderr
 from mavdem.errors import error_message
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
@@ -234,11 +233,6 @@ class StatusLines:
         self._printed_next_step: Hashable = None
         self._printed_next_text = ""
         self._latest_next_step: Hashable = None
-        # The sentences of all next steps that were printed in the latest flight, and the number of that flight.
-        self._printed_texts_of_flight = set[str]()
-        self._flight_of_printed_texts = 0
-        # Whether the next step that was printed last is to watch the vehicle itself, since alarms come late.
-        self._is_delay_printed = False
         # What the latest alarm, warning or other event advised, and when it was printed, s of the monotonic clock.
         self._advised_text = ""
         self._advice_time = -inf
@@ -403,7 +397,6 @@ class StatusLines:
         self._advised_text = advice
         self._advice_time = monotonic()
         if is_alarm:
-            self._is_delay_printed = False
             self._printed_next_step = None
             self._printed_next_text = ""
 
@@ -734,8 +727,6 @@ class StatusLines:
         if content == self._printed_next_step or not is_settled:
             return
         text = escape_unprintable(next_step)
-        if self._is_printed_before_delay(text, status):
-            return
         is_same_text = text == self._printed_next_text
         is_beginning_of_printed = self._printed_next_text.startswith(f"{text.removesuffix('.')}: ")
         if is_beginning_of_printed:
@@ -743,25 +734,8 @@ class StatusLines:
             return
         self._printed_next_step = content
         self._printed_next_text = text
-        self._is_delay_printed = next_step.code is NextStep.FLY_BY_SIGHT
         if text and not is_same_text and not self._was_just_advised(next_step):
             self._print_now(f"{NEXT_MARKER} {text}", status)
-        self._printed_texts_of_flight.add(text)
-
-    def _is_printed_before_delay(self, text: str, status: SessionStatus) -> bool:
-        """Returns whether a next step was printed in this flight before the latest one, which was due to late alarms.
-
-        A busy computer is late again and again: the step that holds again each time is not repeated.
-
-        Args:
-            text: Sentence of the next step.
-            status: State of the live session.
-        """
-        if status.flight_number != self._flight_of_printed_texts:
-            self._flight_of_printed_texts = status.flight_number
-            self._printed_texts_of_flight.clear()
-        is_delay_over = self._is_delay_printed and status.delay_fact is None
-        return is_delay_over and text in self._printed_texts_of_flight
 
     def _is_next_step_settled(self, status: SessionStatus) -> bool:
         """Returns whether the next step can be printed now, since it will hardly change in the next seconds.

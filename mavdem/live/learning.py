@@ -302,8 +302,8 @@ class FlightLearning:
             estimate: estimate of the row; None if it was not learned from.
             row: motor outputs and motion of the vehicle at one time.
             parameters: parameters of the vehicle; some of them state the idle output of the motors.
-            is_late: whether this computer is late now or was in the last seconds. Then the model is old and samples
-                were left out, so that unexpected motion says nothing about the vehicle.
+            is_late: whether this computer is late now. Then the model is old and samples were left out, so that
+                unexpected motion says nothing about the vehicle.
         """
         if estimate is None:
             self.unlearned_rows += 1
@@ -312,8 +312,6 @@ class FlightLearning:
         was_unexpected = self.estimate is not None and self.estimate.unusual
         # A vehicle falls while its motors idle, which has an alarm of its own. No gust need have moved it.
         is_new = estimate.unusual and not was_unexpected and not is_late
-        if is_late:
-            self._held_report = None
         if is_new and self._held_report is None and not self._are_motors_at_idle(row, parameters):
             self._held_report = _HeldReport(row.time, _unexpected_motion(estimate))
         self._report_unexpected_motion(row.time)

@@ -17,8 +17,6 @@ class MarginConfirmation:
     def __init__(self) -> None:
         """Begins a flight, of which no margins are judged yet."""
         self._former_margins: Fact | None = None
-        # The latest good judgement, until another level or code was confirmed; None before one.
-        self._good_margins: Fact | None = None
 
     def confirmed_light(self, margins: Fact) -> Fact:
         """Returns the light of the margins after a new judgement of them.
@@ -27,26 +25,27 @@ class MarginConfirmation:
             margins: the new judgement, a fact (a coded finding) with a level.
 
         Returns:
-            The judgement itself if it is good or bad, or if the judgement before had the same code and level; the axis
-            and the figures may differ. Otherwise the good judgement that is shown so far. Without one, a warning
-            becomes the reason of unknown margins, and unknown margins are returned as they are.
+            The judgement itself if it is good or bad. Otherwise the judgement before it, if that was good. Otherwise
+            the new one if both have the same code and level, whose axis and figures may differ, or if it is unknown. A
+            warning after another judgement becomes the reason of unknown margins.
         """
         former_margins = self._former_margins
         self._former_margins = margins
-        is_same_judgement = (
+        if margins.is_good or margins.is_bad:
+            return margins
+        if former_margins is not None and former_margins.is_good:
+            return former_margins
+        is_confirmed = (
             former_margins is not None
             and former_margins.code is margins.code
             and former_margins.level is margins.level
         )
-        if margins.is_good:
-            self._good_margins = margins
+        if is_confirmed or margins.level is Level.UNKNOWN:
             return margins
-        if margins.is_bad or is_same_judgement:
-            self._good_margins = None
-            return margins
-        if self._good_margins is not None:
-            return self._good_margins
-        if margins.level is Level.UNKNOWN:
-            return margins
-        unconfirmed = Fact(WatchFact.MARGINS_UNCONFIRMED, reason=margins)
-        return Fact(MarginsLight.MARGINS_UNKNOWN, reason=unconfirmed, rate=None)
+        return _unconfirmed(margins)
+
+
+def _unconfirmed(warning: Fact) -> Fact:
+    """Returns the light of unknown margins whose reason is a warning that the next judgement has to confirm."""
+    reason = Fact(WatchFact.MARGINS_UNCONFIRMED, reason=warning)
+    return Fact(MarginsLight.MARGINS_UNKNOWN, reason=reason, rate=None)

@@ -33,6 +33,7 @@ from mavdem.facts.session import (
 from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.live import clock
+from mavdem.live.alarm_delay import RELIABLE_ALARM_DELAY
 from mavdem.live.backlog import STEP_SECONDS, Backlog
 from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.flight_analysis import FlightAnalysis
@@ -670,7 +671,7 @@ class LiveSession:
         estimate = self._learn_row(row)
         # The latency counts from the packet's arrival to the estimate, without the time for drawing below.
         self.flight.latencies.add(clock.monotonic() - arrival_time)
-        is_late = self.backlog.alarm_delay.seconds > 0.0
+        is_late = self.backlog.delay > RELIABLE_ALARM_DELAY
         learning.note_estimate(estimate, row, self.stream.parameters, is_late=is_late)
         self._show_row(row, row_format, estimate)
 

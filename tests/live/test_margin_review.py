@@ -229,7 +229,8 @@ def test_a_warning_of_the_margins_counts_in_flight_once_two_reviews_in_a_row_giv
     second = 0
     lights = []
     unknown = DOUBTED.replace(Level.UNKNOWN)
-    for margins in (DOUBTED, good, DOUBTED, other_axis, good, unknown, good, BAD, DOUBTED):
+    judged_well = (good, DOUBTED, other_axis, good, unknown, good)
+    for margins in (DOUBTED, *judged_well, DOUBTED, unknown, DOUBTED, good, BAD, DOUBTED):
         update(review, stream, second, second + 30)
         review._executor.futures[-1].set_result(ReviewedMargins(margins, 1.0))
         second += 30
@@ -237,7 +238,9 @@ def test_a_warning_of_the_margins_counts_in_flight_once_two_reviews_in_a_row_giv
         lights.append(review.margins)
     unconfirmed, *next_lights, again_unconfirmed = lights
     # Good margins stay while only one judgement gives something else; an alarm is not delayed.
-    assert next_lights == [good, good, other_axis, good, good, good, BAD]
+    assert next_lights[:6] == [good, good, other_axis, good, good, good]
+    # Two that give something else end good margins even if they differ.
+    assert next_lights[6:] == [good, unknown, unconfirmed, good, BAD]
     assert again_unconfirmed == unconfirmed and unconfirmed.level is Level.UNKNOWN
     flying = SessionStatus(vehicle="1:1", is_flying=True, margins=unconfirmed)
     assert not flying.overall_judgement.headline.is_watch_or_bad
