@@ -166,6 +166,16 @@ def writable_target(path: PathName) -> Path:
     return target
 
 
+def numbered_path(path: Path, number: int) -> Path:
+    """Returns the path of a further file beside one: "flight-2.tlog" for "flight.tlog" and the number 2.
+
+    Args:
+        path: path of the first file.
+        number: number of the further file, from 2 on.
+    """
+    return path.with_stem(f"{path.stem}-{number}")
+
+
 def is_writable(folder: Path) -> bool:
     """Returns whether files can be created in a folder.
 

@@ -477,6 +477,9 @@ class _SessionResults(NamedTuple):
     model_code: int
     """Exit code of the command as far as the model decides it."""
 
+    model_path: Path | None
+    """File of the model; None if it was not written."""
+
     seconds_by_use: Mapping[TimeUse, float]
     """How many seconds of the session each use of time took, such as learning."""
 
@@ -533,7 +536,8 @@ def _results_at_end(
     if no_model_reason:
         # A pilot reads the verdicts first.
         print_to_stderr(no_model_reason)
-    return _SessionResults(status, judged_model, model_code, seconds_by_use)
+    written_model_path = model_path if model_code == EXIT_DONE else None
+    return _SessionResults(status, judged_model, model_code, written_model_path, seconds_by_use)
 
 
 def _expected_paths(
@@ -550,7 +554,7 @@ def _expected_paths(
         paths,
         rrd=None,
         record=paths.record if _frame_count(recording) else None,
-        model=paths.model if results.model_code == EXIT_DONE else None,
+        model=results.model_path,
     )
 
 
@@ -569,8 +573,7 @@ def _paths_without_page(
         recording: Recording of the raw stream, which is closed; None for none.
     """
     rrd_path, record_path = _written_recordings(paths, dashboard, recording)
-    model_path = paths.model if results.model_code == EXIT_DONE else None
-    return OutputPaths(rrd=rrd_path, record=record_path, model=model_path, page=None)
+    return OutputPaths(rrd=rrd_path, record=record_path, model=results.model_path, page=None)
 
 
 def _write_page(

@@ -13,7 +13,7 @@ from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.facts import Facts
 from mavdem.facts.loops import GainFact
 from mavdem.facts.session import TimeUse
-from mavdem.files import reporting_write_errors, write_text_atomically
+from mavdem.files import numbered_path, reporting_write_errors, write_text_atomically
 from mavdem.live.raw_recording import RawRecording
 from mavdem.report.numbers import listed
 
@@ -120,7 +120,7 @@ def _with_number(paths: Sequence[Path | None], number: int) -> list[Path | None]
         if path is None:
             paths_with_number.append(None)
         else:
-            paths_with_number.append(path.with_stem(f"{path.stem}-{number}"))
+            paths_with_number.append(numbered_path(path, number))
     return paths_with_number
 
 

@@ -28,6 +28,7 @@ from mavdem.cli.live_lines import (
 from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable, print_to_stderr
 from mavdem.errors import error_message
 from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
@@ -108,6 +109,9 @@ ADVICE_SECONDS = 10.0
 The status is printed every 5 s, so that this holds for two of its lines. For as long after the end of an alarm a new
 next step is printed at once.
 """
+
+PLAIN_FLY_ON = Fact(NextStep.FLY_ON, reason=None, unmeasured=())
+"""The next step in flight if nothing is to be done but to fly on."""
 
 UNPRINTED_STATES = LEARNING_STATES | {
     SessionFact.COMPUTER_BEHIND,
@@ -228,10 +232,10 @@ class StatusLines:
         # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
         self._latest_lines: deque[tuple[str, str]] = deque(maxlen=MAX_LATEST_LINES)
         self._terminal_size = STDERR.size
-        # The next steps that were printed last, and at the latest look, without their numbers; and the sentence that
-        # was printed last.
-        self._printed_next_step: Hashable = None
+        # The next step that was printed last, and its sentence.
+        self._printed_next_step: Fact | None = None
         self._printed_next_text = ""
+        # The next step at the latest look, without its numbers.
         self._latest_next_step: Hashable = None
         # What the latest alarm, warning or other event advised, and when it was printed, s of the monotonic clock.
         self._advised_text = ""
@@ -566,14 +570,15 @@ class StatusLines:
         if is_search_pending:
             # Messages come, and their sender is mostly known a moment later.
             return
-        if self._is_status_line_due(status):
-            self._printed_state = _state_to_print(status)
+        state = _state_to_print(status)
+        if self._is_status_line_due(status, state):
+            self._printed_state = state
             self._print_time = monotonic()
             self._print_status_line(status)
         self._print_fault_found_on_ground(status)
         self._print_next_step(status)
 
-    def _is_status_line_due(self, status: SessionStatus) -> bool:
+    def _is_status_line_due(self, status: SessionStatus, state: PrintedState) -> bool:
         """Returns whether the line on the state of the session has to be printed, since it is new or was long ago.
 
         Measured figures alone do not make a state new (:class:`PrintedState`). The line is repeated every
@@ -581,8 +586,9 @@ class StatusLines:
 
         Args:
             status: State of the live session.
+            state: What the line would say of it.
         """
-        if _state_to_print(status) != self._printed_state:
+        if state != self._printed_state:
             return True
         is_silent_on_ground = status.is_silent and not status.is_flying
         return monotonic() - self._print_time >= UNCHANGED_STATE_PERIOD and not is_silent_on_ground
@@ -626,7 +632,7 @@ class StatusLines:
         Args:
             status: State of the live session.
         """
-        if status.is_in_flight or status.flight_number == 0 or status.recording_verdict is not None:
+        if not status.is_latest_flight_over or status.recording_verdict is not None:
             self._headline_on_ground = None
             return
         headline = status.overall_judgement.headline
@@ -721,18 +727,13 @@ class StatusLines:
             status: State of the live session.
         """
         next_step = status.session_judgement.next_step
-        content = next_step.without_measurements
         is_settled = self._is_next_step_settled(status)
-        self._latest_next_step = content
-        if content == self._printed_next_step or not is_settled:
+        self._latest_next_step = next_step.without_measurements
+        if not is_settled or _is_already_printed(next_step, self._printed_next_step):
             return
         text = escape_unprintable(next_step)
         is_same_text = text == self._printed_next_text
-        is_beginning_of_printed = self._printed_next_text.startswith(f"{text.removesuffix('.')}: ")
-        if is_beginning_of_printed:
-            # "Fly on: quick small movements …" was printed, and only the addition does not hold any more.
-            return
-        self._printed_next_step = content
+        self._printed_next_step = next_step
         self._printed_next_text = text
         if text and not is_same_text and not self._was_just_advised(next_step):
             self._print_now(f"{NEXT_MARKER} {text}", status)
@@ -796,15 +797,33 @@ def _state_to_print(status: SessionStatus) -> PrintedState:
     )
 
 
+def _is_already_printed(next_step: Fact, printed_step: Fact | None) -> bool:
+    """Returns whether the step that was printed last says what to do next, so that a new line would be no news.
+
+    Both are the same but for measured numbers. Or "Fly on: quick small movements …" was printed while a model was being
+    learned, and now only to fly on is left of it.
+
+    Args:
+        next_step: What to do next.
+        printed_step: The next step that was printed last; None if it does not count any more.
+    """
+    if printed_step is None:
+        return False
+    if next_step.without_measurements == printed_step.without_measurements:
+        return True
+    advice = printed_step.figures.get("reason")
+    was_model_being_learned = isinstance(advice, Fact) and advice.code is SessionFact.BEING_LEARNED
+    return was_model_being_learned and next_step == PLAIN_FLY_ON
+
+
 def _is_flight_still_unjudged(status: SessionStatus) -> bool:
     """Returns whether the latest flight has ended, but neither its model nor its recording has judged it yet.
 
     Args:
         status: State of the live session.
     """
-    is_after_flight = status.flight_number > 0 and not status.is_in_flight
     is_judged = status.model_judgement is not None or status.recording_verdict is not None
-    return is_after_flight and not is_judged
+    return status.is_latest_flight_over and not is_judged
 
 
 def _is_recent(print_time: float) -> bool:

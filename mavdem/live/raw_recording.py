@@ -14,7 +14,7 @@ from mavdem.dataset.intervals import TimeInterval
 from mavdem.errors import Unreadable, error_message
 from mavdem.extras import require_extra_of_file
 from mavdem.facts.session import LinkFact
-from mavdem.files import PathName
+from mavdem.files import PathName, numbered_path
 from mavdem.ingest.mavlink.dialect import crc_extra_table
 from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.framing import find_frames
@@ -379,6 +379,6 @@ def _free_path(path: Path) -> Path:
         path: path of the recording that exists.
     """
     number = 2
-    while path.with_stem(f"{path.stem}-{number}").exists():
+    while numbered_path(path, number).exists():
         number += 1
-    return path.with_stem(f"{path.stem}-{number}")
+    return numbered_path(path, number)

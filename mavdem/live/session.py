@@ -801,9 +801,8 @@ class LiveSession:
         # While a vehicle is out of control in the air, its alarm is reported, and learning does not matter.
         is_out_of_control = status.is_flying and status.loss is not None
         # After a landing, the report on the flight says that it is over; after a loss nobody is asked to take off.
-        has_flown = status.flight_number > 0 and not status.is_flying
         is_not_flying = reason is not None and reason.code is SessionFact.NOT_FLYING
-        is_reported_landing = has_flown and is_not_flying
+        is_reported_landing = status.is_after_flight and is_not_flying
         return is_first_model or is_out_of_control or is_reported_landing
 
     @property

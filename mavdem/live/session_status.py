@@ -535,8 +535,7 @@ class SessionStatus(ImmutableResult):
         The motors may have stopped in the air: a fall is found a moment later. While they are still armed after the
         landing, the vehicle may topple over. A vehicle that is armed anew is about to begin another flight.
         """
-        is_after_flight = self.flight_number > 0 and not self.is_flying
-        if not is_after_flight or self.is_over:
+        if not self.is_after_flight or self.is_over:
             return None
         if not self.has_landed:
             return Fact(WatchFact.MOTORS_JUST_STOPPED)
@@ -549,6 +548,16 @@ class SessionStatus(ImmutableResult):
     def is_in_flight(self) -> bool:
         """Whether the vehicle flies now; False once the session is over, even if the vehicle flew at its end."""
         return self.is_flying and not self.is_over
+
+    @property
+    def is_after_flight(self) -> bool:
+        """Whether the vehicle has flown in this session and does not fly now, since it has landed or was lost."""
+        return self.flight_number > 0 and not self.is_flying
+
+    @property
+    def is_latest_flight_over(self) -> bool:
+        """Whether the vehicle has flown, and the latest flight has ended, or the session has ended during it."""
+        return self.flight_number > 0 and not self.is_in_flight
 
     def _judgement_without_check(self, judgement: Judgement) -> Judgement:
         """Replaces the headline of a judgement that no check of the vehicle supports so far.
@@ -781,7 +790,7 @@ class SessionStatus(ImmutableResult):
         fault = self.fault_in_library
         if fault is None or fault.code is not SessionFact.RECORDING_JUDGED or fault.forbids_flight:
             return False
-        return self.flight_number > 0 and not self.is_in_flight
+        return self.is_latest_flight_over
 
     def _warning_of_unrepaired_fault(self, earlier_fault: Fact, next_step: Fact) -> Fact:
         """Returns the warning that the vehicle may still have a fault of an earlier flight.
@@ -1043,8 +1052,7 @@ class SessionStatus(ImmutableResult):
             The lights by name; unchanged in flight, and before the first flight.
         """
         lights_of_flight = dict(lights)
-        is_after_flight = not self.is_flying and self.flight_number > 0
-        if not is_after_flight:
+        if not self.is_after_flight:
             return lights_of_flight
         for name, light in lights.items():
             reason = light.figures.get("reason")
@@ -1627,8 +1635,7 @@ class SessionStatus(ImmutableResult):
             and reason.code is RowsFact.NOTHING_RECEIVED
             and reason.subject == MissingMessages.MESSAGES
         )
-        has_flown = self.flight_number > 0 and not self.is_flying
-        return is_silent and has_flown and self.has_landed
+        return is_silent and self.is_after_flight and self.has_landed
 
     @property
     def _is_silent_after_flight(self) -> bool:

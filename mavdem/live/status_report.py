@@ -110,9 +110,8 @@ class StatusReport:
         """
         now = self.stream.now
         watch_facts = tuple(not_watched(fact, silence, now) for fact in status.watch_facts)
-        is_after_flight = status.flight_number > 0 and not status.is_flying
         rates = status.rates
-        if not is_after_flight:
+        if not status.is_after_flight:
             rates = dict.fromkeys(status.rates, 0.0)
         return replace(
             status,
