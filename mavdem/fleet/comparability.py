@@ -201,17 +201,9 @@ def missing_quantities(
         yield MissingQuantity(Fact(ComparedSubject.EVERYTHING), incomparability)
         return
     for quantity in expected_quantities:
-        reasons = []
-        for state_name, flights, state_estimates in zip(
-            STATE_NAMES, states, estimates, strict=True
-        ):
-            if not _has_estimate(quantity, state_estimates):
-                reasons.append(missing_reason(quantity, state_name, flights))
+        reasons = _reasons_by_state(quantity, (quantity.kind,), states, estimates)
         if reasons:
-            quantity_name = Fact(
-                ComparedSubject.QUANTITY, subject=quantity.axis, name=quantity.kind
-            )
-            yield MissingQuantity(quantity_name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
+            yield _missing_quantity(quantity, reasons)
     yield from _missing_loop_figures(states, estimates)
 
 
@@ -228,19 +220,49 @@ def _missing_loop_figures(
     """
     for name, kinds in LOOP_FIGURE_KINDS.items():
         for axis in AXES:
-            quantities = [Quantity(kind, axis=axis) for kind in kinds]
-            reasons = []
-            for state_name, flights, state_estimates in zip(
-                STATE_NAMES, states, estimates, strict=True
-            ):
-                if not any(_has_estimate(quantity, state_estimates) for quantity in quantities):
-                    reasons.append(missing_reason(Quantity(name, axis=axis), state_name, flights))
+            quantity = Quantity(name, axis=axis)
+            reasons = _reasons_by_state(quantity, kinds, states, estimates)
             is_expected = axis in TILT_AXES or len(reasons) < len(STATE_NAMES)
             if reasons and is_expected:
-                yield MissingQuantity(
-                    Fact(ComparedSubject.QUANTITY, subject=axis, name=name),
-                    Fact(Incomparable.NOT_IN_BOTH, reasons=reasons),
-                )
+                yield _missing_quantity(quantity, reasons)
+
+
+def _reasons_by_state(
+    quantity: Quantity,
+    kinds: Iterable[str],
+    states: Sequence[Flights],
+    estimates: Sequence[Sequence[Iterable[Quantity]]],
+) -> list[Fact]:
+    """Returns for each state of a vehicle that does not have a quantity the reason why.
+
+    Args:
+        quantity: the quantity as messages call it, such as the margins of pitch.
+        kinds: kinds of the quantities that it stands for; a state has it if it has any of these.
+        states: the flights of both states.
+        estimates: quantities that have an estimate, by state and flight.
+
+    Returns:
+        At most one reason for each state; empty if both have the quantity.
+    """
+    quantities = [Quantity(kind, axis=quantity.axis) for kind in kinds]
+    reasons = []
+    for state_name, flights, state_estimates in zip(STATE_NAMES, states, estimates, strict=True):
+        if not any(_has_estimate(estimated, state_estimates) for estimated in quantities):
+            reasons.append(missing_reason(quantity, state_name, flights))
+    return reasons
+
+
+def _missing_quantity(quantity: Quantity, reasons: Sequence[Fact]) -> MissingQuantity:
+    """Returns the entry that a quantity cannot be compared, since not both states have it.
+
+    Args:
+        quantity: the quantity as messages call it, such as the margins of pitch.
+        reasons: for each state without the quantity the reason why.
+    """
+    return MissingQuantity(
+        Fact(ComparedSubject.QUANTITY, subject=quantity.axis, name=quantity.kind),
+        Fact(Incomparable.NOT_IN_BOTH, reasons=reasons),
+    )
 
 
 def _has_estimate(quantity: Quantity, estimated_quantities: Sequence[Iterable[Quantity]]) -> bool:

@@ -19,6 +19,7 @@ from mavdem.arrays import SMALLEST_POSITIVE, Array, Flags, Indices
 from mavdem.containers import JsonValues
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.segments import Segment, Segments, in_segments
@@ -69,8 +70,6 @@ MIN_UPRIGHT_SECONDS = 5.0
 
 With motors in a wrong order the controller's torque adds to the error, so that the vehicle turns over within about 1 s.
 """
-MAX_UPRIGHT_TILT = radians(60.0)
-"""Largest roll or pitch angle of an upright vehicle, rad: beyond it, less than half of the thrust is upward."""
 MIN_LASTING_FREQUENCY = 3.5
 """Frequency below which a lasting oscillation that reaches no limit may be steered by the pilot, Hz."""
 
@@ -179,7 +178,7 @@ def detect_limit_cycle(
 
 
 def _stayed_upright(attitudes: Mapping[str, Attitude], span: Segment) -> bool:
-    """Returns whether neither roll nor pitch exceeds ``MAX_UPRIGHT_TILT`` in a span of ``MIN_UPRIGHT_SECONDS`` or more.
+    """Returns whether neither roll nor pitch exceeds ``MAX_TILT`` in a span of ``MIN_UPRIGHT_SECONDS`` or more.
 
     Args:
         attitudes: attitude by axis.
@@ -195,7 +194,7 @@ def _stayed_upright(attitudes: Mapping[str, Attitude], span: Segment) -> bool:
             return False
         angle = attitudes[axis].angle_series
         angles_in_span = angle.values[in_segments(angle, span)]
-        if not angles_in_span.size or abs(angles_in_span).max() > MAX_UPRIGHT_TILT:
+        if not angles_in_span.size or abs(angles_in_span).max() > MAX_TILT:
             return False
     return True
 
