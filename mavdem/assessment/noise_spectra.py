@@ -11,9 +11,8 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import NoiseFact, NotchAdvice
 from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.demand_noise import GyroNoise, lowest_noise_frequency
+from mavdem.loops.demand_noise import GyroNoise, noise_above_motion
 from mavdem.loops.filters import gyro_response
-from mavdem.loops.margins import MAX_FREQUENCY_RATIO
 from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
 from mavdem.vibration.spectra import Spectrum, vibration_spectra
@@ -63,6 +62,11 @@ class MeasuredNoise(NamedTuple):
     """That there is no spectrum, where there is none; the autopilot decides what it advises to log."""
 
     @property
+    def gyro_spectrum(self) -> Spectrum | None:
+        """The spectrum of the gyro before its filters or, if that was not logged, after them; None without either."""
+        return self.spectra.get(UNFILTERED_GYRO, self.spectra.get(GYRO))
+
+    @property
     def lines(self) -> tuple[SpectralLine, ...]:
         """Lines of the gyro before its filters or, if that was not logged, after them."""
         return self.peaks.get(UNFILTERED_GYRO, self.peaks.get(GYRO, ()))
@@ -96,10 +100,9 @@ class MeasuredNoise(NamedTuple):
         """
         filtered_gyro = self.spectra.get(GYRO)
         unfiltered_gyro = self.spectra.get(UNFILTERED_GYRO)
-        spectrum = filtered_gyro if unfiltered_gyro is None else unfiltered_gyro
-        if spectrum is None:
+        if self.gyro_spectrum is None:
             return (self.no_spectrum,)
-        facts = [_spectrum_fact(spectrum)]
+        facts = [_spectrum_fact(self.gyro_spectrum)]
         for line in self.lines:
             facts.append(_line_fact(line))
         if unfiltered_gyro is not None and filtered_gyro is not None:
@@ -203,24 +206,19 @@ def gyro_noise_by_axis(noise: MeasuredNoise, loops: Iterable[Loop]) -> dict[str,
     Returns:
         The noise by axis. An axis is left out if its spectrum shows less than an octave of noise.
     """
-    spectrum = noise.spectra.get(UNFILTERED_GYRO, noise.spectra.get(GYRO))
+    spectrum = noise.gyro_spectrum
     noise_by_axis = dict[str, GyroNoise]()
     if spectrum is None:
         return noise_by_axis
     for loop in loops:
         controller = loop.controller
-        lowest = lowest_noise_frequency(loop)
-        highest = MAX_FREQUENCY_RATIO * min(
-            2 * spectrum.nyquist_frequency, 1 / controller.loop_period
-        )
-        if highest < 2 * lowest:
-            continue
-        is_noise = (spectrum.frequency >= lowest) & (spectrum.frequency <= highest)
-        frequency = spectrum.frequency[is_noise]
-        density = spectrum.mean_density[AXES.index(loop.axis), is_noise]
+        sampling_rate = min(2 * spectrum.nyquist_frequency, 1 / controller.loop_period)
+        density = spectrum.mean_density[AXES.index(loop.axis)]
         if spectrum.name == UNFILTERED_GYRO:
-            density = density * np.abs(gyro_response(controller, frequency)) ** 2
-        noise_by_axis[loop.axis] = GyroNoise(frequency, density, is_measured=True)
+            density = density * np.abs(gyro_response(controller, spectrum.frequency)) ** 2
+        noise_of_axis = noise_above_motion(loop, spectrum.frequency, density, sampling_rate)
+        if noise_of_axis is not None:
+            noise_by_axis[loop.axis] = noise_of_axis
     return noise_by_axis
 
 

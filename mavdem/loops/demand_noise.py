@@ -68,24 +68,43 @@ def gyro_noise(loop: Loop) -> GyroNoise:
         Frequencies (F,), Hz, and one-sided density (F,), (rad/s)²/Hz; and whether it was measured.
     """
     record = loop.record
-    highest = MAX_FREQUENCY_RATIO / record.dt
-    lowest = lowest_noise_frequency(loop)
-    reaches_an_octave = 2 * lowest < highest
-    if not reaches_an_octave:
-        loop_highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
-        # A loop with a high crossover has less than an octave above it.
-        lowest = min(lowest, loop_highest / 2)
-        assumed_frequency = np.linspace(lowest, loop_highest)
-        return GyroNoise(assumed_frequency, np.ones(len(assumed_frequency)), is_measured=False)
     # The last output of an axis is its body rate, rad/s.
     rate = record.outputs[:, -1]
     window = min(NOISE_WINDOW, len(record))
     frequency, density = power_density(rate, 1 / record.dt, window)
+    noise = noise_above_motion(loop, frequency, density, 1 / record.dt)
+    if noise is not None:
+        return noise
+    highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
+    # A loop with a high crossover has less than an octave above it.
+    lowest = min(_lowest_noise_frequency(loop), highest / 2)
+    assumed_frequency = np.linspace(lowest, highest)
+    return GyroNoise(assumed_frequency, np.ones(len(assumed_frequency)), is_measured=False)
+
+
+def noise_above_motion(
+    loop: Loop, frequency: Array, density: Array, sampling_rate: float
+) -> GyroNoise | None:
+    """Returns the part of a gyro's spectrum that is noise: it is above the frequencies at which the vehicle moves.
+
+    Args:
+        loop: rate and attitude loop of the axis, whose crossover limits the motion.
+        frequency: frequencies of the spectrum (F,), Hz.
+        density: spectral density (F,) of the rate after the gyro's filters, (rad/s)²/Hz.
+        sampling_rate: rate of the samples, Hz; the spectrum counts up to ``MAX_FREQUENCY_RATIO`` of it.
+
+    Returns:
+        The noise; None if it has less than an octave.
+    """
+    lowest = _lowest_noise_frequency(loop)
+    highest = MAX_FREQUENCY_RATIO * sampling_rate
+    if highest < 2 * lowest:
+        return None
     is_noise = (frequency >= lowest) & (frequency <= highest)
     return GyroNoise(frequency[is_noise], density[is_noise], is_measured=True)
 
 
-def lowest_noise_frequency(loop: Loop) -> float:
+def _lowest_noise_frequency(loop: Loop) -> float:
     """Returns the frequency, Hz, from which on the gyro of a loop shows noise and no motion of the vehicle."""
     # The crossover is NaN if the gain of the loop is below 1 at all frequencies.
     if not isfinite(loop.rate.crossover):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.arrays import Array, Indices
-from mavdem.confidence import Interval, coverage_factor
+from mavdem.confidence import Interval
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
@@ -25,7 +25,7 @@ from mavdem.loops.margins import HALF_POWER_GAIN, Complex, controller_response
 from mavdem.loops.welch import (
     MIN_COHERENCE,
     WelchSpectra,
-    relative_response_error,
+    relative_half_width,
     welch_spectra,
 )
 
@@ -200,7 +200,7 @@ def _max_sensitivity_interval(
 ) -> Interval:
     """Returns the 90 % interval of the maximum sensitivity Ms = max |1 − T| over some frequencies.
 
-    The error of the sensitivity 1 − T is at most the error of T (:func:`relative_response_error`).
+    The error of the sensitivity 1 − T is at most the error of T (:func:`relative_half_width`).
 
     Args:
         spectra: cross-spectra of setpoint and rate, for their coherence and the number of windows.
@@ -211,9 +211,8 @@ def _max_sensitivity_interval(
         Lower and upper end of the interval, without a unit.
     """
     coherence = spectra.coherence[rows]
-    relative_error = relative_response_error(coherence, spectra.windows)
     sensitivity = abs(1 - complementary[rows])
-    half_width = coverage_factor() * relative_error * abs(complementary[rows])
+    half_width = relative_half_width(coherence, spectra.windows) * abs(complementary[rows])
     return (sensitivity - half_width).max(), (sensitivity + half_width).max()
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array
+from mavdem.confidence import coverage_factor
 from mavdem.dataset.intervals import intersection, split_at_gaps
 from mavdem.dataset.segments import Segment, Segments, rows_of_segment
 from mavdem.dataset.signals import MIN_STREAM_RATE, rate_between_outages
@@ -65,19 +66,21 @@ class ResampledSignals(NamedTuple):
     """Boot and time, s since boot, of each piece."""
 
 
-def relative_response_error(coherence: Array | float, windows: int) -> Array:
-    """Returns the standard error of a measured response, relative to its gain: √((1 − γ²) / (2 n γ²)).
+def relative_half_width(coherence: Array | float, windows: int) -> Array:
+    """Returns the half width of the 90 % interval of a measured response, relative to its gain.
 
-    The formula is from J. S. Bendat and A. G. Piersol, Random Data, 4th ed., sec. 9.2.
+    The relative standard error of the response is √((1 − γ²) / (2 n γ²)) (J. S. Bendat and A. G. Piersol, Random Data,
+    4th ed., sec. 9.2).
 
     Args:
         coherence: coherence γ² of both signals at one frequency or at F of them (F,), above 0.
         windows: number n of windows from which the spectra were averaged.
 
     Returns:
-        The relative error at each frequency.
+        The relative half width at each frequency.
     """
-    return np.asarray(np.sqrt((1 - coherence) / (2 * windows * coherence)))
+    standard_error = np.sqrt((1 - coherence) / (2 * windows * coherence))
+    return np.asarray(coverage_factor() * standard_error)
 
 
 def welch_spectra(

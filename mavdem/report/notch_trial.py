@@ -175,7 +175,7 @@ def notch_trial(
     Returns:
         The trial; None without a spectrum of the gyro that reaches above all rate loops.
     """
-    spectrum = noise.spectra.get(UNFILTERED_GYRO, noise.spectra.get(GYRO))
+    spectrum = noise.gyro_spectrum
     if spectrum is None or controller is None:
         return None
     if spectrum.nyquist_frequency <= MAX_LOOP_FREQUENCY:

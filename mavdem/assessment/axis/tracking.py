@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.axis.reached_rate import ReachedRate, reached_rate
 from mavdem.assessment.limits import Limits
-from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS, coverage_factor
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flight_states import POSITION_CONTROL_MODES
 from mavdem.dataset.intervals import Intervals, complement, intersection
@@ -22,7 +22,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
 from mavdem.loops.measured_response import MIN_COMPARED_COHERENCE
 from mavdem.loops.step_response import attitude_step_response
-from mavdem.loops.welch import WELCH_SECONDS, relative_response_error, welch_spectra
+from mavdem.loops.welch import WELCH_SECONDS, relative_half_width, welch_spectra
 
 DELAYS = np.arange(0.0, 0.62, 0.02)
 """Delays of the angle behind its setpoint that are tried, s. A multirotor has 0.1 to 0.4 s; a setpoint that is sent
@@ -138,8 +138,7 @@ class ResponsePeak(NamedTuple):
     @property
     def lowest_ratio(self) -> float:
         """Lower end of the 90 % interval of the ratio."""
-        relative_error = relative_response_error(self.coherence, self.windows)
-        return float(self.ratio * (1 - coverage_factor() * relative_error))
+        return float(self.ratio * (1 - relative_half_width(self.coherence, self.windows)))
 
 
 class AttitudeGain(NamedTuple):
@@ -157,8 +156,7 @@ class AttitudeGain(NamedTuple):
     @property
     def half_width(self) -> Array:
         """Half width (U,) of the gain's 90 % interval."""
-        relative_error = relative_response_error(self.coherence, self.windows)
-        return self.gain * coverage_factor() * relative_error
+        return self.gain * relative_half_width(self.coherence, self.windows)
 
     @property
     def peak(self) -> ResponsePeak:
