@@ -269,15 +269,14 @@ class Comparison:
             Values by key.
         """
         outcomes = self._outcomes_by_method[method]
-        scores = [outcome.scores[kind] for outcome in outcomes]
         failures = [outcome.failure for outcome in outcomes if outcome.failure is not None]
         diverged_count = 0
         for outcome in outcomes:
             if outcome.failure is None and not np.isfinite(outcome.mspe(kind)).all():
                 diverged_count += 1
-        # The last horizon is the whole test part. Ratios have the shape (windows,), squared errors (windows, outputs).
-        ratios = np.array([window_scores.ratio[-1] for window_scores in scores])
-        squared_errors = np.array([window_scores.squared_error[-1] for window_scores in scores])
+        ratios = np.array(self._whole_test_ratios(method, kind))
+        # The last horizon is the whole test part. Squared errors have the shape (windows, outputs).
+        squared_errors = np.array([outcome.scores[kind].squared_error[-1] for outcome in outcomes])
         mean_errors = squared_errors.mean(axis=0)
         return {
             "method": method,

@@ -75,8 +75,7 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
         )
     if not ((our_errors >= 0).all() and (their_errors >= 0).all()):
         raise ValueError("ours and theirs must be errors: at least 0, and no NaN")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        log_ratios = np.log(our_errors) - np.log(their_errors)
+    log_ratios = _log_ratios(our_errors, their_errors)
     # The difference of two infinite logarithms is NaN: both errors are 0, or both infinite.
     log_ratios = np.where(np.isnan(log_ratios), 0.0, log_ratios)
     count = len(our_errors)
@@ -88,6 +87,19 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
         tested=len(independent),
         p_value=_signed_rank_p_value(log_ratios[independent]),
     )
+
+
+def _log_ratios(ours: Array, theirs: Array) -> Array:
+    """Returns the logarithms of the ratios of two methods' errors.
+
+    Args:
+        ours, theirs: (W,) errors in the same windows, at least 0.
+
+    Returns:
+        Logarithms (W,): infinite if one of both errors is 0 or infinite, and NaN if both are 0 or both infinite.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.log(ours) - np.log(theirs)
 
 
 def _median_ratio(log_ratios: Array) -> float:
@@ -155,8 +167,7 @@ def typical_ratio(ours: ArrayLike, theirs: ArrayLike) -> TypicalRatio | None:
     References:
         J. L. Hodges and E. L. Lehmann, "Estimates of location based on rank tests", Ann. Math. Stat. 34 (1963) 598-611.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        log_ratios = np.log(np.asarray(ours, float)) - np.log(np.asarray(theirs, float))
+    log_ratios = _log_ratios(np.asarray(ours, float), np.asarray(theirs, float))
     if not np.isfinite(log_ratios).all():
         return None
     # The means of all pairs of windows, each window with itself too.
