@@ -35,6 +35,7 @@ class FleetFolderFact(Code):
     URL_UNREADABLE = "url_unreadable"
     NO_FLEET = "no_fleet"
     FLEET_DAMAGED = "fleet_damaged"
+    FLEET_NOT_READ = "fleet_not_read"
     FLEET_NOT_WRITTEN = "fleet_not_written"
     BASELINE_UNKNOWN = "baseline_unknown"
     BASELINE_WITHOUT_FLIGHT = "baseline_without_flight"

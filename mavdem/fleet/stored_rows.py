@@ -184,7 +184,7 @@ def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
         The figures of one flight on one axis each, sorted by :attr:`FlightRow.order`.
 
     Raises:
-        Unreadable: the folder has no store, or a damaged one.
+        Unreadable: the folder has no store, a damaged one, or one that is locked or may not be opened.
     """
     path = folder / STORE
     if not is_fleet(folder):
@@ -201,7 +201,7 @@ def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
                 query = query.replace("select brief", "select row")
             rows = [row_of_json(text, file) for text, file in db.execute(query, values)]
     except sqlite3.Error as error:
-        raise Unreadable(damage_of_store(path, error)) from None
+        raise Unreadable(_read_failure(path, error)) from None
     return sorted(rows, key=lambda row: row.order)
 
 
@@ -209,6 +209,22 @@ def has_brief_rows(db: sqlite3.Connection) -> bool:
     """Returns whether a store has brief rows, which stores of earlier versions lack."""
     query = "select 1 from pragma_table_info('flights') where name = 'brief'"
     return db.execute(query).fetchone() is not None
+
+
+def _read_failure(path: Path, error: sqlite3.Error) -> Fact:
+    """Returns the fact why a store cannot be read: it is damaged, or the operating system or another run prevents it.
+
+    A store that is locked or may not be opened is sound: to delete it, as a damaged one, would lose the names in it.
+
+    Args:
+        path: path of the store.
+        error: error of SQLite. An ``OperationalError`` is damage only if tables or columns are missing
+            (``SQLITE_ERROR``).
+    """
+    is_operational = isinstance(error, sqlite3.OperationalError)
+    if is_operational and error.sqlite_errorcode != sqlite3.SQLITE_ERROR:
+        return Fact(FleetFolderFact.FLEET_NOT_READ, path=path, reason=error)
+    return damage_of_store(path, error)
 
 
 def damage_of_store(path: Path, error: Exception) -> Fact:

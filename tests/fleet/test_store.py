@@ -104,6 +104,16 @@ def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
     assert refusal(open_store(tmp_path).__enter__) is FleetFolderFact.FLEET_DAMAGED
 
 
+def test_a_sound_store_that_is_locked_is_not_called_damaged(tmp_path, monkeypatch):
+    """The remedy of a damaged store is to delete it. One that lacks its tables is damaged."""
+    monkeypatch.setattr("mavdem.fleet.stored_rows.BUSY_SECONDS", 0.0)
+    with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as other_run:
+        other_run.execute("create table other (name text)")
+        other_run.execute("begin exclusive")
+        assert refusal(lambda: read_rows(tmp_path)) is FleetFolderFact.FLEET_NOT_READ
+    assert refusal(lambda: read_rows(tmp_path)) is FleetFolderFact.FLEET_DAMAGED
+
+
 @mark.slow
 @mark.parametrize("row", ["[1]", "{"])
 def test_a_damaged_row_is_reported(fleet, row):
