@@ -20,7 +20,12 @@ from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.report.live import without_basis_of_phase
-from mavdem.report.templates import time_of_day
+from mavdem.report.templates import (
+    as_clause,
+    first_and_further_sentences,
+    headline,
+    time_of_day,
+)
 
 ALARM_MARKER = "ALARM"
 """Word before the text of an alarm."""
@@ -93,6 +98,19 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
     return stamped_line(escape_unprintable(text), event.reception, event.clock, event.boot)
 
 
+def brief_alarm_line(event: Event) -> str:
+    """Returns the line of an alarm without the details that a warning before it has stated: headline and first step.
+
+    For example: "ALARM Link lost 10 s ago, in flight. Land by sight: no alarm can come while the link is lost."
+
+    Args:
+        event: what was found, and when.
+    """
+    first_step, _ = first_and_further_sentences(event.fact.remedy)
+    text = f"{ALARM_MARKER} {headline(event.fact)} {first_step}"
+    return stamped_line(escape_unprintable(text), event.reception, event.clock, event.boot)
+
+
 def _marker(event: Event) -> str:
     """Returns the word at the start of an event's line, such as "ALARM", by which other programs find such lines.
 
@@ -139,6 +157,10 @@ def _sentence_after_marker(fact: Fact) -> str:
     if is_alarm or is_end_without_reason:
         fault = fact.figures["reason"]
         return fault.sentence
+    flight_date = fact.figures.get("flight_date")
+    if fact.code is SessionFact.RECORDING_JUDGED and flight_date:
+        # Another vehicle, or another flight of this one, may be watched meanwhile.
+        return f"Flight of {flight_date} UTC: {as_clause(fact)}."
     return fact.sentence
 
 

@@ -20,6 +20,7 @@ from mavdem.cli.live_lines import (
     STAMP_WIDTH,
     VERDICT_MARKER,
     WARNING_MARKER,
+    brief_alarm_line,
     event_line,
     print_line,
     stamped_line,
@@ -28,7 +29,6 @@ from mavdem.cli.live_lines import (
 from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable, print_to_stderr
 from mavdem.errors import error_message
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
@@ -47,7 +47,6 @@ from mavdem.report.live import (
     states_unrepaired_fault,
     status_line_text,
     unrepaired_fault_beside_next_step,
-    unrepaired_fault_text,
     unwatched_quantities_text,
     vehicle_text,
     verdict_on_present_flight,
@@ -100,9 +99,6 @@ It is longer than the silence after which a message counts as missing. The statu
 changes at once.
 """
 
-SEARCH_SECONDS = 5.0
-"""Time for which no vehicle must be found before that is printed, s: five times the period of HEARTBEAT."""
-
 ADVICE_SECONDS = 10.0
 """Time after a line with advice for which the next step is not printed in the same words, s.
 
@@ -110,15 +106,15 @@ The status is printed every 5 s, so that this holds for two of its lines. For as
 next step is printed at once.
 """
 
-PLAIN_FLY_ON = Fact(NextStep.FLY_ON, reason=None, unmeasured=())
-"""The next step in flight if nothing is to be done but to fly on."""
-
 UNPRINTED_STATES = LEARNING_STATES | {
     SessionFact.COMPUTER_BEHIND,
     SessionFact.COMPUTER_KEEPS_UP,
     SessionFact.PARAMETERS_KNOWN,
 }
 """Events that are not printed: the status has them, or the report after the landing, and the page lists them."""
+
+MAX_EVENT_LINES = 3
+"""Most lines of an event on a terminal that is neither an alarm nor a warning, a choice: a longer one loses details."""
 
 MAX_LATEST_LINES = 50
 """Lines above the status that are kept, to draw them anew where the terminal is resized: more than it shows."""
@@ -242,9 +238,10 @@ class StatusLines:
         self._advice_time = -inf
         # When the end of an alarm was printed last, s of the monotonic clock.
         self._alarm_end_time = -inf
-        # The line on the fault of an earlier flight that was printed last, empty before any; and when it was printed,
-        # s of the monotonic clock.
+        # The line on the fault of an earlier flight that was printed last, empty before any; which flight and phase it
+        # was about; and when it was printed, s of the monotonic clock.
         self._printed_fault_of_earlier_flight = ""
+        self._printed_fault_key: Hashable = None
         self._fault_print_time = -inf
         # The line of the latest landing, which states what was found until then; empty before any.
         self._landing_text = ""
@@ -252,13 +249,9 @@ class StatusLines:
         self._headline_on_ground: Hashable = None
         # Number of the boot, and time on its clock, s, of the latest line, which the lines at the end have too.
         self._latest_moment = (0, nan)
-        # The event that no vehicle has been found, which is printed if it still holds after a while, and when it came,
-        # s of the monotonic clock. There is none before it comes, and once it was printed or does not hold any more.
-        self._no_vehicle_event: Event | None = None
-        self._no_vehicle_time = inf
         # Whether the latest report on the link was an alarm.
         self._is_link_alarmed = False
-        # Whether the present silence of the link was warned of in a line.
+        # Whether a line has warned of the present loss of the link.
         self._is_link_warned = False
         # Whether standard error has said that lines were lost, since they cannot be printed.
         self._is_loss_of_lines_reported = False
@@ -354,17 +347,11 @@ class StatusLines:
     def _append_event_line(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event as the next line, as to a file, unless another line or the status states it.
 
-        That no vehicle has been found is only stored: ``_print_no_vehicle_event`` prints it later, if it still holds.
-
         Args:
             event: What was found, and when.
             ends_alarm: Whether it ends the alarm of a lost link.
         """
         fact = event.fact
-        if fact.code is VehicleFact.NO_VEHICLE_YET:
-            self._no_vehicle_event = event
-            self._no_vehicle_time = monotonic()
-            return
         if fact.code in UNPRINTED_STATES or self._is_verdict_printed(fact):
             return
         # Whether a vehicle on the ground may take off depends on its earlier flights, which the next step considers.
@@ -375,7 +362,10 @@ class StatusLines:
             self._store_advice(fact.remedy, is_alarm=event.is_alarm)
         if fact.code is SessionFact.FLIGHT_LEARNED:
             self._landing_text = fact.sentence
-        line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        if fact.code is LinkFact.LOST_IN_FLIGHT and self._is_link_warned:
+            line = brief_alarm_line(event)
+        else:
+            line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
         self._print(line, style_of_facts(fact))
 
     def _is_verdict_printed(self, fact: Fact) -> bool:
@@ -424,10 +414,15 @@ class StatusLines:
             with suppress(OSError):
                 STDERR.bell()
         is_in_status = fact.code in SESSION_STATES and not event.is_alarm
-        if is_in_status or fact.code in UNPRINTED_STATES:
+        # The first line of the status says how old the last message of a vehicle is that was switched off.
+        is_switched_off = fact.figures.get("is_after_landing", False)
+        if is_in_status or is_switched_off or fact.code in UNPRINTED_STATES:
             return
         has_remedy = event.is_alarm or fact.is_watch_or_bad
         line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        if not fact.is_watch_or_bad:
+            columns = STAMP_WIDTH + MAX_EVENT_LINES * (STDERR.width - STAMP_WIDTH)
+            line = shortened(line, max(columns, STDERR.width))
         self._print(line, style_of_facts(fact))
 
     def _print(self, line: str, style: str = "") -> None:
@@ -565,10 +560,9 @@ class StatusLines:
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
-        self._print_no_vehicle_event(status)
-        is_search_pending = status.vehicle is None and self._no_vehicle_event is not None
-        if is_search_pending:
-            # Messages come, and their sender is mostly known a moment later.
+        reason = status.no_model_reason
+        if reason is not None and reason.code is VehicleFact.LISTENING:
+            # A vehicle is mostly found a moment later.
             return
         state = _state_to_print(status)
         if self._is_status_line_due(status, state):
@@ -611,10 +605,15 @@ class StatusLines:
         Args:
             status: State of the live session, with the fault, if there is one.
         """
-        fault_text = _fault_of_earlier_flight(status)
-        if not fault_text or fault_text == self._printed_fault_of_earlier_flight:
+        fault = _fault_of_earlier_flight(status)
+        if fault is None:
             return
+        key = _key_of_earlier_fault(fault, is_in_flight=status.is_in_flight)
+        if key == self._printed_fault_key:
+            return
+        fault_text = _text_of_earlier_fault(fault)
         self._printed_fault_of_earlier_flight = fault_text
+        self._printed_fault_key = key
         self._fault_print_time = monotonic()
         line = escape_unprintable(fault_text)
         is_next_step = states_unrepaired_fault(status.session_judgement.next_step)
@@ -656,35 +655,11 @@ class StatusLines:
         link_loss = status.link_loss
         if link_loss is None:
             self._is_link_warned = False
-        elif self.terminal_text is None and not self._is_link_warned:
+        elif self.terminal_text is None and not self._is_link_warned and not link_loss.is_bad:
             self._is_link_warned = True
-            if not link_loss.is_bad:
-                self._store_advice(link_loss.remedy, is_alarm=False)
-                warning = escape_unprintable(link_loss.sentence_and_remedy)
-                self._print_now(f"{WARNING_MARKER} {warning}", status)
-
-    def _print_no_vehicle_event(self, status: SessionStatus) -> None:
-        """Prints the event that no vehicle has been found once it is ``SEARCH_SECONDS`` old, if it still holds then.
-
-        The event was held back when it came. At the start of a session it is mostly soon out of date: a vehicle is
-        found with its next HEARTBEAT, or nothing at all is received, which is an event of its own.
-
-        Args:
-            status: State of the live session.
-        """
-        held_back_event = self._no_vehicle_event
-        if held_back_event is None:
-            return
-        reason = status.no_model_reason
-        still_holds = reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET
-        age = monotonic() - self._no_vehicle_time
-        if still_holds and age < SEARCH_SECONDS:
-            return
-        self._no_vehicle_event = None
-        if still_holds:
-            # The line gets the present time, since the times of the lines must not run backwards.
-            event_now = held_back_event._replace(reception=clock.unix_time())
-            self._print(event_line(event_now))
+            self._store_advice(link_loss.remedy, is_alarm=False)
+            warning = escape_unprintable(link_loss.sentence_and_remedy)
+            self._print_now(f"{WARNING_MARKER} {warning}", status)
 
     def print_closing_line(self, line: str) -> None:
         """Prints a line of the judgement at the end of a session: what to do next, or how a flight was judged.
@@ -800,8 +775,7 @@ def _state_to_print(status: SessionStatus) -> PrintedState:
 def _is_already_printed(next_step: Fact, printed_step: Fact | None) -> bool:
     """Returns whether the step that was printed last says what to do next, so that a new line would be no news.
 
-    Both are the same but for measured numbers. Or "Fly on: quick small movements …" was printed while a model was being
-    learned, and now only to fly on is left of it.
+    Both are the same but for measured numbers.
 
     Args:
         next_step: What to do next.
@@ -809,11 +783,7 @@ def _is_already_printed(next_step: Fact, printed_step: Fact | None) -> bool:
     """
     if printed_step is None:
         return False
-    if next_step.without_measurements == printed_step.without_measurements:
-        return True
-    advice = printed_step.figures.get("reason")
-    was_model_being_learned = isinstance(advice, Fact) and advice.code is SessionFact.BEING_LEARNED
-    return was_model_being_learned and next_step == PLAIN_FLY_ON
+    return next_step.without_measurements == printed_step.without_measurements
 
 
 def _is_flight_still_unjudged(status: SessionStatus) -> bool:
@@ -835,17 +805,40 @@ def _is_recent(print_time: float) -> bool:
     return monotonic() - print_time <= ADVICE_SECONDS
 
 
-def _fault_of_earlier_flight(status: SessionStatus) -> str:
-    """Returns a sentence on a fault that an earlier flight of the session has shown; empty without one.
+def _fault_of_earlier_flight(status: SessionStatus) -> Fact | None:
+    """Returns the fault of an earlier flight that a line states; None without one.
+
+    On the ground that is the verdict on an earlier flight of the session, where it is the headline. Otherwise it is the
+    warning that a fault may not have been repaired since.
 
     Args:
         status: State of the live session.
     """
     headline = status.session_judgement.headline
-    if headline.code is SessionFact.FLIGHT_VERDICT:
-        # On the ground, how an earlier flight was judged may be the headline of the session.
-        return headline_text(headline)
-    return unrepaired_fault_text(status)
+    return headline if headline.code is SessionFact.FLIGHT_VERDICT else status.unrepaired_fault
+
+
+def _text_of_earlier_fault(fault: Fact) -> str:
+    """Returns the line on a fault of an earlier flight; what to do about one that is the headline is the next step."""
+    if fault.code is SessionFact.FLIGHT_VERDICT:
+        return headline_text(fault)
+    return fault.sentence_and_remedy
+
+
+def _key_of_earlier_fault(fault: Fact, *, is_in_flight: bool) -> Hashable:
+    """Returns what tells two lines on earlier flights apart: kind of fault, flight, and whether the vehicle flies now.
+
+    Further words on the same fault, once its recording is judged, are no news.
+
+    Args:
+        fault: The fault as :func:`_fault_of_earlier_flight` returns it.
+        is_in_flight: Whether the vehicle flies now.
+    """
+    finding = fault
+    if fault.code is SessionFact.UNREPAIRED_FAULT:
+        finding = fault.figures["reason"]
+    flight = finding.figures.get("number", finding.figures.get("address"))
+    return (finding.code, flight, is_in_flight)
 
 
 def _watch_facts_without_alarm(status: SessionStatus) -> Facts:
@@ -1029,14 +1022,14 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     for sentence in render_section("live_status", status=status, time=clock.unix_time()):
         sentences.append(escape_unprintable(sentence.text))
     reason = status.no_model_reason
-    if reason is not None:
-        # After a landing another take-off is the pilot's choice, and the table shows the flight before.
-        is_after_landing = reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
-        if status.is_switched_off:
-            # Nobody need check the link of a vehicle that is switched off after its landing.
-            reason = reason.replace(is_after_landing=True)
-        if not is_after_landing:
-            sentences.append(_unstated_reason(reason, judgement.headline, judgement_text))
+    # After a landing another take-off is the pilot's choice, and the table shows the flight before.
+    is_after_landing = (
+        reason is not None and reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
+    )
+    # Nobody need check the link of a vehicle that was switched off after its landing.
+    is_normal = is_after_landing or status.is_switched_off
+    if reason is not None and not is_normal:
+        sentences.append(_unstated_reason(reason, judgement.headline, judgement_text))
     sentences = [text for text in sentences if text and text not in judgement_text]
     # The first sentence of the section, on the learning, is always there.
     return StatusTexts(

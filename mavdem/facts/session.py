@@ -59,6 +59,7 @@ class LinkFact(Code):
 class VehicleFact(Code):
     """Which vehicles are on a link, and which of them is followed."""
 
+    LISTENING = "listening"
     NO_VEHICLE_YET = "no_vehicle_yet"
     NO_MULTIROTOR_YET = "no_multirotor_yet"
     CHOOSE_VEHICLE = "choose_vehicle"

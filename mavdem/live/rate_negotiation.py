@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from math import inf
 
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.payloads import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
@@ -146,8 +146,8 @@ class RateNegotiation:
 
         Args:
             is_silent: whether the vehicle has sent nothing for some seconds.
-            is_flying: whether it flies, as far as is known. A silent one that does not is switched off. It cannot
-                confirm anything, and has its own rates again when it is switched on.
+            is_flying: whether it flies, as far as is known. A silent one that does not is switched off: nothing is
+                reported, since it cannot confirm anything, and has its own rates again when it is switched on.
         """
         request = self._request
         if request is None:
@@ -155,7 +155,6 @@ class RateNegotiation:
         frames = request.restoring_frames()
         if is_silent and not is_flying and frames:
             self._intake.send(frames)
-            self._log(Fact(RateFact.RATES_NOT_RESTORED, Level.UNKNOWN, is_on_ground=True))
             return
         if not self._intake.is_lost:
             for _ in range(MAX_TRIES):

@@ -798,12 +798,14 @@ class LiveSession:
         """
         # The first model is there as soon as the first fit, which was the reason until now, has ended.
         is_first_model = reason is None and former_reason == FIRST_FIT_RUNNING
+        # That it listens is printed when a session starts, and later which vehicle was found, or that none was.
+        is_listening = reason is not None and reason.code is VehicleFact.LISTENING
         # While a vehicle is out of control in the air, its alarm is reported, and learning does not matter.
         is_out_of_control = status.is_flying and status.loss is not None
         # After a landing, the report on the flight says that it is over; after a loss nobody is asked to take off.
         is_not_flying = reason is not None and reason.code is SessionFact.NOT_FLYING
         is_reported_landing = status.is_after_flight and is_not_flying
-        return is_first_model or is_out_of_control or is_reported_landing
+        return is_first_model or is_listening or is_out_of_control or is_reported_landing
 
     @property
     def status(self) -> SessionStatus:

@@ -78,6 +78,7 @@ VERDICTS_ON_FLIGHT = (HeadlineCode.NOTHING_WRONG, SessionFact.RECORDING_JUDGED)
 NOT_RECEIVED_CODES = (
     LinkFact.CONNECTION_LOST,
     RowsFact.NOTHING_RECEIVED,
+    VehicleFact.LISTENING,
     VehicleFact.NO_VEHICLE_YET,
     VehicleFact.CHOOSE_VEHICLE,
     VehicleFact.NO_MULTIROTOR_YET,
@@ -118,6 +119,10 @@ STEPS_TO_THE_GROUND = (
     NextStep.FLY_BY_SIGHT,
 )
 """Next steps in flight that end it, or let the pilot watch the vehicle itself: none of them lets it fly on."""
+
+AUTOMATIC_DISARM_SECONDS = 10.0
+"""Time after a landing in which an autopilot disarms its vehicle, s: the default of ArduPilot's DISARM_DELAY. That of
+PX4's COM_DISARM_LAND is 2 s."""
 
 LOG_KEEPING_STEPS = (NextStep.KEEP_LOG, NextStep.KEEP_MODEL)
 """Next steps after a flight without fault that need a log of it."""
@@ -541,8 +546,15 @@ class SessionStatus(ImmutableResult):
             return Fact(WatchFact.MOTORS_JUST_STOPPED)
         is_armed = self.state is not None and self.state.is_armed
         if is_armed and self.is_armed_since_landing:
-            return Fact(WatchFact.ARMED_AFTER_LANDING)
+            return Fact(WatchFact.ARMED_AFTER_LANDING, awaits_disarming=self._awaits_disarming)
         return None
+
+    @property
+    def _awaits_disarming(self) -> bool:
+        """Whether the vehicle has landed so lately that its autopilot may still disarm it without the pilot."""
+        if self.landing_time is None:
+            return False
+        return self.boot_clock - self.landing_time < AUTOMATIC_DISARM_SECONDS
 
     @property
     def is_in_flight(self) -> bool:
@@ -1683,11 +1695,11 @@ class SessionStatus(ImmutableResult):
 
     @property
     def are_alarms_late(self) -> bool:
-        """Whether a pilot must not rely on the alarms: they come late now, or came late in the last seconds.
+        """Whether a pilot must not rely on the alarms: they come late now, or came late in the last seconds of flight.
 
-        So the advice does not change each time that the analysis catches up for a moment.
+        So the advice in flight does not change each time that the analysis catches up for a moment.
         """
-        return self.is_late or (self.held_alarm_delay > 0.0 and not self.is_over)
+        return self.is_late or (self.held_alarm_delay > 0.0 and self.is_in_flight)
 
     @property
     def alarm_delay(self) -> float:

@@ -35,8 +35,8 @@ class SilenceMonitor:
         self.link_time = self.message_time
         self.noise_time = -inf
         self.motion_time = -inf
-        # When messages came again after the latest silence, s of the monotonic clock.
-        self._resumption_time = -inf
+        # When messages came first, or again after the latest silence, s of the monotonic clock.
+        self._reception_start = inf
         self.attitude_time = -inf
         self.outage: float | None = None
         self._was_flying = False
@@ -59,8 +59,8 @@ class SilenceMonitor:
             silence_seconds = first_arrival - self.message_time
         else:
             silence_seconds = 0.0
-        if silence_seconds > SILENCE_SECONDS:
-            self._resumption_time = first_arrival
+        if not self._has_received or silence_seconds > SILENCE_SECONDS:
+            self._reception_start = first_arrival
         self._has_received = True
         self.message_time = last_arrival
         self.link_time = last_arrival
@@ -111,6 +111,15 @@ class SilenceMonitor:
             now: present time, s of the monotonic clock.
         """
         return max(now - self.message_time, 0.0) if self._has_received else None
+
+    def has_received_for(self, seconds: float, now: float) -> bool:
+        """Returns whether messages have come for so long, without a silence in between, as would show who sends them.
+
+        Args:
+            seconds: the duration, s.
+            now: present time, s of the monotonic clock.
+        """
+        return now - self._reception_start >= seconds
 
     def motion_age(self, now: float) -> float | None:
         """Returns the time since the last attitude or motor outputs of the followed vehicle, s; None before any.
@@ -179,7 +188,7 @@ class SilenceMonitor:
         missing = None
         if self.message_time < silent_since:
             missing = MissingMessages.MESSAGES
-        elif has_had_motion and max(self.motion_time, self._resumption_time) < silent_since:
+        elif has_had_motion and max(self.motion_time, self._reception_start) < silent_since:
             missing = MissingMessages.MOTION
         if missing is None:
             return None

@@ -18,6 +18,9 @@ from mavdem.live.stream import LiveStream
 from mavdem.live.time_account import AccountedState, TimeAccount
 from mavdem.live.watch_list import not_watched
 
+SEARCH_SECONDS = 5.0
+"""Time with messages after which no vehicle counts as found, s: five times the period of HEARTBEAT."""
+
 
 @dataclass
 class StatusReport:
@@ -81,7 +84,7 @@ class StatusReport:
             postponed_rows=self.flight.postponed_rows,
             settled_seconds=self.flight.settled_seconds,
             latency=self.flight.latencies.latency,
-            no_model_reason=status.no_model_reason or no_learning_reason,
+            no_model_reason=self._reason_of_stream(status) or no_learning_reason,
             state=self.stream.vehicle_state(),
             message_age=message_age,
             motion_age=self.silence.motion_age(self.intake.read_until),
@@ -97,6 +100,21 @@ class StatusReport:
         if silence is not None:
             status = self._status_of_silent_link(status, silence)
         return status
+
+    def _reason_of_stream(self, status: SessionStatus) -> Fact | None:
+        """Returns why the stream of messages gives no samples to learn from; None if it gives them.
+
+        That no vehicle is found counts only after ``SEARCH_SECONDS`` of messages: until then the session listens.
+
+        Args:
+            status: status of the stream.
+        """
+        reason = status.no_model_reason
+        is_no_vehicle_found = reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET
+        has_searched = self.silence.has_received_for(SEARCH_SECONDS, self.intake.read_until)
+        if is_no_vehicle_found and not has_searched:
+            return Fact(VehicleFact.LISTENING)
+        return reason
 
     def _status_of_silent_link(self, status: SessionStatus, silence: Fact) -> SessionStatus:
         """Corrects a status for a silent link: the rest of the session does not notice that no messages come.

@@ -438,19 +438,6 @@ def _details_of_fault(fault: Fact) -> str:
     return details
 
 
-def unrepaired_fault_text(status: SessionStatus) -> str:
-    """Returns the line on a fault of an earlier flight that may not have been repaired, and what to do about it.
-
-    Args:
-        status: state of the session. It has no such fault if the headline states that already.
-
-    Returns:
-        The sentences; empty without such a fault.
-    """
-    fault = status.unrepaired_fault
-    return "" if fault is None else fault.sentence_and_remedy
-
-
 def unrepaired_fault_beside_next_step(status: SessionStatus) -> str:
     """Returns what to say of a fault of an earlier flight below the headline and the next step of a session.
 

@@ -70,7 +70,12 @@ fades, is mostly back before.
 """
 
 NO_VEHICLE_CODES = frozenset(
-    {LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED, VehicleFact.NO_VEHICLE_YET}
+    {
+        LinkFact.CONNECTION_LOST,
+        RowsFact.NOTHING_RECEIVED,
+        VehicleFact.LISTENING,
+        VehicleFact.NO_VEHICLE_YET,
+    }
 )
 """Reasons for learning no model with which no vehicle has been received on the link yet."""
 

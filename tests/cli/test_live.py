@@ -96,7 +96,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     )
     captured = capsys.readouterr()
     document = strict_json(captured.out)
-    assert document["model"] is None and document["obstacle"].startswith("No vehicle found yet.")
+    assert document["model"] is None and document["obstacle"].startswith("No vehicle yet")
     assert (
         "The model is lost" in captured.err
         and "The page is lost" in captured.err

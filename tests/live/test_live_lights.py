@@ -895,6 +895,10 @@ def test_a_vehicle_whose_motors_have_just_stopped_is_not_called_sound():
         is_armed_since_landing=True,
     )
     assert str(landed.overall_judgement.next_step) == "Disarm it.", "it may still topple over"
+    just_landed = replace(landed, landing_time=60.0, boot_clock=62.0)
+    assert str(just_landed.overall_judgement.next_step) == "Keep clear: it may disarm itself."
+    long_landed = replace(just_landed, boot_clock=71.0)
+    assert str(long_landed.overall_judgement.next_step) == "Disarm it."
     rearmed = replace(landed, is_armed_since_landing=False)
     assert rearmed.overall_judgement.headline.is_good, "it is about to begin another flight"
     disarmed = replace(landed, state=VehicleState("Land", is_armed=False))

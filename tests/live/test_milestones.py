@@ -41,7 +41,6 @@ from mavdem.report.live import (
     closing_lines,
     headline_and_next_step,
     unrepaired_fault_beside_next_step,
-    unrepaired_fault_text,
     verdict_on_present_flight,
 )
 from mavdem.report.templates import as_clause, headline
@@ -116,7 +115,9 @@ def test_a_landing_reports_what_the_flight_has_shown():
     assert sentence.startswith(f"Landed at 40 s. {headline(verdict)} Mean wind not known. Roll: ")
     assert "Roll: control effectiveness 2.86" in sentence
     # An all-clear waits for the recording, where that will be judged.
-    assert str(facts[1].replace(margins_follow=True)).startswith("Landed at 40 s. Not judged yet. ")
+    assert str(facts[1].replace(margins_follow=True)).startswith(
+        "Landed at 40 s. Not judged yet. Its recording is judged next. "
+    )
     milestones.report_end(learning, status, 41.0, None)
     assert len(facts) == 2, "a flight is reported once"
     assert sentence.endswith(", margins not known.")
@@ -298,7 +299,7 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     # It leads while the vehicle lands, too, and changes nothing of what to do then.
     landing = replace(flying, state=VehicleState("Land", lands_by_itself=True)).session_judgement
     assert landing.headline == headline and landing.next_step.code is NextStep.LET_LAND
-    text = unrepaired_fault_text(flying)
+    text = flying.unrepaired_fault.sentence_and_remedy
     assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
         "If that was not repaired, land."
     )
@@ -307,11 +308,12 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     fault_alone = unrepaired_fault_beside_next_step(warned)
     assert text == f"{fault_alone} If that was not repaired, land."
     # The status of the first second of a flight comes before that flight has a verdict.
-    assert unrepaired_fault_text(replace(flying, verdicts=milestones.verdicts[:1])) == text
+    after_first_flight = replace(flying, verdicts=milestones.verdicts[:1])
+    assert after_first_flight.unrepaired_fault.sentence_and_remedy == text
     landed = replace(flying, is_flying=False)
     judgement = landed.session_judgement
     assert judgement.headline == verdict.fact and str(judgement.next_step) == advice
-    assert judgement.headline.is_bad and not unrepaired_fault_text(landed)
+    assert judgement.headline.is_bad and landed.unrepaired_fault is None
     # All verdicts, and last the one next step, that of the worst flight.
     first_line, _, next_step = closing_lines(landed)
     assert [first_line, next_step] == headline_and_next_step(judgement)
@@ -320,7 +322,7 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     judgement = ended.session_judgement
     assert judgement.headline.is_bad and judgement.headline.figures["cause"] == verdict.fact
     assert str(judgement.next_step) == f"Land by sight. After landing: {advice}"
-    assert not unrepaired_fault_text(ended)
+    assert ended.unrepaired_fault is None
     lines = closing_lines(ended)
     assert lines[0] == "This session ended in flight: no alarm comes any more."
     assert lines[1] == f"Next: Land by sight. After landing: {advice}"
@@ -338,7 +340,7 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     # A fault of the latest flight that is as bad comes first, and the earlier one is not forgotten.
     both = replace(flying, is_flying=False, worst_lights=weak)
     assert both.session_judgement == both.overall_judgement
-    assert unrepaired_fault_text(both).endswith(f"If that was not repaired: {advice}")
+    assert both.unrepaired_fault.remedy.endswith(f"If that was not repaired: {advice}")
 
 
 def test_a_crash_before_the_session_is_not_forgotten_in_its_first_flight():

@@ -140,7 +140,7 @@ def test_a_page_states_a_weak_motor_in_its_headline_and_the_details_in_its_event
     landed = replace(flying, is_flying=False, active_alarms=())
     page = live_page("udp", "roll", history, landed, account, None)
     assert page.index("Landed at") < page.index("Earlier events")
-    assert "Landed at 70 s. Mean wind" in page
+    assert "Landed at 70 s. Its recording is judged next. Mean wind" in page
 
 
 def test_a_telephone_always_shows_mode_height_battery_satellites_and_link():

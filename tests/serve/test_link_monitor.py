@@ -51,7 +51,6 @@ from mavdem.report.live import (
     headline_reason,
     moment_text,
     statement_of_repair,
-    unrepaired_fault_text,
     verdict_on_present_flight,
 )
 from mavdem.report.pages import flight_page
@@ -420,6 +419,12 @@ def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_
     assert [str(event.fact) for event in told] == ["Motor 1 lost thrust."]
 
 
+def _warning_in(status):
+    """Returns the warning of a fault of an earlier flight in a status, with what to do; empty without one."""
+    fault = status.unrepaired_fault
+    return "" if fault is None else fault.sentence_and_remedy
+
+
 @mark.slow
 def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(idle, monkeypatch):
     """So it does on the page and the terminal, but not of another one. What allows flight stands in the next."""
@@ -451,7 +456,7 @@ def test_a_fault_in_the_log_of_an_earlier_flight_stands_in_all_later_sessions(id
         live._watch_session(session)
         (shown,) = live._report_status.call_args.args
         assert live_pages.live_page.call_args.args[3] == shown
-        return unrepaired_fault_text(shown)
+        return _warning_in(shown)
 
     session.stream.followed_vehicle = copter
     live._store_recording(session, Mock(path="gain"))
@@ -560,7 +565,7 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
         assert stated_fault.lead == "Earlier flight (2026-11-28 09:15 UTC): motor 3 lost thrust."
         # No card repeats the headline; the button that says so names the flight.
         head = flight_page._live_head(LiveHistory(), status, [], None)
-        assert head.earlier_fault == ""
+        assert head.unrepaired_fault == ""
         flight = "the flight of 2026-11-28 09:15 UTC"
         assert head.statement_of_repair == f"The vehicle was repaired or inspected after {flight}"
         assert step.text == "Do not fly before it is inspected."
@@ -641,7 +646,7 @@ def test_the_next_flight_names_a_flight_whose_end_was_not_received(idle, monkeyp
         session.stream.followed_vehicle = copter
         live._store_recording(session, Mock(path=path))
         session.status = SessionStatus("1:1", is_flying=True, flight_number=1)
-        return unrepaired_fault_text(live._shown_status(session))
+        return _warning_in(live._shown_status(session))
 
     monkeypatch.setattr(link_monitor, "_finished_page", Mock(return_value=""))
     assert fault_after("lost", lost) == (

@@ -1353,10 +1353,6 @@ def _live_head(
     fault_in_full = ""
     if reasons or is_event_listed:
         fault_in_full = cause_of_alarm(judgement_with_reason.headline).sentence
-    # On the ground a fault of an earlier flight stands below the next step (:func:`_sentences_on_earlier_fault`).
-    unrepaired_fault = ""
-    if status.is_in_flight:
-        unrepaired_fault = unrepaired_fault_beside_next_step(status)
     return Head(
         judgement.headline.level,
         lights_with_reason_once(judgement.lights),
@@ -1374,9 +1370,9 @@ def _live_head(
         reasons=reasons,
         fault_in_full=fault_in_full,
         are_lights_of_recording=_are_lights_of_recording(judgement.lights),
-        unrepaired_fault=unrepaired_fault,
+        unrepaired_fault=unrepaired_fault_beside_next_step(status),
         page_of_earlier_fault=_page_of_earlier_fault(status),
-        earlier_fault="" if unrepaired_fault else _earlier_fault(status),
+        level_of_earlier_fault=_level_of_earlier_fault(status),
         statement_of_repair=_statement_of_repair(status),
         vehicle_state=vehicle_state_cells(status) if goes_on else (),
         last_position=_position_of_lost_vehicle(status),
@@ -1406,7 +1402,6 @@ def _live_summary(status: SessionStatus, saved_flight: PageLink | None) -> list[
     if str(judgement.next_step) != str(judgement.headline):
         next_step = _next_step_with_link(sentences.next_step, judgement, saved_flight)
         summary += _sentences_on_next_step(next_step)
-    summary += _sentences_on_earlier_fault(status)
     verdict_on_flight = verdict_on_present_flight(status)
     if verdict_on_flight:
         summary.append(Sentence(verdict_on_flight))
@@ -1454,33 +1449,6 @@ def _next_step_with_link(
     return next_step
 
 
-def _sentences_on_earlier_fault(status: SessionStatus) -> list[Sentence]:
-    """Returns two sentences on a fault of an earlier flight that may not have been repaired: the fault and its remedy.
-
-    They are for the top of a live page, whose reader is to repair the fault before the take-off.
-
-    Args:
-        status: state of the session now, or at its end.
-
-    Returns:
-        The sentences. Empty without such a fault, if the next step states it, and in flight, when the page shows it
-        below the status lights.
-    """
-    # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import states_unrepaired_fault
-
-    fault = status.unrepaired_fault
-    if fault is None or status.is_in_flight:
-        return []
-    if states_unrepaired_fault(status.session_judgement.next_step):
-        return []
-    address = _address_of_earlier_flight(fault)
-    return [
-        Sentence(fault.sentence, level=Level.WATCH, address=address),
-        Sentence(fault.remedy, level=Level.WATCH),
-    ]
-
-
 def _are_lights_of_recording(lights: NamedFacts) -> bool:
     """Returns whether the lights of a session, facts by name, are those of its recording, where that has judged any."""
     return any(light.code is SessionFact.LIGHT_OF_RECORDING for light in lights.values())
@@ -1496,20 +1464,15 @@ def _page_of_earlier_fault(status: SessionStatus) -> str:
     return "" if fault is None else _address_of_earlier_flight(fault)
 
 
-def _earlier_fault(status: SessionStatus) -> str:
-    """Returns the sentence on a fault of an earlier flight that may not have been repaired.
+def _level_of_earlier_fault(status: SessionStatus) -> Level:
+    """Returns the level of a fault of an earlier flight that may not have been repaired: bad if it forbids to fly.
 
     Args:
         status: state of the session now, or at its end.
-
-    Returns:
-        The sentence, with all details; empty without such a fault, and if the top of the page has it already.
     """
     fault = status.unrepaired_fault
-    is_headline = status.session_judgement.headline.code is SessionFact.UNREPAIRED_FAULT
-    if fault is None or is_headline or _sentences_on_earlier_fault(status):
-        return ""
-    return fault.sentence
+    forbids_flight = fault is not None and fault.figures["reason"].forbids_flight
+    return Level.BAD if forbids_flight else Level.WATCH
 
 
 def _statement_of_repair(status: SessionStatus) -> str:

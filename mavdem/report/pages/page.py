@@ -414,14 +414,14 @@ class Head(NamedTuple):
 
     unrepaired_fault: str = ""
     """The fault of an earlier flight of that session that may not have been repaired, and what to do about it; empty
-    without one."""
+    without one, and if the headline states it."""
 
     page_of_earlier_fault: str = ""
     """Address of that earlier flight's page on the server, which can store that the fault was repaired; empty if no
     page is there, or nobody can ask for that any more."""
 
-    earlier_fault: str = ""
-    """The date of that flight and its fault in one sentence; empty where ``unrepaired_fault`` states them."""
+    level_of_earlier_fault: Level = Level.WATCH
+    """Level of that fault: bad if it forbids to fly."""
 
     statement_of_repair: str = ""
     """What a user states with the button that ends the warning of that fault: which motor was repaired after which
