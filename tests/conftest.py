@@ -47,22 +47,30 @@ def pytest_addoption(parser):
     parser.addoption(
         "--in-full",
         action="store_true",
-        help="compare figures of many more flights and all pictures, and check all logs",
+        help="also run validations, compare figures of many more flights and all pictures, check all logs",
     )
 
 
-SLOW_FILE = re.compile(r"^pytestmark = .*\bmark\.slow\b", re.MULTILINE)
-"""The mark of a file whose tests are all slow."""
+FILE_MARKS = re.compile(r"^pytestmark = (.*)$", re.MULTILINE)
+"""The marks that all tests of a file have."""
+
+
+def marks_left_out(config):
+    """Returns the marks whose tests this run leaves out: ``["in_full"]``, for example."""
+    marks = [] if config.option.in_full else ["in_full"]
+    return [*marks, "slow"] if config.option.markexpr == "not slow" else marks
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Leaves out files of slow tests where slow tests are left out: each worker would import them for nothing.
+    """Returns True for a file whose tests are all left out: each worker would import it for nothing.
 
     Returns None, which leaves the choice to pytest, for all others.
     """
-    if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
+    if collection_path.suffix != ".py":
         return None
-    return True if SLOW_FILE.search(collection_path.read_text("utf-8")) else None
+    file_marks = FILE_MARKS.findall(collection_path.read_text("utf-8"))
+    are_left_out = any(f"mark.{mark}" in str(file_marks) for mark in marks_left_out(config))
+    return True if are_left_out else None
 
 
 def one_at_a_time(config, name, *, is_stored):
@@ -106,7 +114,17 @@ def pytest_collection_modifyitems(config, items):
     with one_at_a_time(config, "constants", is_stored=CONSTANTS_ARE_STORED):
         result = yield
     items.sort(key=lambda item: item.path.parent != TESTS)
+    leave_out_validations(config, items)
     return result
+
+
+def leave_out_validations(config, items):
+    """Removes the tests with the mark ``in_full`` from ``items`` unless the run has the option ``--in-full``."""
+    if config.option.in_full:
+        return
+    validations = {item for item in items if item.get_closest_marker("in_full")}
+    items[:] = [item for item in items if item not in validations]
+    config.hook.pytest_deselected(items=[*validations])
 
 
 def pytest_collection_finish():

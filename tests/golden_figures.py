@@ -34,9 +34,15 @@ def figures(document):
     return values_by_name
 
 
+def compares_in_full(config):
+    """Returns whether ``--in-full`` was given, and figures of before lie in build/golden or are now written there."""
+    option = config.option
+    return option.in_full and (option.write_golden or FULL_GOLDEN.is_dir())
+
+
 def hold(name, values_by_name, request):
     """Compares figures with stored ones of a name, or stores them if the option ``--write-golden`` is given."""
-    folder = FULL_GOLDEN if request.config.getoption("--in-full") else GOLDEN
+    folder = FULL_GOLDEN if compares_in_full(request.config) else GOLDEN
     path = folder / f"{name}.json"
     durations = [key for key in values_by_name if TIMES.fullmatch(key)]
     assert all(0 <= seconds < 3600 for key in durations for seconds in values_by_name[key])

@@ -1,7 +1,7 @@
 """Figures of whole flights beside those of before: a sign, a unit or a threshold that changes shows in some of them.
 
 ``--write-golden`` writes them, to be compared before they are kept. With ``--in-full`` figures of many more flights are
-compared with those that both options together wrote into build/golden, by another version.
+compared with those that both options together wrote into build/golden, by another version, where there are any.
 """
 
 import re
@@ -14,9 +14,9 @@ from unittest.mock import Mock
 
 import numpy as np
 from command_line import run, strict_json
-from golden_figures import figures, hold
+from golden_figures import compares_in_full, figures, hold
 from pyarrow.types import is_duration, is_fixed_size_list, is_floating, is_list
-from pytest import mark
+from pytest import mark, param
 from recorded_flights import LOGS, shared
 from rerun_file import chunks
 from standin_logs import InThisProcess
@@ -35,22 +35,25 @@ STYLE = re.compile(
 )
 NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?(?:e-\d+)?)")
 FLIGHTS = {
-    # A crash, a lost motor of four and of six, and a propeller whose tip is cut.
-    "real/logs/crash_motor2_mechanical.bin": ["review", "> review"],
+    # A lost motor of four and of six.
     "real/logs/px4_motor_failure.ulg": ["review"],
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
-    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
     # What is learned.
     "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert"],
     # What is in logs of slow streams and of a short flight.
     "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
     "real/logs/low_flight_climb_channel_zero.tlog": ["info"],
     "logs/pyulog_sample.ulg": ["review"],
-    # Simulated flights, live and from their log.
+}
+"""What is run of each log. Of a command after ">" it is what stands on its screen."""
+LONG_FLIGHTS = {
+    # A crash, and a propeller whose tip is cut.
+    "real/logs/crash_motor2_mechanical.bin": ["review", "> review"],
+    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
+    # A scenario's flight, which the commands after the first read, live and from its log.
     "ardupilot_steps": ["fly", "wind", "live", "> info --verbose"],
 }
-"""What is run of each log; a name without an ending is that of a scenario, and what is flown is read by the commands
-after it. Of a command after ">" it is what stands on its screen."""
+"""What only ``--in-full`` runs, and compares with stored figures, too."""
 MORE_FLIGHTS = {
     "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": [
         "track",
@@ -98,7 +101,7 @@ MORE_FLIGHTS = {
     "wind_turns": ["fly", "wind", "> wind --verbose"],
     "iris_gusts": ["fly", "learn"],
 }
-"""Flights, and commands of a flight, whose figures only ``--in-full`` compares: they take minutes."""
+"""Flights, and commands of a flight, whose figures are compared with those in build/golden: they take minutes."""
 SCENARIOS = {"calm": 16, "crazyflie_gusts": 16, "lossy_link": 16, "paper_5": 16}
 """For how long each scenario is flown, s."""
 MORE_SCENARIOS = {
@@ -126,12 +129,12 @@ MORE_SCENARIOS = {
     "wind_legs": 95,
     "wind_turning": 60,
 }
-"""Scenarios that ``--in-full`` compares besides or for longer, and for how long each is flown, s."""
+"""Scenarios whose figures are compared with those in build/golden, and for how long each is flown, s."""
 FLOWN = "flown.tlog"
 FLIGHT_SECONDS, FULL_FLIGHT_SECONDS = 46, 60
-"""For how long is flown what other commands then read, s, and with ``--in-full``; a wind needs 30 s of hover."""
+"""For how long is flown what other commands then read, s, and for build/golden; a wind needs 30 s of hover."""
 LIVE_SECONDS = 22
-"""For how long a session listens to that flight, s, unless ``--in-full``: a first model comes after about 12 s."""
+"""For how long a session listens to that flight, s, unless for build/golden: a first model comes after about 12 s."""
 TICK = 0.06  # Seconds from one look at the link to the next.
 OPTIONS = {
     "review": ["--out", "out", "--rrd"],
@@ -253,11 +256,15 @@ def by_the_log(monkeypatch, seconds):
 
 
 def pytest_generate_tests(metafunc):
-    """The flights of the tests: few, and with ``--in-full`` all."""
-    in_full = metafunc.config.getoption("--in-full")
+    """The flights of the tests: few, with ``--in-full`` the long ones, and for build/golden all."""
+    in_full = compares_in_full(metafunc.config)
     if "log" in metafunc.fixturenames:
-        flights = FLIGHTS | (MORE_FLIGHTS if in_full else {})
-        metafunc.parametrize("log, commands", flights.items(), ids=flights)
+        flights = FLIGHTS | LONG_FLIGHTS | (MORE_FLIGHTS if in_full else {})
+        cases = [
+            param(log, commands, marks=mark.in_full if log in LONG_FLIGHTS else ())
+            for log, commands in flights.items()
+        ]
+        metafunc.parametrize("log, commands", cases, ids=flights)
     if "scenario" in metafunc.fixturenames:
         scenarios = SCENARIOS | (MORE_SCENARIOS if in_full else {})
         metafunc.parametrize("scenario, seconds", scenarios.items(), ids=scenarios)
@@ -274,7 +281,7 @@ def test_the_figures_of_a_flight_are_those_of_before(
         Path(log).symlink_to(sample)  # A command in a next step contains this name.
     elif sample.suffix:
         flights = [shared(name) for name in log.split()]
-    in_full = request.config.getoption("--in-full")
+    in_full = compares_in_full(request.config)
     if "live" in commands:
         by_the_log(monkeypatch, inf if in_full else LIVE_SECONDS)
     # Another process would take a second to import what reads logs, and keep nothing for the next command.
