@@ -167,8 +167,8 @@ class NamedPlace(NamedTuple):
     name: str
     """The place: "the take-off" or "home"."""
 
-    distance: float
-    """Horizontal distance from it, m."""
+    distance: float | None
+    """Horizontal distance from it, m; None if only the height is known."""
 
     height: float
     """Height above it, m."""

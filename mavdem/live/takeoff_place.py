@@ -10,10 +10,10 @@ from mavdem.witnesses.sensors import POSSIBLE_PRESSURE, standard_altitude
 
 
 class Displacement(NamedTuple):
-    """How far a vehicle is from the place of its take-off."""
+    """How far a vehicle is from a place, such as that of its take-off."""
 
-    distance: float
-    """Horizontal distance, m."""
+    distance: float | None
+    """Horizontal distance, m; None where only the height is known."""
 
     height: float
     """Height above that place, m."""
@@ -45,14 +45,17 @@ class Place(NamedTuple):
 def displacement_from_home(
     home: GlobalPosition | None, position: GlobalPosition | None
 ) -> Displacement | None:
-    """Returns how far a vehicle is from its home position; None if one of the two is not known.
+    """Returns how far a vehicle is from its home position; None if its height above that is not known.
 
     Args:
-        home: the home position, which the autopilot has set before the take-off.
+        home: the home position, which the autopilot has set before the take-off; None where it did not come. Then the
+            distance is not known.
         position: position of the vehicle, with its height above the home position.
     """
-    if home is None or position is None or position.height is None:
+    if position is None or position.height is None:
         return None
+    if home is None:
+        return Displacement(None, position.height)
     distance = horizontal_distance(
         np.array([home.latitude, home.longitude]), np.array([position.latitude, position.longitude])
     )

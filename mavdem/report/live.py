@@ -375,17 +375,17 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
     return [headline_text, f"{NEXT_STEP_LEAD}{next_step}"]
 
 
-def headline_reason(judgement: Judgement, *, is_event_listed: bool = False) -> list[Sentence]:
+def headline_reason(judgement: Judgement, *, are_details_stated: bool = False) -> list[Sentence]:
     """Returns the sentences below the headline of a live page: where a lost vehicle was, and why an alarm was raised.
 
     Args:
         judgement: headline, next step and status lights of the vehicle in a live session.
-        is_event_listed: whether the page lists the event that reported the fault of the headline, with its details.
+        are_details_stated: whether the page states the details of that fault elsewhere, such as in a list of events.
 
     Returns:
         - After a lost link in flight, the last known position.
-        - If a fault of this flight is the reason for the headline, what shows the fault: measurements or, if no event
-          states them, its details.
+        - If a fault of this flight is the reason for the headline, what shows the fault: measurements or, if nothing
+          else states them, its details.
 
         Empty in other cases.
     """
@@ -401,7 +401,7 @@ def headline_reason(judgement: Judgement, *, is_event_listed: bool = False) -> l
         measurements = headline_evidence(fault, judgement.lights)
         if measurements:
             sentences += measurements
-        elif not is_event_listed:
+        elif not are_details_stated:
             sentences += _details_as_reason(fault)
     return sentences
 

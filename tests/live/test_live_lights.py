@@ -241,7 +241,7 @@ def test_alarms_that_come_late_are_the_headline_and_leave_no_light_good(slow):
     battery = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
     late = replace(slow, no_model_reason=None, analysis_delay=4.0, worst_lights=battery)
     judgement = late.overall_judgement
-    assert str(judgement.headline).startswith("This computer is up to 4.0 s behind the vehicle: ")
+    assert str(judgement.headline).startswith("This computer is up to 4 s behind the vehicle: ")
     assert judgement.headline.level is Level.WATCH
     assert not any(light.is_good for light in judgement.lights.values())
     assert replace(late, analysis_delay=31.0).overall_judgement.headline.is_bad

@@ -15,7 +15,7 @@ from mavdem.facts.session import RowsFact
 from mavdem.live.link_loss import link_loss_fact
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_state import VehicleState
-from mavdem.report.live import vehicle_text
+from mavdem.report.live import status_line_text, vehicle_state_cells, vehicle_text
 
 pytestmark = mark.slow
 
@@ -153,7 +153,13 @@ def test_a_vehicle_that_was_met_in_flight_is_so_far_from_its_home_position():
     shown = replace(status, state=VehicleState("Guided"))
     assert "in flight 11 m from home and 10 m above it" in vehicle_text(shown)
     assert replace(status, is_flying=False).place_in_flight is None
-    assert replay(by_time(flight, [(18.0, own)])).stream.status().place_in_flight is None
+    # Without HOME_POSITION the height above it is known, and the distance from it is not.
+    only_height = replay(by_time(flight, [(18.0, own)])).stream.status()
+    assert only_height.place_in_flight == ("home", None, approx(10.0))
+    only_height = replace(only_height, state=VehicleState("Guided"))
+    assert "in flight 10 m above home, " in vehicle_text(only_height)
+    assert "in flight, 10 m above home; " in status_line_text(only_height)
+    assert ("10 m up", "above home") in [cell[:2] for cell in vehicle_state_cells(only_height)]
 
 
 def test_a_take_off_before_the_vehicle_is_followed_is_seen():

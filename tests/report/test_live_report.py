@@ -141,6 +141,18 @@ def test_a_page_states_a_weak_motor_in_its_headline_and_the_details_in_its_event
     page = live_page("udp", "roll", history, landed, account, None)
     assert page.index("Landed at") < page.index("Earlier events")
     assert "Landed at 70 s. Its recording is judged next. Mean wind" in page
+    # The verdict of the recording states the details in the headline, and no reason repeats them.
+    verdict = Fact(
+        SessionFact.RECORDING_JUDGED,
+        Level.BAD,
+        headline=weak_motor.sentence,
+        next_step=weak_motor.remedy,
+        levels=dict.fromkeys(Light, ""),
+        light_sentences={},
+    )
+    judged = replace(landed, is_over=True, recording_verdict=verdict)
+    page = live_page("udp", "roll", history, judged, account, None)
+    assert "Why:" not in page and "harder" in page
 
 
 def test_a_telephone_always_shows_mode_height_battery_satellites_and_link():

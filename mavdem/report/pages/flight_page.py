@@ -1347,12 +1347,16 @@ def _live_head(
     judgement = status.session_judgement
     goes_on = not status.is_over
     judgement_with_reason = _judgement_with_reason(status)
+    fault = cause_of_alarm(judgement_with_reason.headline)
     # The list of a session that is over states its events in short.
     is_event_listed = goes_on and any(page_event.is_headline for page_event in page_events)
-    reasons = _reasons_of_headline(status, is_event_listed=is_event_listed)
+    is_fault_in_headline = fault.sentence in headline(judgement.headline)
+    reasons = _reasons_of_headline(
+        status, are_details_stated=is_event_listed or is_fault_in_headline
+    )
     fault_in_full = ""
     if reasons or is_event_listed:
-        fault_in_full = cause_of_alarm(judgement_with_reason.headline).sentence
+        fault_in_full = fault.sentence
     return Head(
         judgement.headline.level,
         lights_with_reason_once(judgement.lights),
@@ -1537,7 +1541,7 @@ def _verdict_of_headline(status: SessionStatus) -> FlightVerdict | None:
     return verdict
 
 
-def _reasons_of_headline(status: SessionStatus, *, is_event_listed: bool) -> list[Sentence]:
+def _reasons_of_headline(status: SessionStatus, *, are_details_stated: bool) -> list[Sentence]:
     """Returns the sentences below the headline of a live page that explain it, mostly by measurements.
 
     A session may have several flights. If the headline is on an earlier one, which went worse than the latest, each
@@ -1545,13 +1549,13 @@ def _reasons_of_headline(status: SessionStatus, *, is_event_listed: bool) -> lis
 
     Args:
         status: state of the session now, or at its end.
-        is_event_listed: whether the page also lists the event that reported the fault of the headline. That event
-            has the details of the fault, which are then left out here.
+        are_details_stated: whether the page states the details of the fault elsewhere: in its headline, or in the list
+            of events.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import headline_reason
 
-    reasons = headline_reason(_judgement_with_reason(status), is_event_listed=is_event_listed)
+    reasons = headline_reason(_judgement_with_reason(status), are_details_stated=are_details_stated)
     earlier_verdict = _verdict_of_headline(status)
     if earlier_verdict is None:
         return reasons
