@@ -159,7 +159,8 @@ def test_a_vehicle_that_was_met_in_flight_is_so_far_from_its_home_position():
     only_height = replace(only_height, state=VehicleState("Guided"))
     assert "in flight 10 m above home, " in vehicle_text(only_height)
     assert "in flight, 10 m above home; " in status_line_text(only_height)
-    assert ("10 m up", "above home") in [cell[:2] for cell in vehicle_state_cells(only_height)]
+    height_cell = vehicle_state_cells(only_height)[1]
+    assert (height_cell.lead, height_cell.text) == ("10 m up", "above home")
 
 
 def test_a_take_off_before_the_vehicle_is_followed_is_seen():
