@@ -260,7 +260,9 @@ def test_the_headline_of_a_lost_link_is_short_and_where_it_was_stands_below():
     )
     judgement = replace(unjudged(loss), headline=loss)
     assert headline(loss) == "Link lost 12 s ago, in flight."
-    [last_seen] = headline_reason(judgement)
+    assert headline_reason(judgement) == [], "the bar of the page has height, distance and voltage"
+    over = replace(judgement, headline=loss.replace(is_over=True))
+    [last_seen] = headline_reason(over)
     assert last_seen.lead == "Last seen:"
     assert last_seen.text.startswith(
         "12 m above the take-off, 5 m from it, battery 11.1 V; no latitude and longitude"

@@ -650,7 +650,7 @@ def test_the_next_flight_names_a_flight_whose_end_was_not_received(idle, monkeyp
 
     monkeypatch.setattr(link_monitor, "_finished_page", Mock(return_value=""))
     assert fault_after("lost", lost) == (
-        "The end of the flight before was not received; its recording: the log ends in the air. "
+        "The end of the flight before was not received. "
         "If the vehicle was not inspected since, land."
     )
     # A flight that ended on the ground takes its place.
