@@ -14,6 +14,7 @@ from mavdem.cli.options import (
     WholeNumberRange,
     motion_options,
     sources_argument,
+    verbose_option,
     window_options,
 )
 from mavdem.cli.output import print_result, progress_bar
@@ -108,6 +109,7 @@ def _unknown_method_text(name: str) -> str:
     "which takes three times as long. "
     f"[default: {', '.join(method.name for method in STANDARD_METHODS)}]",
 )
+@verbose_option
 def compare_command(
     sources: Names,
     axis: str,
@@ -118,6 +120,7 @@ def compare_command(
     test: Length | None,
     hop: int | None,
     methods: Sequence[Method],
+    verbose: bool,
 ) -> None:
     """Compares forecasts with those of other methods, window by window.
 
@@ -128,8 +131,9 @@ def compare_command(
     --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
     methods that can. The report begins with the methods that have smaller errors than DEM's model and than the first
     method, with the p-values of paired tests, and how far ahead forecasts are useful. A table sums up RMSE, error ratio
-    (squared error over that of a constant forecast) and p; then come error ratios at all horizons. What each figure is
-    stands before its table. A run that is stopped, as by Ctrl-C, reports the windows that are done.
+    (squared error over that of a constant forecast) and p. With --verbose follow forecasts without the inputs, what
+    each figure is, and error ratios at all horizons. A run that is stopped, as by Ctrl-C, reports the windows that are
+    done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
@@ -170,9 +174,15 @@ def compare_command(
         "sources": compared_sources,
         "seconds": seconds,
         "planned_windows": len(windows),
+        "left_out": {source: str(error) for source, error in flights.excluded.items()},
     }
     is_complete = len(run.outcomes) == len(windows)
-    report = comparison_report(comparison, None if is_complete else len(windows), flights.excluded)
+    report = comparison_report(
+        comparison,
+        None if is_complete else len(windows),
+        flights.excluded,
+        verbose=verbose,
+    )
     print_result(document, report, as_json=as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")
     if run.exit_code != EXIT_DONE:

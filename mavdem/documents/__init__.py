@@ -38,7 +38,7 @@ DOCUMENTS = {
     "info": Published("inventory.Inventory", 10, "`--json` of info"),
     "wind": Published("wind.Wind", 9, "`--json` of wind"),
     "tune": Published("loops.Tune", 7, "`--json` of tune"),
-    "compare": Published("comparison.CompareReport", 7, "`--json` of compare"),
+    "compare": Published("comparison.CompareReport", 8, "`--json` of compare"),
     "order": Published("comparison.Order", 4, "`--json` of order"),
     "diff": Published("fleet.Diff", 11, "`--json` of diff"),
     "track": Published("fleet.Track", 10, "`--json` of track"),

@@ -19,6 +19,8 @@ class Paired(Document):
     """number of all pairs"""
     tested: int
     """number of pairs that do not overlap, which the test uses"""
+    tested_less: int
+    """number of these in which the first method's error is lower"""
     p_value: Number
     """two-sided p-value of Wilcoxon's paired signed-rank test on the logarithms of the error ratios"""
     verdict: SentenceText = Field(validation_alias="result")
@@ -200,6 +202,8 @@ class CompareReport(Comparison):
     """time that it took"""
     planned_windows: int
     """number of windows to compare; a run that was stopped has fewer"""
+    left_out: dict[str, SentenceText]
+    """why a log is not compared, by its path"""
 
 
 class Order(Document):

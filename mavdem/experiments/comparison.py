@@ -222,6 +222,14 @@ class Comparison:
         """
         return self._summaries[flight, kind]
 
+    def outcomes_of(self, method: str) -> tuple[Outcome, ...]:
+        """Returns the outcomes of a method, in the order of the windows.
+
+        Args:
+            method: name of the method.
+        """
+        return self._outcomes_by_method[method]
+
     @cached_property
     def _outcomes_by_method(self) -> dict[str, tuple[Outcome, ...]]:
         """The outcomes of each method, in the order of the windows."""

@@ -39,6 +39,8 @@ class Paired(NamedTuple):
     """number of all windows"""
     tested: int
     """number of windows that do not overlap, which the test uses"""
+    tested_less: int
+    """number of these in which our error is lower"""
     p_value: float
     """two-sided p-value of the test; 1 where there is no difference at all, or no window"""
 
@@ -78,13 +80,15 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
     log_ratios = _log_ratios(our_errors, their_errors)
     # The difference of two infinite logarithms is NaN: both errors are 0, or both infinite.
     log_ratios = np.where(np.isnan(log_ratios), 0.0, log_ratios)
+    is_lower = our_errors < their_errors
     count = len(our_errors)
     independent = np.arange(count) if windows is None else disjoint_windows(windows)
     return Paired(
         ratio=_median_ratio(log_ratios),
-        less=int((our_errors < their_errors).sum()),
+        less=int(is_lower.sum()),
         windows=count,
         tested=len(independent),
+        tested_less=int(is_lower[independent].sum()),
         p_value=_signed_rank_p_value(log_ratios[independent]),
     )
 
@@ -150,6 +154,8 @@ class TypicalRatio(NamedTuple):
     """typical ratio of our error to theirs, by the estimator of Hodges and Lehmann"""
     significant: float
     """ratio from which the test would call ours higher; infinity with fewer than ``MIN_PAIRS`` windows"""
+    sufficient_windows: int | None
+    """about how many windows like these would make the measured ratio significant; None if ours is not higher"""
 
 
 def typical_ratio(ours: ArrayLike, theirs: ArrayLike) -> TypicalRatio | None:
@@ -176,10 +182,15 @@ def typical_ratio(ours: ArrayLike, theirs: ArrayLike) -> TypicalRatio | None:
     estimate = np.median(pair_means)
     rank_sums = _count_of_significant_rank_sums(len(log_ratios))
     if rank_sums == 0:
-        return TypicalRatio(float(np.exp(estimate)), inf)
+        return TypicalRatio(float(np.exp(estimate)), inf, sufficient_windows=None)
     # The rank sum of negative differences is the number of negative means: it is significant if this one is positive.
     lower_end = pair_means[rank_sums - 1]
-    return TypicalRatio(float(np.exp(estimate)), float(np.exp(estimate - lower_end)))
+    half_width = estimate - lower_end
+    # The half width of a confidence interval is inversely proportional to the root of the number of windows.
+    sufficient_windows = None
+    if estimate > 0:
+        sufficient_windows = ceil(len(log_ratios) * (half_width / estimate) ** 2)
+    return TypicalRatio(float(np.exp(estimate)), float(np.exp(half_width)), sufficient_windows)
 
 
 def _count_of_significant_rank_sums(pairs: int) -> int:

@@ -27,6 +27,7 @@ from mavdem.experiments.useful_horizons import (
     horizon_uses,
 )
 from mavdem.experiments.window import Window, disjoint_windows
+from mavdem.experiments.worse_windows import worse_windows
 from mavdem.facts.forecasts import MethodName, TestResult
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
@@ -167,45 +168,81 @@ def comparison_report(
     comparison: Comparison,
     planned_windows: int | None = None,
     excluded: Mapping[str, Exception] = MappingProxyType({}),
+    *,
+    verbose: bool = True,
 ) -> Iterator[Block]:
     """Yields the report of a comparison of forecasting methods: who loses to whom, how far ahead, then the tables.
 
     All methods forecast with the recorded inputs of the test data, and some can also predict without them. Each of
-    these two kinds of forecast has its own sentences and tables. What the columns are stands before the tables.
+    these two kinds of forecast has its own sentences and tables; without ``verbose`` the first kind alone is reported,
+    in one table.
 
     Args:
         comparison: errors and paired tests of all methods; the first method is the one that the others are compared
             with.
         planned_windows: number of windows that were to be compared, if the run was stopped before; otherwise None.
         excluded: reason why a log is not compared, by its path.
+        verbose: whether all kinds, the definitions of the figures and the errors at all horizons are reported.
     """
-    kinds = [KNOWN_INPUTS]
-    if comparison.methods_of(UNKNOWN_INPUTS):
-        kinds.append(UNKNOWN_INPUTS)
+    kinds = _compared_kinds(comparison) if verbose else [KNOWN_INPUTS]
+    ranks_of_kinds = {kind: _method_ranks(comparison, kind) for kind in kinds}
     yield from render_section(
         "comparison_stopped", windows=len(comparison.windows), planned_windows=planned_windows
     )
-    for kind in kinds:
-        yield headline_sentence(_ranking_text(comparison, kind))
+    for kind, ranks in ranks_of_kinds.items():
+        yield headline_sentence(_ranking_text(comparison, kind, ranks))
     yield from _useful_horizon_sentences(comparison, kinds)
-    for kind in kinds:
-        yield from _insignificance_sentences(comparison, kind)
+    for kind, ranks in ranks_of_kinds.items():
+        yield from _insignificance_sentences(comparison, kind, ranks)
+        yield from _worse_window_sentences(comparison, kind)
     for source, error in excluded.items():
         yield from render_section("comparison_left_out", source=source, reason=str(error))
-    yield _figure_definitions("comparison_legend", comparison)
+    if verbose:
+        yield _figure_definitions("comparison_legend", comparison)
     for kind in kinds:
         yield _summary_table(comparison, kind)
-    for flight in comparison.flights:
-        yield from _flight_sentences(comparison, flight)
-    yield _figure_definitions("comparison_details_legend", comparison)
+    if verbose:
+        yield from _detail_blocks(comparison, kinds)
+    else:
+        yield from render_section(
+            "comparison_short_legend",
+            reference=comparison.methods[0],
+            pair_count=_pair_count(comparison),
+            are_flights_pairs=comparison.are_flights_pairs,
+            significance=SIGNIFICANCE,
+            can_predict=bool(comparison.methods_of(UNKNOWN_INPUTS)),
+        )
     for kind in kinds:
-        yield from _error_ratio_blocks(comparison, kind)
-    if len(comparison.flights) > 1:
-        yield _error_ratios_by_flight(comparison, kinds)
+        yield from _band_cautions(comparison, kind)
     for flight in comparison.flights:
         yield from _failure_sentences(comparison, flight)
     if planned_windows is None and len(comparison.methods) > 1:
         yield from _advice_on_pairs(comparison.windows)
+
+
+def _compared_kinds(comparison: Comparison) -> list[ForecastKind]:
+    """Returns the kinds of forecasts that are compared: with known inputs and, if a method makes them, without."""
+    if comparison.methods_of(UNKNOWN_INPUTS):
+        return [KNOWN_INPUTS, UNKNOWN_INPUTS]
+    return [KNOWN_INPUTS]
+
+
+def _detail_blocks(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Blocks:
+    """Returns what stands below the summary: windows and errors of each flight, and error ratios at all horizons.
+
+    Args:
+        comparison: errors and paired tests of all methods.
+        kinds: kinds of forecasts, by the data that they may use.
+    """
+    blocks: Blocks = []
+    for flight in comparison.flights:
+        blocks += _flight_sentences(comparison, flight)
+    blocks.append(_figure_definitions("comparison_details_legend", comparison))
+    for kind in kinds:
+        blocks.append(_error_ratio_table(comparison, kind))
+    if len(comparison.flights) > 1:
+        blocks.append(_error_ratios_by_flight(comparison, kinds))
+    return blocks
 
 
 def _figure_definitions(section: str, comparison: Comparison) -> Table:
@@ -276,15 +313,15 @@ def _advice_on_pairs(windows: Sequence[Window]) -> list[Sentence]:
     )
 
 
-def _ranking_text(comparison: Comparison, kind: ForecastKind) -> str:
+def _ranking_text(comparison: Comparison, kind: ForecastKind, ranks: Sequence[_MethodRank]) -> str:
     """Returns in one paragraph which methods have smaller errors than DEM and than the first method, losses first.
 
     Args:
         comparison: errors and tests of all methods.
         kind: kind of forecast, by the data that it may use.
+        ranks: how DEM's model and the first method compare with the others (:func:`_method_ranks`).
     """
     methods = comparison.methods_of(kind)
-    ranks = [_method_rank(comparison, name, kind) for name in _ranked_methods(comparison, kind)]
     (paragraph,) = render_section(
         "comparison_ranking",
         forecasts=_forecasts_text(comparison, kind),
@@ -317,6 +354,16 @@ def _ranked_methods(comparison: Comparison, kind: ForecastKind) -> list[str]:
     if learned_model in methods and learned_model != first_method:
         return [learned_model, first_method]
     return [first_method]
+
+
+def _method_ranks(comparison: Comparison, kind: ForecastKind) -> list[_MethodRank]:
+    """Returns how DEM's model and the first method compare with all others, by their errors over the whole test parts.
+
+    Args:
+        comparison: errors and tests of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    return [_method_rank(comparison, name, kind) for name in _ranked_methods(comparison, kind)]
 
 
 def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRank:
@@ -364,7 +411,9 @@ def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _Me
     )
 
 
-def _insignificance_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
+def _insignificance_sentences(
+    comparison: Comparison, kind: ForecastKind, ranks: Sequence[_MethodRank]
+) -> list[Sentence]:
     """Returns a sentence on what the paired test could have found, if a smaller error is not significant.
 
     Without it "not significantly" would read as "equal". It is on the first ranked method that has a larger error than
@@ -373,22 +422,42 @@ def _insignificance_sentences(comparison: Comparison, kind: ForecastKind) -> lis
     Args:
         comparison: errors of all methods.
         kind: kind of forecast, by the data that it may use.
+        ranks: how DEM's model and the first method compare with the others.
     """
-    for method in _ranked_methods(comparison, kind):
-        better = _method_rank(comparison, method, kind).best_smaller
-        ratio = comparison.typical_ratio(method, better, kind) if better else None
+    for rank in ranks:
+        if not rank.best_smaller:
+            continue
+        ratio = comparison.typical_ratio(rank.method, rank.best_smaller, kind)
         if ratio is not None and isfinite(ratio.significant):
             return render_section(
                 "comparison_insignificance",
                 kind=kind,
-                method=method,
-                better=better,
+                method=rank.method,
+                better=rank.best_smaller,
                 measured_ratio=_short_number(ratio.measured),
                 significant_ratio=_short_number(ratio.significant),
                 pairs=_pair_count(comparison),
+                sufficient_pairs=ratio.sufficient_windows,
                 are_flights_pairs=comparison.are_flights_pairs,
             )
     return []
+
+
+def _worse_window_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
+    """Returns a sentence on why DEM's model and the first method are worse than a constant in some windows.
+
+    There is none where they are not, or where neither little motion nor an unstable model explains it.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    explained = []
+    for method in _ranked_methods(comparison, kind):
+        worse = worse_windows(comparison, method, kind)
+        if worse.has_little_motion or worse.unstable:
+            explained.append(worse)
+    return render_section("comparison_worse_windows", kind=kind, worse_windows=explained)
 
 
 def _is_shown_smaller(error_ratio: float, other_ratio: float) -> bool:
@@ -632,25 +701,17 @@ def _test_length(comparison: Comparison) -> str:
     return shortest if shortest == longest else f"{shortest}–{longest}"
 
 
-def _error_ratio_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
+def _error_ratio_table(comparison: Comparison, kind: ForecastKind) -> Table:
     """Returns a table with the error ratio of each method at all horizons, and in how many windows it failed.
-
-    A caution stands before the table if the 90 % band of the first method holds too few of the samples.
 
     Args:
         comparison: errors and tests of all methods.
         kind: kind of forecast, by the data that it may use.
     """
-    reference = comparison.methods_of(kind)[0]
     tests = comparison.tests(kind)
-    blocks: Blocks = []
     rows = []
     for summary in comparison.over_flights(kind):
-        method = summary["method"]
-        rows.append(_error_row(summary, tests.get(method)))
-        if method == reference and _is_band_too_narrow(summary):
-            text = f"the 90 % band of {reference} holds {_coverage(summary)} of the samples: it is too narrow."
-            blocks.append(caution(text))
+        rows.append(_error_row(summary, tests.get(summary["method"])))
     header = [
         f"inputs {kind}: error ratio to (s)",
         *_horizon_header(comparison, kind),
@@ -659,8 +720,26 @@ def _error_ratio_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
         "unstable",
         "band",
     ]
-    blocks.append(Table(header, rows))
-    return blocks
+    return Table(header, rows)
+
+
+def _band_cautions(comparison: Comparison, kind: ForecastKind) -> Blocks:
+    """Returns a caution if the 90 % band of the first method holds too few of the samples; otherwise nothing.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    reference = comparison.methods_of(kind)[0]
+    for summary in comparison.over_flights(kind):
+        if summary["method"] == reference and _is_band_too_narrow(summary):
+            share = _coverage(summary)
+            return [
+                caution(
+                    f"the 90 % band of {reference} holds {share} of the samples: it is too narrow."
+                )
+            ]
+    return []
 
 
 def _error_ratios_by_flight(comparison: Comparison, kinds: Sequence[ForecastKind]) -> Table:
@@ -692,15 +771,15 @@ def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
 
     Returns:
         The name, with a mark behind that of the first method; the error ratio (NMSE) at each horizon; the number of
-        windows with an error ratio above 1; the number of pairs in which the first method has the lower error, such as
-        "9/13"; the number of windows with an unstable model; and the percentage of samples in the 90 % band.
+        windows with an error ratio above 1; the number of tested pairs in which the first method has the lower error,
+        such as "5/7"; the number of windows with an unstable model; and the percentage of samples in the 90 % band.
     """
     name = summary["method"] if test is not None else f"{summary['method']} *"
     row = [name]
     for error_ratio in summary["horizons"]:
         row.append(_short_number(error_ratio))
     row.append(str(summary["worse_than_constant"]))
-    row.append("" if test is None else f"{test.less}/{test.windows}")
+    row.append("" if test is None else f"{test.tested_less}/{test.tested}")
     return [*row, str(summary["unstable"]), _coverage(summary)]
 
 

@@ -39,6 +39,8 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     assert 0 < document["seconds"] < time.perf_counter()
     assert f"{SLOW} is left out: ATTITUDE comes at 4 Hz" in captured.err
     assert captured.err.count(" is left out: ") == 2
+    assert document["left_out"].keys() == {SLOW, str(tmp_path / "missing.tlog")}
+    assert "ATTITUDE comes at 4 Hz" in document["left_out"][SLOW]
     assert "4 Hz" in document_of(capsys, "compare", SLOW, code=1)["error"]["reason"]
     # A report that is kept has them too.
     assert run("compare", SLOW, FLIGHT, "--hop", "5000") == 0
@@ -78,7 +80,7 @@ def test_named_methods_are_compared_on_lines_of_80_columns(quick, monkeypatch, c
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr("mavdem.cli.compare.SECONDS_BETWEEN_LINES", 0.0)
     names = "Constant Mean, hold last"
-    assert run("compare", FLIGHT, "--hop", "2500", "--methods", names) == 0
+    assert run("compare", FLIGHT, "--hop", "2500", "--methods", names, "--verbose") == 0
     captured = capsys.readouterr()
     lines = captured.out.splitlines()
     assert max(map(len, lines)) <= 80

@@ -13,6 +13,7 @@ from mavdem.experiments.comparison import Comparison, compare
 from mavdem.experiments.outcomes import evaluate_window
 from mavdem.experiments.scores import FROM_STATE_ZERO, KNOWN_INPUTS, UNKNOWN_INPUTS
 from mavdem.experiments.window import windows
+from mavdem.experiments.worse_windows import worse_windows
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import ForecastFact
 from mavdem.report.blocks import Table, plain_text
@@ -132,7 +133,7 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
     assert (refused["failed"], refused["failure"].code) == (3, ForecastFact.FAILED)
     # The first wins all three windows, of which two do not overlap.
-    assert refused["horizons"][-1]["reference"] == Paired(0.0, 3, 3, 2, 0.5)
+    assert refused["horizons"][-1]["reference"] == Paired(0.0, 3, 3, 2, 2, 0.5)
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
 
 
@@ -243,6 +244,27 @@ def test_the_horizon_up_to_which_forecasts_are_useful_is_stated():
     details = table_of(known, DETAILS)
     (row,) = (row for row in table_of(known, SUMMARY).rows if row[0] == "subspace *")
     assert row[1:4] == ["0.001", "0.001", "820"]
+    # Without --verbose there is one table, whose figures one sentence defines.
+    short = list(comparison_report(known, verbose=False))
+    assert [block.header[0] for block in short if isinstance(block, Table)] == [
+        "inputs known: RMSE to (s)"
+    ]
+    assert [block.lead for block in short[2:] if not isinstance(block, Table)] == [
+        "Worse than a constant, inputs known:",
+        "Figures:",
+        "More:",
+        "Next:",
+    ]
+    # Where the errors are set to be large, the constant's error shows how much the vehicle moves.
+    worse = worse_windows(known, "subspace", KNOWN_INPUTS)
+    constant_errors = [
+        np.mean(outcome.scores[KNOWN_INPUTS].baseline / outcome.scores[KNOWN_INPUTS].variance)
+        for outcome, _ in outcomes
+    ]
+    assert (worse.windows, worse.unstable) == (2, 0)
+    assert worse.constant_error == approx(np.median(constant_errors[1:]))
+    assert worse.constant_error_elsewhere == approx(constant_errors[0])
+    assert "subspace in 2 windows, where the vehicle moves less: the constant's own" in text
     assert details.header[7] == ">1" and details.rows[-1][7] == "2"
 
 

@@ -100,12 +100,21 @@ def test_the_test_is_wilcoxons_on_log_ratios():
     assert found.p_value == wilcoxon(np.log(ours / theirs)[::2]).pvalue
     assert found.ratio == approx(np.median(ours / theirs))
     assert (found.less, found.windows, found.tested) == (int((ours < theirs).sum()), 15, 8)
+    assert found.tested_less == int((ours < theirs)[::2].sum())
     # Errors whose typical ratio is just above the one that would be significant are, just below it not.
     ratio = typical_ratio(ours, theirs)
     centred = ours / theirs / ratio.measured
     assert typical_ratio(centred, np.ones(15)).measured == approx(1)
     assert paired(1.001 * ratio.significant * centred, np.ones(15)).p_value < SIGNIFICANCE
     assert paired(0.999 * ratio.significant * centred, np.ones(15)).p_value >= SIGNIFICANCE
+    # Half of the significant distance takes about four times as many windows.
+    half_way = ratio.significant**0.5 * centred
+    sufficient_windows = typical_ratio(half_way, np.ones(15)).sufficient_windows
+    assert sufficient_windows in (60, 61)
+    for count, is_significant in ((sufficient_windows // 2, False), (2 * sufficient_windows, True)):
+        repeated = np.resize(half_way, count)
+        assert (paired(repeated, np.ones(count)).p_value < SIGNIFICANCE) is is_significant
+    assert typical_ratio(1 / half_way, np.ones(15)).sufficient_windows is None
     assert typical_ratio(ours[:5], theirs[:5]).significant == INF
     assert typical_ratio([1, INF], [1, 1]) is None
 
@@ -115,7 +124,7 @@ def test_a_method_that_diverged_lost_that_window():
     found = paired(np.ones(7), [INF, INF, 2, 3, 4, 0.5, INF])
     assert (found.less, found.ratio) == (6, 0.25)
     assert found.p_value < 0.1
-    assert paired([INF, INF, 1], [INF, INF, 1]) == Paired(1.0, 0, 3, 3, 1.0)
+    assert paired([INF, INF, 1], [INF, INF, 1]) == Paired(1.0, 0, 3, 3, 0, 1.0)
     assert paired([INF, INF], [1, 1]).ratio == INF
     # Nothing to compare is no evidence.
     none = paired([], [], [])

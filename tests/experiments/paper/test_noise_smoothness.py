@@ -65,7 +65,7 @@ def test_coverage_and_gain_have_their_bars():
     missing = [SimulatedResult(0.5, laplace_covers=False, sandwich_covers=False)]
     assert coverage_check({3: covering + missing}).holds
     assert not coverage_check({3: covering + missing, 2: missing}).holds
-    lower = Paired(ratio=0.9, less=8, windows=9, tested=4, p_value=0.1)
+    lower = Paired(ratio=0.9, less=8, windows=9, tested=4, tested_less=3, p_value=0.1)
     assert learned_smoothness_check({"alone": lower}).holds
     assert not learned_smoothness_check(
         {"alone": lower, "with fit": lower._replace(ratio=0.97)}
