@@ -27,7 +27,7 @@ from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Figure, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import GainFact, LoopAction, LoopFact, StepResponseFact
+from mavdem.facts.loops import ControllerFact, GainFact, LoopAction, LoopFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import GAIN_REDUCTION, Advice, AdviceByAxis, Gain
 from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis, MarginTarget, margin_rating
@@ -382,7 +382,7 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
 
     Returns:
-        A list with the sentence. If the margins of no axis are known, it says only that.
+        A list with the sentence. If the margins of no axis are known, it says only that, or names an unknown mixer.
     """
     axes_by_outcome = group_by(tuning.axes, lambda axis: _gain_outcome(tuning, axis))
     outcomes_with_margins = axes_by_outcome.keys() - set(OUTCOMES_WITHOUT_MARGINS)
@@ -393,7 +393,16 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
         outcomes=[*GainOutcome],
         has_outcomes=bool(outcomes_with_margins),
         sluggish_axes=_sluggish_axes(tuning),
+        mixer_fault=_mixer_fault(tuning),
     )
+
+
+def _mixer_fault(tuning: Tuning) -> Fact | None:
+    """Returns the fact (coded finding) that the mixer of the vehicle's motors is not known; None if it is."""
+    for fault in tuning.controller_faults.values():
+        if fault.code is ControllerFact.MIXER_UNKNOWN:
+            return fault
+    return None
 
 
 def _sluggish_axes(tuning: Tuning) -> list[str]:

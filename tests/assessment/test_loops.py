@@ -160,3 +160,12 @@ def test_an_arducopter_with_the_older_thrust_curve_is_not_asked_for_newer_parame
     reason = loops.identified_loop_or_reason(Signals(telemetry), log_of(telemetry))
     assert "ArduCopter V3.2.1 has no MOT_THST_EXPO" in reason.sentence
     assert "--params" not in reason.remedy
+
+
+def test_the_mixer_of_a_hexarotor_is_not_known_and_no_flight_is_said_to_lead_to_its_gains():
+    telemetry = Hover().telemetry(vehicle="HEXAROTOR", parameters={"FRAME_CLASS": 2.0})
+    signals = Signals(telemetry)
+    reason = loops.identified_loop_or_reason(signals, log_of(telemetry))
+    assert reason.sentence == "The mixer of 6 motors is not known, only that of quadrotors."
+    assert reason.remedy == "Tune with the autopilot's AutoTune."
+    assert loops.controller_fault(signals, Fact(LoopFact.NOT_STEERED)) == reason

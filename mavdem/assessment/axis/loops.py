@@ -24,6 +24,7 @@ from mavdem.facts.model import NoPhysical
 from mavdem.flight import Flights
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry, firmware_version
+from mavdem.loops.autopilot_parameters import MOTOR_COUNT
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
@@ -137,6 +138,9 @@ def identified_loop_or_reason(
     Returns:
         The loops, or why they are not known.
     """
+    mixer_fault = _fault_of_mixer(signals)
+    if mixer_fault is not None:
+        return mixer_fault
     try:
         return loop_of_axis(signals, log, start, estimates)
     except NotLearnable as error:
@@ -155,10 +159,35 @@ def controller_fault(signals: Signals, loop_or_reason: Loop | Fact) -> Fact | No
     Returns:
         The fact, for example that the firmware is too old; None if the parameters describe both.
     """
+    mixer_fault = _fault_of_mixer(signals)
+    if mixer_fault is not None:
+        return mixer_fault
     if isinstance(loop_or_reason, Fact) and isinstance(loop_or_reason.code, ControllerFact):
         return loop_or_reason
     controller = controller_or_reason(signals)
     return _with_recording(controller, signals) if isinstance(controller, Fact) else None
+
+
+def _fault_of_mixer(signals: Signals) -> Fact | None:
+    """Returns the fact that the mixer of a vehicle with, for example, six motors is not known; None for a quadrotor.
+
+    The mixer turns the controller's demand into motor outputs. It is not needed if the demand itself is the input of
+    the model.
+
+    Args:
+        signals: logged time series of the vehicle for the axis.
+    """
+    if signals.motors is None or signals.model_inputs is signals.demand:
+        return None
+    motor_count = len(signals.motors.geometry.motors)
+    if motor_count == MOTOR_COUNT:
+        return None
+    return Fact(
+        ControllerFact.MIXER_UNKNOWN,
+        autopilot=None,
+        motors=motor_count,
+        has_demand=signals.demand is not None,
+    )
 
 
 REASONS_WITH_RATES = (
