@@ -131,7 +131,7 @@ def test_commands_of_the_tables_exist_with_their_options():
         assert {word for word in words if word.startswith("--")} <= options, table.command
 
 
-@mark.slow
+@mark.in_full
 def test_a_table_is_printed_again():
     folder = shared("real/propeller")
     (table,) = [table for table in evidence.measured_tables() if table.command == QUICK_COMMAND]

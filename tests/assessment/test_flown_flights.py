@@ -82,7 +82,7 @@ def test_a_flight_ends_at_the_landing_also_if_it_is_reported_late():
     assert flight.end == approx(HOVER.landed, abs=1.5)
 
 
-@mark.slow
+@mark.in_full
 def test_a_vehicle_that_the_ground_holds_does_not_fly():
     telemetry = run_on_the_ground(10.0, np.array([1930.0, 1270.0, 1930.0, 1270.0]))
     (flight,) = flown_flights(Signals(telemetry))

@@ -6,7 +6,7 @@ from math import inf, nan
 from hover import Hover
 from live_hover import Flight, replay
 from mavlink_streams import read, tlog
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 from mavdem.assessment.assess import assess
 from mavdem.facts.ending import MotionEvent
@@ -58,7 +58,7 @@ def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
     assert MotionEvent.LOG_ENDED_IN_AIR not in codes
 
 
-@mark.parametrize("end_time", [15.5, 18.0])
+@mark.parametrize("end_time", [param(15.5, marks=mark.in_full), 18.0])
 def test_the_event_ends_with_the_next_number_and_needs_a_second(end_time):
     """The attitude is NaN from 15 s to its end time: only a second or more is an alarm."""
     replayed = replay(frames_of_flight(end_time=end_time))

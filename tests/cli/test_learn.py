@@ -37,7 +37,7 @@ def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-@mark.slow
+@mark.in_full
 @mark.usefixtures("without_pages")
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     """The command writes the model that the library learns from the same samples."""
@@ -116,7 +116,7 @@ def test_a_table_of_more_numbers_than_fit_is_printed_in_parts(capsys):
     assert all(" ".join(lines).split().count(figure) == 2 for figure in figures)
 
 
-@mark.slow
+@mark.in_full
 @mark.usefixtures("without_pages", "logs_read_once")
 def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     arguments = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]

@@ -91,6 +91,7 @@ def test_a_given_executor_does_the_work_and_is_left_open(expected):
         assert executor.submit(int, "3").result() == 3
 
 
+@mark.in_full
 def test_a_killed_worker_is_reported(two_workers):
     answers = learn_many(repeat(JOBS[0]))
     next(answers)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx, mark
+from pytest import approx, mark, param
 from random_models import models, random_posterior, random_samples, seeds
 from scipy.linalg import block_diag
 from simulated import simulated
@@ -211,7 +211,7 @@ def problem(**settings):
 
 
 @mark.slow
-@mark.parametrize("settings", [{}, {"order": 2, "window": 3}])
+@mark.parametrize("settings", [param({}, marks=mark.in_full), {"order": 2, "window": 3}])
 def test_a_converged_ascent_has_nothing_left_to_gain(settings):
     model, samples = problem(**settings)
     finished = maximise_free_energy(model, samples, 300)

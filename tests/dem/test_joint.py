@@ -142,7 +142,7 @@ def test_known_directions_are_taken_and_inputs_that_are_no_rotors_as_they_are():
     assert_allclose(joint.axis_mixer(with_known_directions)[:, 0], [0.5, 0.5, -0.5, -0.5])
 
 
-@mark.slow
+@mark.in_full
 def test_bands_hold_nine_of_ten_at_every_horizon():
     """The 90 % bands of forecasts over 0.1 s to 1.5 s contain nine tenths of the samples of eight simulated flights."""
     inside = []

@@ -8,7 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, mark, raises
+from pytest import approx, mark, param, raises
 from scipy.stats import gumbel_r, norm
 from simulated import SIGNS, simulated
 
@@ -73,7 +73,7 @@ def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
 
 
 @mark.slow
-@mark.parametrize("horizon", [None, 0.3])
+@mark.parametrize("horizon", [None, param(0.3, marks=mark.in_full)])
 def test_it_arrives_where_learning_at_once_does(horizon):
     flight = simulated(samples=600, wind=1.0, lag=0.05)
     settings = dataclasses.replace(COMPLETE, horizon=horizon)
@@ -199,7 +199,7 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
 
 
 @mark.slow
-@mark.parametrize("step", [0.02, -0.01])
+@mark.parametrize("step", [param(0.02, marks=mark.in_full), -0.01])
 def test_a_wrong_dt_is_a_reason_for_no_model(step):
     """Samples come at another step than the learner was told, and later at the right one again."""
     online = OnlineLearner(COMPLETE, dt=0.01)
@@ -382,7 +382,7 @@ def marked(marks, surprise):
     return DT * np.flatnonzero([marks.add(value) for value in surprise])
 
 
-@mark.slow
+@mark.in_full
 def test_marks_without_a_change_are_as_rare_as_stated():
     """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for 15 minutes; four deviations of what is expected."""
     for size, alike in ((0.0, 10), (15.0, 10), (0.0, 100)):

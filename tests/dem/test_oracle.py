@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.testing import assert_allclose
 from oracle import case_a_generalized, case_a_model, case_a_truth, load, needs_oracle
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 import mavdem
 from mavdem.dem.engine.ascent import posterior_after_each_round
@@ -49,7 +49,10 @@ MANY_PRIORS, SOME_PRIORS = 40, 10
 @mark.slow
 @mark.parametrize(
     "p, settings, priors, share",
-    [(2, {}, MANY_PRIORS, 0.9), (1, {"p": 1, "d": 1, "window": 2}, SOME_PRIORS, 0.25)],
+    [
+        param(2, {}, MANY_PRIORS, 0.9, marks=mark.in_full),
+        (1, {"p": 1, "d": 1, "window": 2}, SOME_PRIORS, 0.25),
+    ],
     ids=["with generalized coordinates", "without"],
 )
 def test_case_c2_is_forecast_no_worse_than_by_them(p, settings, priors, share):

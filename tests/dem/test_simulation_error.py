@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, param
 from scipy.ndimage import zoom
 from simulated import GAIN, simulated
 from textbook_filter import TextbookFilter
@@ -93,7 +93,7 @@ def test_the_fit_never_decreases_the_log_joint_and_converges(wind):
     assert set(trajectory.terms) <= set(learned.free_energy.terms)
 
 
-@mark.slow
+@mark.in_full
 def test_the_posterior_holds_the_truth_as_often_as_it_says():
     """Of a simulated axis in wind that forgets within the horizon, by the binomial spread of what is counted."""
     inside = []
@@ -118,7 +118,7 @@ def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
 
 
 @mark.slow
-@mark.parametrize("rate", [50, 400])
+@mark.parametrize("rate", [50, param(400, marks=mark.in_full)])
 def test_the_horizon_lasts_as_long_at_every_rate(rate):
     resampled = (
         zoom(table[:700], (rate / 100, 1), order=1) for table in (FLIGHT.inputs, FLIGHT.outputs)

@@ -34,7 +34,7 @@ from mavdem.facts.forecasts import ForecastFact
 NO_FEEDBACK = np.zeros((2, 2))
 
 
-@mark.slow
+@mark.in_full
 @mark.parametrize("order", [1, 4])
 def test_subspace_identification_errs_at_most_three_times_an_efficient_estimate(
     order,
@@ -96,7 +96,7 @@ def flown_with_noise(model, seed, samples, feedback=NO_FEEDBACK):
     return run(model, pushes, of_states, model.trim + of_outputs, feedback)
 
 
-@mark.slow
+@mark.in_full
 @mark.parametrize(
     "order, feedback",
     [(1, NO_FEEDBACK), (4, -0.2 * np.eye(2))],

@@ -146,7 +146,7 @@ def state(numbers, seed=0, **changed):
     return [row for number in numbers for row in flight(number, rng, **changed)]
 
 
-@mark.slow
+@mark.in_full
 def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = default_rng(4)
     pairs = 150
@@ -179,7 +179,7 @@ def test_a_phase_margin_that_fell_far_is_a_change_in_spite_of_wide_intervals():
     assert np.degrees(follows_from_gains.difference) == approx(-43.0, abs=0.1)
 
 
-@mark.slow
+@mark.in_full
 def test_false_discoveries_are_as_rare_as_stated():
     """Of 20 quantities 5 changed by 4 standard deviations.
 
@@ -507,7 +507,7 @@ def test_a_detectable_change_of_a_ratio_is_no_logarithm():
     assert ratio.detectable_difference(SIGNIFICANCE) == approx(expm1(tested))
 
 
-@mark.slow
+@mark.in_full
 def test_a_detectable_change_is_found_in_nine_of_ten_comparisons():
     """Simulated estimates with the assumed spread between flights, and four motors of which one changed."""
     rng = default_rng(11)

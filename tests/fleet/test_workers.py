@@ -227,7 +227,7 @@ def one_worker():
         yield cluster
 
 
-@mark.slow
+@mark.in_full
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, one_worker):
     """The worker is killed after its first log and starts again; the table is the same as without that."""
     make_logs(tmp_path / "logs", 6)

@@ -5,7 +5,7 @@ import struct
 import mavlink_streams
 import numpy as np
 from dataflash_logs import formats, message
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.log import read_dataflash
@@ -170,7 +170,9 @@ def boots_and_codes(vehicle):
 
 
 @mark.slow
-@mark.parametrize("other_start", [5.0, 250.0, 380.0])
+@mark.parametrize(
+    "other_start", [param(5.0, marks=mark.in_full), 250.0, param(380.0, marks=mark.in_full)]
+)
 def test_another_sender_for_a_while_is_left_out_of_a_stream(other_start):
     """For 15 s another vehicle with the same ids and another clock is received."""
     vehicle = stream_vehicle(

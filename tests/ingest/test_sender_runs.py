@@ -3,7 +3,7 @@
 from functools import cache
 
 import numpy as np
-from pytest import mark
+from pytest import mark, param
 
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, frame_content
 from mavdem.ingest.mavlink.sender_links import SenderLinks
@@ -59,7 +59,7 @@ def streams(seed):
     ]
 
 
-@mark.parametrize("seed", range(2))
+@mark.parametrize("seed", [0, param(1, marks=mark.in_full)])
 @mark.parametrize("kind", range(5))
 def test_runs_of_frames_give_what_single_frames_give(seed, kind):
     """The reader of files processes many frames at once, the live reader one by one: both must agree."""

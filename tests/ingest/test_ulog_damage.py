@@ -5,7 +5,7 @@ import struct
 import time
 
 import numpy as np
-from pytest import approx, mark
+from pytest import approx, mark, param
 from ulog_files import (
     SYNC,
     TIMES,
@@ -150,7 +150,9 @@ def is_within_record(start):
 
 
 @mark.slow
-@mark.parametrize("kind", ["removed", "zeros", "random"])
+@mark.parametrize(
+    "kind", ["removed", param("zeros", marks=mark.in_full), param("random", marks=mark.in_full)]
+)
 def test_a_hole_without_marks_of_synchronisation_costs_few_records(kind):
     """64 bytes are removed or overwritten, in a log without the marks by which a reader finds the next record."""
     content = log(*UNMARKED)
@@ -256,7 +258,9 @@ def test_data_appended_after_a_crash_follows_a_record_that_is_cut():
 
 
 @mark.slow
-@mark.parametrize("filling", [b"A", b"D", b"F:", b"L", b"P", b"M\1A", b"\4\0D\0\0"])
+@mark.parametrize(
+    "filling", [b"A", b"D", b"F:", b"L", b"P", b"M\1A", param(b"\4\0D\0\0", marks=mark.in_full)]
+)
 def test_bytes_that_look_like_records_are_skipped_at_once(filling):
     """None takes a second; the limit leaves room for a busy machine."""
     start = time.process_time()

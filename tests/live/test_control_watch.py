@@ -7,7 +7,7 @@ import numpy as np
 from hover import MAV_AUTOPILOTS, MAV_TYPES, Hover
 from live_hover import Flight, by_time, offline, replay, ticks
 from mavlink_streams import message
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, param
 
 from mavdem.dataset.phases import TRANSIENT_SECONDS, settled_intervals
 from mavdem.dataset.signals import Signals
@@ -133,7 +133,7 @@ class TurningOver(Leaving):
         return np.angle(np.exp(1j * super().roll(t)))
 
 
-@mark.slow
+@mark.in_full
 def test_a_loss_of_control_ends_settled_flight_some_seconds_before_its_onset_as_in_a_log():
     tumbling = replayed_with_messages(TurningOver(), rate=HIGH_RATE)
     alarm = alarms(tumbling)[0]
@@ -187,7 +187,7 @@ class LeaningFar(Leaving):
         return super().roll(t) + (away < 2.0) * np.minimum(3.0 * away**2, 1.4)
 
 
-@mark.slow
+@mark.in_full
 def test_a_lean_without_a_setpoint_is_lost_only_where_it_is_far():
     """A pilot may lean by 80 degrees on purpose; nobody flies on the back for seconds without saying so."""
     replayed = replayed_with_messages(LeaningFar(), setpoint=False)
@@ -255,7 +255,7 @@ def test_a_vehicle_whose_motors_stop_in_the_air_has_not_landed_and_a_closed_thro
     assert status.loss.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
-@mark.slow
+@mark.in_full
 def test_a_landing_above_the_take_off_is_one():
     replayed = replay(
         StoppedFlight(Tumbling(tumbles=False), RATE, RATE, ground=9.9).frames(end=21.0)
@@ -396,7 +396,7 @@ class LandingFlight(Flight):
             yield time, name, fields | {"z": -float(height)}
 
 
-@mark.slow
+@mark.in_full
 def test_a_vehicle_that_topples_over_after_its_landing_is_an_alarm():
     hover = Toppling()
     end = hover.landed + 6.0
@@ -448,7 +448,10 @@ class SinkingFlight(Flight):
 
 
 @mark.slow
-@mark.parametrize("pulse, limited, sinks", [(1500, 1, True), (1200, 1, False), (1200, 4, True)])
+@mark.parametrize(
+    "pulse, limited, sinks",
+    [param(1500, 1, True, marks=mark.in_full), (1200, 1, False), (1200, 4, True)],
+)
 def test_a_descent_that_the_pilot_commands_is_alarmed_only_without_any_reserve(
     pulse, limited, sinks
 ):

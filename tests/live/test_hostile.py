@@ -56,7 +56,7 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     settled_uniform(replayed)
 
 
-@mark.slow
+@mark.in_full
 def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     """Impossible roll angles, stamps of other times and motor outputs on 250 ports do not change the rows."""
     odd_frames = []

@@ -9,7 +9,7 @@ from live_hover import Flight, differences, offline, replay, settled_uniform
 from mavlink_streams import message
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, param
 
 from mavdem.facts.session import RowsFact, VehicleFact
 
@@ -31,7 +31,7 @@ def same_as_offline(replayed, frames):
         assert max(differences(replayed, number, telemetry)) < 1e-9
 
 
-@mark.parametrize("silence", [0.15, 300.0])
+@mark.parametrize("silence", [param(0.15, marks=mark.in_full), 300.0])
 def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     """No message arrives for 0.15 s, or for 300 s, while the vehicle flies on."""
     frames = FLIGHT.frames(end=18.0)

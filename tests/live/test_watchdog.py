@@ -13,7 +13,7 @@ from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
 from live_hover import Flight, by_time, replay, ticks
 from mavlink_streams import message
 from numpy.testing import assert_equal
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, param
 from rich.console import Console
 from rich.live import Live
 
@@ -587,7 +587,11 @@ def test_a_restart_on_the_ground_is_no_alarm():
 
 @mark.slow
 @mark.parametrize(
-    "autopilots, gap", [(("PX4", "ARDUPILOTMEGA"), 3.0), (("ARDUPILOTMEGA", "PX4"), 30.0)]
+    "autopilots, gap",
+    [
+        (("PX4", "ARDUPILOTMEGA"), 3.0),
+        param(("ARDUPILOTMEGA", "PX4"), 30.0, marks=mark.in_full),
+    ],
 )
 def test_a_vehicle_lost_in_flight_that_starts_again_on_the_ground_has_not_restarted_in_flight(
     autopilots, gap
@@ -1102,7 +1106,7 @@ class Limited(Hover):
         return outputs
 
 
-@mark.slow
+@mark.in_full
 def test_the_first_seconds_of_a_flight_name_no_motor():
     replayed = replay(Flight(Limited(hovering=8.0), attitude=50.0, motors=50.0).frames(end=14.0))
     (takeoff,) = [fact for fact in replayed.facts if fact.code is ReportedEvent.OFF_GROUND]
@@ -1118,7 +1122,7 @@ def test_the_first_seconds_of_a_flight_name_no_motor():
 
 
 @mark.slow
-@mark.parametrize("top", [1800.0, 2000.0])
+@mark.parametrize("top", [1800.0, param(2000.0, marks=mark.in_full)])
 def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
     replayed = replay(
         Flight(Topped(hovering=12.0, top=top), attitude=50.0, motors=50.0).frames(end=16.0)

@@ -8,7 +8,7 @@ import numpy as np
 from known_gains import PX4
 from made_up_loop import made_up
 from numpy.testing import assert_array_equal
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.margins import AxisMargins
@@ -60,7 +60,7 @@ def share_with_margins(loop, target):
 
 
 @mark.slow
-@mark.parametrize("factor", [0.5, 4.5])
+@mark.parametrize("factor", [0.5, param(4.5, marks=mark.in_full)])
 def test_a_step_changes_rate_gains_together_by_half_at_most(factor):
     advice = advise(made_up(factor), raises_sound_gains=True)
     assert advice.stage is Stage.RATE
@@ -75,7 +75,14 @@ def test_a_step_changes_rate_gains_together_by_half_at_most(factor):
 
 
 @mark.slow
-@mark.parametrize("factor, tune", {0.5: "soft", 2.5: "default", 3.5: "sharp"}.items())
+@mark.parametrize(
+    "factor, tune",
+    [
+        (0.5, "soft"),
+        param(2.5, "default", marks=mark.in_full),
+        param(3.5, "sharp", marks=mark.in_full),
+    ],
+)
 def test_the_design_has_the_margins_in_90_percent_of_models(factor, tune):
     loop = made_up(factor)
     target = MARGIN_TARGETS[tune]

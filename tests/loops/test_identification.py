@@ -9,7 +9,7 @@ import numpy as np
 from hover import Hover, asking, changed
 from known_gains import ARDUPILOT, X_ROLL
 from numpy.testing import assert_allclose
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, param
 from recorded_flights import shared
 from refusals import refused
 
@@ -96,7 +96,7 @@ def identified_loop(log):
     return loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
 
 
-@mark.parametrize("every, within", [(1, (5.0, 1.5)), (8, (12.0, np.inf))])
+@mark.parametrize("every, within", [param(1, (5.0, 1.5), marks=mark.in_full), (8, (12.0, np.inf))])
 def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
     known, log = flight
@@ -285,6 +285,7 @@ def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
     assert refusal(signals, [other]) is LoopFact.LOOP_NOT_FOUND
 
 
+@mark.in_full
 def test_with_motors_at_their_limits_the_margins_are_true():
     """Limits cut off most of what the controller asks for in quick doublets: it acts as one of less gain."""
     hard = SCENARIO.model_dump(mode="json")

@@ -4,7 +4,7 @@ import numpy as np
 from frames import FRAMES, geometry
 from hover import overtake
 from numpy.random import default_rng
-from pytest import approx, mark
+from pytest import approx, mark, param
 from scipy.signal import lfilter
 
 from mavdem.facts import Level
@@ -262,7 +262,7 @@ def test_what_is_no_motor_gives_no_alarm(size, balance):
 
 
 @mark.slow
-@mark.parametrize("sd, seconds", [(0.01, 0.1), (0.02, 3.0)])
+@mark.parametrize("sd, seconds", [(0.01, 0.1), param(0.02, 3.0, marks=mark.in_full)])
 def test_coloured_noise_gives_no_alarm(sd, seconds):
     """Over five minutes each; what is slow is more than the test was told of at first, and it must learn that."""
     time, commands = flight(3, 300.0, sd, seconds)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, mark, raises
+from pytest import approx, mark, param, raises
 from scipy.signal import cont2discrete, lfilter
 
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
@@ -132,7 +132,7 @@ def test_a_plant_is_given_back(every):
 
 
 @mark.slow
-@mark.parametrize("in_time, every", [(1, 16), (4, 4)])
+@mark.parametrize("in_time, every", [param(1, 16, marks=mark.in_full), (4, 4)])
 def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(in_time, every):
     """Of neither of which alone much is known there: whether a step comes sooner or the motors later looks alike."""
     identified = np.exp(identify_axis(axis(fly(3, in_time=in_time), every)).theta)
@@ -140,7 +140,7 @@ def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(in_
     assert identified[0] == approx(EFFECT, rel=0.2)
 
 
-@mark.slow
+@mark.in_full
 def test_eddies_in_turbulence_are_not_taken_for_a_lag():
     """Of one colour for both, the wind made it a quarter shorter."""
     eddies = fly(3, 0.3, turbulence=((2.0, 6.0), (0.03, 6.0)))
@@ -148,7 +148,7 @@ def test_eddies_in_turbulence_are_not_taken_for_a_lag():
 
 
 @mark.slow
-@mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 5, 1)])
+@mark.parametrize("noise, every", [(NOISE, 4), param(NOISE / 5, 1, marks=mark.in_full)])
 def test_the_densities_are_those_of_the_flight(noise, every):
     """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
     identified = identify_axis(axis(fly(3, noise=noise), every))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, mark, raises, warns
+from pytest import approx, mark, param, raises, warns
 from scipy.linalg import expm, solve_continuous_lyapunov
 from simulated import DAMPING, DT, LAG, MOTORS, in_closed_loop
 
@@ -316,7 +316,10 @@ def test_slow_inputs_determine_the_effect_only_with_little_wind(
 @mark.slow
 @mark.parametrize(
     "excitation, status",
-    [(None, Status.NOT_IDENTIFIABLE), ({"kind": "doublets"}, Status.REPORTED)],
+    [
+        (None, Status.NOT_IDENTIFIABLE),
+        param({"kind": "doublets"}, Status.REPORTED, marks=mark.in_full),
+    ],
 )
 def test_smooth_gusts_are_not_taken_for_motors_where_nobody_steers(tmp_path, excitation, status):
     wind = [
@@ -558,7 +561,7 @@ def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
 SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
 
 
-@mark.slow
+@mark.in_full
 def test_bands_hold_commanded_flights():
     """Simulated responses to doublets of flights that were not trained on lie within their 90 % bands."""
     inside = []

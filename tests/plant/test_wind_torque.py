@@ -249,7 +249,7 @@ def identified(plant):
     return plant._replace(physical=plant.physical._replace(status=status))
 
 
-@mark.slow
+@mark.in_full
 def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     online, memory = online_wind()
     online.smoother = plant = fit_wind_torque_smoother(Record.from_flights(WINDY))

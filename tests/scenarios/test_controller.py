@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.dynamics import State
@@ -201,7 +201,7 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
 
 
 @mark.slow
-@mark.parametrize("instruments", [False, True])
+@mark.parametrize("instruments", [False, param(True, marks=mark.in_full)])
 def test_a_parameter_set_in_flight_is_flown_from_then_on(instruments):
     """The attitude gain of one of two flights is lowered, so that its rates stay smaller."""
     parameters = {"IMU_GYRO_RATEMAX": 100.0}

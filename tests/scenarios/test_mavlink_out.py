@@ -92,7 +92,7 @@ def test_a_place_is_north_and_east_of_where_it_began_and_as_high(tmp_path):
     assert_allclose(positions["hdg"], 100 * np.degrees(0.3), atol=0.5001)
 
 
-@mark.slow
+@mark.in_full
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     """The faults of the link are random, but depend neither on the size of the blocks nor on anything but the seed."""
     faults = Faults(

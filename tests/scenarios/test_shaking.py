@@ -73,6 +73,7 @@ def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_frequenc
     assert GyroVibration(flight({}), 1e-3).sample((speed,) * 4) == (0.0, 0.0, 0.0)
 
 
+@mark.in_full
 def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_path):
     """The same flight is simulated with and without the advised notch filter.
 

@@ -50,6 +50,7 @@ def test_a_flight_in_wind_touches_down_as_slowly_as_autopilots_do(flight):
     assert 0.3 < flight.velocity[last_in_air, 2] < 0.9
 
 
+@mark.in_full
 def test_a_lasting_downdraught_does_not_hold_a_vehicle_on_the_ground_at_take_off():
     scenario = load("motor_stop").model_copy(update={"seed": 2502})
     motion = simulation_of(scenario).advance(round(6.0 / scenario.cycle))

@@ -34,7 +34,7 @@ def accelerations(scenario, motion, axis="roll"):
     return (np.diff(rates) / dt)[hover], ((predicted[1:] + predicted[:-1]) / 2)[hover]
 
 
-@mark.slow
+@mark.in_full
 def test_the_linear_system_moves_about_every_axis_as_the_vehicle_did():
     """The linearised model with the stored disturbance explains the simulated acceleration of each axis."""
     excitation = Multisine(
@@ -67,7 +67,7 @@ def test_margins_are_those_about_the_crossover_where_drag_turns_a_light_vehicle_
     assert margins(frequency, with_drag) == approx(expected, rel=0.02)
 
 
-@mark.slow
+@mark.in_full
 @mark.usefixtures("coarse_physics")
 def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
     def swing(gain):

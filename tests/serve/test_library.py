@@ -996,7 +996,7 @@ def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library,
     assert library.entry(entry.id).problem == ""
 
 
-@mark.slow
+@mark.in_full
 def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library):
     """The first of two logs makes its process crash."""
     names = ("crash.ulg", "sound.ulg")

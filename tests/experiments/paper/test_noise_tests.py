@@ -30,6 +30,7 @@ def rejections(test, make_series, series_count=SERIES_COUNT):
     return sum(test(make_series(rng)).p_value < LEVEL for _ in range(series_count))
 
 
+@mark.in_full
 @mark.parametrize("kernel_steps", [0, 1, 3, 10])
 def test_normality_rejects_gaussian_noise_of_any_colour_at_its_level(kernel_steps):
     count = rejections(noise_tests.normality, lambda rng: gaussian_series(rng, kernel_steps))
@@ -46,6 +47,7 @@ def test_whiteness_rejects_coloured_noise():
     assert rejections(noise_tests.whiteness, lambda rng: gaussian_series(rng, 0.6), 100) >= 95
 
 
+@mark.in_full
 def test_whiteness_is_tested_with_values_that_share_no_samples():
     """A running mean of five white samples is correlated over four lags and no further."""
 

@@ -112,7 +112,7 @@ def analysed():
     return assess(read_log(FLIGHT), axis="roll")
 
 
-@mark.slow
+@mark.in_full
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(analysed):
     analyses = dict.fromkeys(("roll", "pitch"), analysed.analysis)
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=1.0, share=0.5, subject="motor 2")
