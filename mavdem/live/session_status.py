@@ -22,7 +22,7 @@ from mavdem.assessment.flight_verdict import FlightVerdict, worst_first
 from mavdem.assessment.headline import headline_by_lights
 from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.assessment.lights import VEHICLE_LIGHTS
-from mavdem.assessment.limits import worst_fact
+from mavdem.assessment.limits import LEVELS_BY_SEVERITY, worst_fact
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.assessment.severity import FALLS
 from mavdem.containers import Numbers
@@ -660,18 +660,26 @@ class SessionStatus(ImmutableResult):
         latest flight.
         """
         judgement = self._judgement_with_worst_headline
-        if self.link_loss is not None:
-            return judgement
         fault = self.unrepaired_fault
-        if fault is None:
+        if fault is None or self.link_loss is not None:
             return judgement
         if self.is_in_flight:
             return self._judgement_with_condition(judgement, fault)
         is_landing_advised = judgement.next_step.code in STEPS_TO_THE_GROUND
-        if not is_landing_advised and self._is_worse_on_ground(fault, judgement.headline):
-            next_step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
-            return replace(judgement, headline=fault, next_step=next_step)
-        return judgement
+        # Of two flights of this session, the worse one is the headline already.
+        is_of_earlier_session = fault.figures["reason"] == self.fault_in_library
+        if is_landing_advised or not (self._is_known_to_be_on_ground and is_of_earlier_session):
+            return judgement
+        if not _is_worse_for_take_off(fault.figures["reason"], judgement.headline):
+            return judgement
+        next_step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
+        return replace(judgement, headline=fault, next_step=next_step)
+
+    @property
+    def _is_known_to_be_on_ground(self) -> bool:
+        """Whether it is known where the vehicle is, and that it does not fly: it is received, or its flight is over."""
+        is_vehicle_known = self.flight_number > 0 or self.is_over or self._is_vehicle_received
+        return is_vehicle_known and not self._is_in_air
 
     def _judgement_with_condition(self, judgement: Judgement, fault: Fact) -> Judgement:
         """Adds a condition to the next step of a judgement in flight: that the fault of an earlier flight was repaired.
@@ -686,23 +694,6 @@ class SessionStatus(ImmutableResult):
             return replace(judgement, headline=headline)
         step = Fact(NextStep.FLY_ON_IF_REPAIRED, reason=fault, next_step=judgement.next_step)
         return replace(judgement, headline=headline, next_step=step)
-
-    def _is_worse_on_ground(self, fault: Fact, headline: Fact) -> bool:
-        """Returns whether a fault of a flight before this session replaces the headline of a vehicle on the ground.
-
-        Of two faults, the one that forbids to fly comes first, otherwise that of this session. The headline stays if no
-        vehicle is received, or if the vehicle may still be in the air.
-
-        Args:
-            fault: the warning of the fault; one of a flight of this session never becomes the headline here.
-            headline: headline of the worst flight of this session.
-        """
-        is_of_session = fault.figures["reason"] != self.fault_in_library
-        is_vehicle_known = self.flight_number > 0 or self.is_over or self._is_vehicle_received
-        if is_of_session or self._is_in_air or not is_vehicle_known:
-            return False
-        fault_forbids_flight = fault.figures["reason"].forbids_flight
-        return not headline.is_bad or (fault_forbids_flight and not headline.forbids_flight)
 
     @property
     def _judgement_with_worst_headline(self) -> Judgement:
@@ -1053,9 +1044,7 @@ class SessionStatus(ImmutableResult):
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
         """Returns the lights after a landing: an unknown one says why the part could not be judged in the flight.
 
-        A light is the judgement of one part of the vehicle, and has a reason if its level is unknown. On the ground
-        that reason would be that nothing is watched or learned any more. It is replaced by one that was true in the
-        flight, such as that the flight was too short.
+        A light is the judgement of one part of the vehicle, and has a reason if its level is unknown.
 
         Args:
             lights: the judgement of each part of the vehicle, by the name of the part.
@@ -1068,22 +1057,32 @@ class SessionStatus(ImmutableResult):
             return lights_of_flight
         for name, light in lights.items():
             reason = light.figures.get("reason")
-            if not isinstance(reason, Fact):
-                continue
-            if reason.code is WatchFact.ON_GROUND_NOW:
-                # A slow computer may be why there are no margins, which take long to compute. All other parts are
-                # judged even then: without a judgement too little was received.
-                is_margins = name == Light.MARGINS
-                reason_of_flight = (
-                    self._reason_for_no_model if is_margins else self._too_little_received
-                )
-                lights_of_flight[name] = light.replace(reason=reason_of_flight)
-            elif light.code in Unjudged and reason.code is SessionFact.FLIGHT_OVER:
-                # That the flight is over does not say why this part was not judged in it.
-                lights_of_flight[name] = Fact(Unjudged.NOT_JUDGED, reason=None)
-            elif reason.code is LoopFact.LOOP_TOO_SHORT:
-                lights_of_flight[name] = light.replace(reason=self._reason_for_no_margins(reason))
+            if isinstance(reason, Fact):
+                lights_of_flight[name] = self._light_after_landing(name, light, reason)
         return lights_of_flight
+
+    def _light_after_landing(self, name: str, light: Fact, reason: Fact) -> Fact:
+        """Returns a light after a landing, with a reason that was true in the flight, such as that it was too short.
+
+        That the vehicle is on the ground now, or that its flight is over, does not say why a part was not judged.
+
+        Args:
+            name: name of the part of the vehicle that the light judges.
+            light: the light now.
+            reason: its reason now.
+        """
+        if reason.code is WatchFact.ON_GROUND_NOW:
+            # Margins take long to compute, so that a slow computer may be why there are none. All other parts are
+            # judged even then: without a judgement too little was received.
+            is_margins = name == Light.MARGINS
+            return light.replace(
+                reason=self._reason_for_no_model if is_margins else self._too_little_received
+            )
+        if reason.code is LoopFact.LOOP_TOO_SHORT:
+            return light.replace(reason=self._reason_for_no_margins(reason))
+        if reason.code is SessionFact.FLIGHT_OVER and light.code in Unjudged:
+            return Fact(Unjudged.NOT_JUDGED, reason=None)
+        return light
 
     @property
     def _reason_for_no_model(self) -> Fact:
@@ -1278,27 +1277,28 @@ class SessionStatus(ImmutableResult):
     def _judgement_before_recording(self, judgement: Judgement, not_judged: Fact) -> Judgement:
         """Returns what to show of a flight that has ended until its recording has been judged.
 
-        For example, "good so far" becomes "the recording is being judged", since the recording may show faults that the
-        live session did not.
+        For example, the headline "nothing wrong" becomes "not judged yet", since the recording may show faults that the
+        session did not. A bad headline stays. One that warns becomes "not judged yet; so far: …", unless no judgement
+        will follow, since the recording could not be read.
 
         Args:
-            judgement: judgement of the flight by this session. A bad headline stays. One that warns stays only if the
-                recording cannot be judged; otherwise its advice may be the opposite of what the recording shows.
+            judgement: judgement of the flight by this session.
             not_judged: the fact that the recording is not judged, with the reason as its ``kind``.
         """
-        found = judgement.headline
-        has_failed = not_judged.figures["kind"] is RecordingState.FAILED
-        if found.is_bad or (has_failed and found.is_watch_or_bad):
+        headline_so_far = judgement.headline
+        will_be_judged = not_judged.figures["kind"] is not RecordingState.FAILED
+        is_warning_final = headline_so_far.is_watch_or_bad and not will_be_judged
+        if headline_so_far.is_bad or is_warning_final:
             return judgement
         if self._is_silent_after_flight:
             not_judged = not_judged.replace(is_switched_off=True)
-        lights = judgement.lights
-        if not has_failed and not lights[Light.MARGINS].is_good:
-            # By margins of a part of the flight nobody is to change the gains, as their light would advise.
-            lights = {**lights, Light.MARGINS: Fact(Unjudged.NOT_JUDGED, reason=not_judged)}
         headline = not_judged
-        if found.is_watch_or_bad:
-            headline = not_judged.replace(found.level, so_far=found)
+        if headline_so_far.is_watch_or_bad:
+            headline = not_judged.replace(headline_so_far.level, so_far=headline_so_far)
+        lights = dict(judgement.lights)
+        if will_be_judged and not lights[Light.MARGINS].is_good:
+            # By margins of a part of the flight nobody is to change the gains, as their light would advise.
+            lights[Light.MARGINS] = Fact(Unjudged.NOT_JUDGED, reason=not_judged)
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=not_judged)
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
@@ -1415,28 +1415,31 @@ class SessionStatus(ImmutableResult):
         return _is_event(fact) and fact.end_time is not None and not is_alarm
 
     def _alarm_or_headline(self, headline: Fact) -> Fact:
-        """Returns the active alarm that is more urgent in flight than a headline or, without one, the headline.
+        """Returns the most urgent of a headline and the active alarms; of equally urgent ones the headline.
 
-        It is the first of these that applies. An event that endangers the flight now, such as a loss of control, comes
-        before a fault that lasts, such as vibration, which may be its cause:
-
-        1. An alarm on a bad event, unless the headline is an event too.
-        2. The headline if it is bad, unless it is an event that is over: a danger that lasts comes before a past one.
-        3. The worst alarm; but one that is only to be watched does not take the place of a bad event that is over.
-        4. The headline.
+        For example, the alarm of a loss of control comes before vibration, which may be its cause.
 
         Args:
             headline: headline of the judgement: its first sentence on the screen, as a fact.
         """
-        bad_events = [alarm for alarm in self.active_alarms if alarm.is_bad and _is_event(alarm)]
-        if bad_events and not _is_event(headline):
-            return bad_events[0]
-        if headline.is_bad and not self._is_past_event(headline):
-            return headline
-        alarms = self.active_alarms
-        if headline.is_bad:
-            alarms = tuple(alarm for alarm in alarms if alarm.is_bad)
-        return worst_fact(alarms) if alarms else headline
+        return max((headline, *self.active_alarms), key=self._urgency_in_flight)
+
+    def _urgency_in_flight(self, fact: Fact) -> tuple[int, int]:
+        """Returns how urgent a fact is for a pilot in flight: the greater of two such pairs is more urgent.
+
+        The first number is 4 for a bad event that lasts, 3 for another bad fault that lasts, 2 for a bad event that is
+        over, 1 for an alarm that is only to be watched, and 0 for anything else. The second one is the rank of the
+        level.
+
+        Args:
+            fact: the headline, or an active alarm.
+        """
+        level_rank = LEVELS_BY_SEVERITY.index(fact.level)
+        if fact.is_bad:
+            if self._is_past_event(fact):
+                return 2, level_rank
+            return (4 if _is_event(fact) else 3), level_rank
+        return (1 if fact in self.active_alarms else 0), level_rank
 
     def _next_step_in_flight(self, judgement: Judgement) -> Fact:
         """Returns what the pilot of a vehicle in flight without an active alarm should do.
@@ -1751,6 +1754,20 @@ class SessionStatus(ImmutableResult):
         return replace(self, prediction_band=prediction_band, useful_horizon=useful_horizon)
 
 
+def _is_worse_for_take_off(earlier_fault: Fact, headline: Fact) -> bool:
+    """Returns whether a fault of an earlier flight matters more before a take-off than the headline so far.
+
+    A fault that forbids to fly comes before all others. Of two faults that are alike in this, the headline stays.
+
+    Args:
+        earlier_fault: the fault of the earlier flight.
+        headline: headline of the latest flight.
+    """
+    if earlier_fault.forbids_flight:
+        return not (headline.is_bad and headline.forbids_flight)
+    return not headline.is_bad
+
+
 def are_most_rows_postponed(postponed_rows: int, learned_rows: int) -> bool:
     """Returns whether this computer was too slow for a flight: it had no time to learn from most of its samples.
 
@@ -1962,28 +1979,21 @@ def _verdict_by_shown_lights(recording_verdict: Fact, lights: NamedFacts) -> Fac
 
 
 def _judgement_with_bad_lights(judgement: Judgement) -> Judgement:
-    """Returns a judgement whose headline states the most important fault of the vehicle.
+    """Returns a judgement whose headline states the most important bad fault of the vehicle.
 
-    Of the parts that are judged bad, it is the first of these:
-
-    1. an event, such as a loss of control, which comes before what causes it, such as vibration;
-    2. an oscillation, since it drives the motors to their limits;
-    3. the fault that the headline states already;
-    4. the first bad part.
+    An event, such as a loss of control, comes before what causes it, such as vibration; then an oscillation, since it
+    drives the motors to their limits. Of other faults the headline's comes first, and then that of the first bad light.
 
     Args:
         judgement: headline, next step, and for each part of the vehicle a light, which judges it; at least one is bad.
     """
-    bad_lights = [light for light in judgement.lights.values() if light.is_bad]
-    bad_events = [light for light in bad_lights if _is_event(light)]
-    oscillations = [light for light in bad_lights if light.code is MarginsLight.OSCILLATES]
-    is_event_stated = bool(bad_events) or _is_event(judgement.headline)
-    if oscillations and not is_event_stated:
-        return _judgement_from_headline(oscillations[0], judgement.lights)
-    if judgement.headline.is_bad:
+    faults = [fact for fact in (judgement.headline, *judgement.lights.values()) if fact.is_bad]
+    events = [fault for fault in faults if _is_event(fault)]
+    oscillations = [fault for fault in faults if fault.code is MarginsLight.OSCILLATES]
+    most_important_fault = (events or oscillations or faults)[0]
+    if most_important_fault == judgement.headline:
         return judgement
-    most_important_light = (bad_events or bad_lights)[0]
-    return _judgement_from_headline(most_important_light, judgement.lights)
+    return _judgement_from_headline(most_important_fault, judgement.lights)
 
 
 def _judgement_with_summary_of_lights(judgement: Judgement) -> Judgement:
