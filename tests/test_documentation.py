@@ -19,7 +19,7 @@ from types import FunctionType
 
 import numpy as np
 from command_line import run, unknown_options
-from pytest import fixture, mark
+from pytest import fixture, mark, param
 from recorded_flights import FLIGHT, short_flight
 from simulated import simulated
 
@@ -324,7 +324,13 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
 @mark.slow
-@mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@mark.parametrize(
+    "path",
+    [
+        param(path, marks=mark.in_full if path.stem in ENOUGH_SAMPLES else (), id=path.stem)
+        for path in NOTEBOOKS
+    ],
+)
 def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch, capsys):
     """What a cell prints, and the value of its last statement; of few samples of its flight."""
     monkeypatch.chdir(path.parent)

@@ -84,6 +84,7 @@ def test_a_job_without_an_answer_is_answered_by_its_error():
     assert [str(each).startswith("settings must be") for each in wrong] == [True, True, False]
 
 
+@mark.in_full
 def test_a_given_executor_does_the_work_and_is_left_open(expected):
     with ThreadPoolExecutor(3) as executor:
         assert list(learn_many([], executor)) == list(learn_many([])) == []

@@ -177,7 +177,7 @@ METHODS = {
 }
 ALL = [
     param(METHODS["subspace"], id="subspace"),
-    param(METHODS["pem"], id="pem", marks=mark.slow),
+    param(METHODS["pem"], id="pem", marks=mark.in_full),
     param(partial(baselines.em, order=1), id="em", marks=mark.slow),
 ]
 

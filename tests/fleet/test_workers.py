@@ -22,7 +22,7 @@ from pathlib import Path
 from unittest.mock import MagicMock, Mock, PropertyMock
 
 import psutil
-from pytest import fixture, mark, raises
+from pytest import fixture, mark, param, raises
 from recorded_flights import LOGS
 from refusals import prose, unreadable
 from standin_logs import LIMITS, make_logs, rows_of_log, table_of, track
@@ -193,7 +193,7 @@ def hanging(tmp_path):
 
 
 @mark.slow
-@mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@mark.parametrize("number", [signal.SIGINT, param(signal.SIGKILL, marks=mark.in_full)])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     """The run is interrupted or killed while two logs hang; the next run reads those that are missing."""
     run, names = hanging

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from pytest import fixture, mark
+from pytest import fixture, mark, param
 
 import mavdem
 from mavdem.experiments.paper.flights import write_log
@@ -21,7 +21,7 @@ from sitl_scenarios.simulation import fly
 pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 
 
-@fixture(scope="module", params=[2.0, 4.0])
+@fixture(scope="module", params=[2.0, param(4.0, marks=mark.in_full)])
 def flown(request, tmp_path_factory, coarse_physics):
     """A quadrotor one of whose motors stops 2 m or 4 m up."""
     stream = StreamSpec(autopilot="ardupilot", rate=25.0, instruments=True)

@@ -80,6 +80,7 @@ def test_another_rate_in_flight_decides_the_step_anew():
     settled_uniform(replayed)
 
 
+@mark.in_full
 def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     """200 Hz asked of a loop of 4 ms: steps of 4, 8 and 12 ms come, of 8.5 ms in the mean."""
     steps = default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
@@ -118,6 +119,7 @@ def test_a_slow_stream_is_reported_with_its_remedy_and_gives_no_rows():
     assert RowsFact.NO_LIVE_MOTORS in replay(frames_without_motors).codes
 
 
+@mark.in_full
 def test_copies_change_nothing(undisturbed):
     frames = FLIGHT.frames(end=14.0)
     twice = [entry for entry in frames for _ in range(2)]

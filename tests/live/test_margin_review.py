@@ -167,7 +167,7 @@ def fly_live(path):
     return lights[1:], review.margins
 
 
-@mark.slow
+@mark.in_full
 @mark.usefixtures("coarse_physics", "without_alarms")
 def test_margins_in_flight_are_those_of_the_review(tmp_path, monkeypatch):
     """A simulated flight is followed live and then reviewed, by the same rules."""

@@ -12,7 +12,7 @@ from live_hover import NOW, Flight, by_time, offline, replay
 from mavlink_streams import message
 from numpy.testing import assert_allclose
 from partial_records import partial_record
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, param
 from rich.console import Console
 
 from mavdem.assessment.motor_alarms import _gradual_losses, motor_alarms
@@ -59,7 +59,7 @@ def stream_and_facts(path):
     return stream, reported_facts
 
 
-@fixture(scope="module", params=["px4", "ardupilot"])
+@fixture(scope="module", params=[param("px4", marks=mark.in_full), "ardupilot"])
 def flown(request, tmp_path_factory, coarse_physics):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
@@ -133,6 +133,7 @@ def hovering(clock=0.0, start=3.0, end=None, **trims):
     return Flight(hover, attitude=12.0, motors=12.0, clock=clock).frames(start, end or hover.end)
 
 
+@mark.in_full
 def test_an_output_range_that_becomes_known_in_flight_is_no_motor_alarm():
     """Parameters with the range of the motor outputs arrive at 25 s.
 
@@ -148,6 +149,7 @@ def test_an_output_range_that_becomes_known_in_flight_is_no_motor_alarm():
     assert replay(frames[:place] + sent + frames[place:]).stream.status().motor_alarms == ()
 
 
+@mark.in_full
 def test_a_transient_is_no_loss_live_or_in_the_log():
     frames = hovering(rise=150.0, until=30.0)
     status = replay(frames).stream.status()
@@ -252,7 +254,7 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     assert status.active_alarms[0].figures["reason"].figures["boot"] == 1
 
 
-@mark.parametrize("mask", [0, 128])
+@mark.parametrize("mask", [0, param(128, marks=mark.in_full)])
 def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     """From 20 s on half a radian of roll is asked for, or, with the attitude masked, nothing."""
     setpoint = {"type_mask": mask, "q": [np.cos(0.25), np.sin(0.25), 0.0, 0.0]}
@@ -297,6 +299,7 @@ def fading(tmp_path_factory, coarse_physics):
     return path
 
 
+@mark.in_full
 def test_a_motor_that_fades_is_reported_early_and_its_light_follows_the_newest_estimate(fading):
     """A motor loses its thrust slowly.
 

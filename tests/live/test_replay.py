@@ -5,7 +5,7 @@ from functools import lru_cache
 
 from live_hover import Flight, differences, offline, replay
 from numpy.testing import assert_array_equal
-from pytest import mark
+from pytest import mark, param
 from recorded_flights import FLIGHT, LOGS, SAMPLE_LOGS, SHARED
 
 from mavdem.dataset.flights import choose_vehicle
@@ -69,9 +69,14 @@ EXACT = 1e-12, 1e-9
     "flight, far, latency",
     [
         (Flight(version=1, quaternion=True, system=7), EXACT, 0.0),
-        (Flight(attitude=120.0, motors=110.0, clock=2**32 / 1e6 - 25), EXACT, 1 / 110),
-        (Flight(attitude=250.0), LOW_PASSED, 5 * 0.01 + 1 / 250),
-        (Flight(motors=250.0), LOW_PASSED, 5 * 0.01 + 1 / 250),
+        param(
+            Flight(attitude=120.0, motors=110.0, clock=2**32 / 1e6 - 25),
+            EXACT,
+            1 / 110,
+            marks=mark.in_full,
+        ),
+        param(Flight(attitude=250.0), LOW_PASSED, 5 * 0.01 + 1 / 250, marks=mark.in_full),
+        param(Flight(motors=250.0), LOW_PASSED, 5 * 0.01 + 1 / 250, marks=mark.in_full),
         (Flight(motors=50.0), LOW_PASSED, 5 * 0.02 + 1 / 50),
     ],
 )
@@ -182,14 +187,16 @@ def hold_against_offline(path):
 @mark.parametrize(
     "path",
     [
-        path
+        param(path, marks=() if path.parent == LOGS else mark.in_full, id=path.stem)
         for path in RECORDED
         if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER) or path.parent == LOGS
     ],
-    ids=lambda path: path.stem,
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
-    """The first seconds of real logs are replayed, since they have more irregularities than made-up flights."""
+    """The first seconds of real logs are replayed, since they have more irregularities than made-up flights.
+
+    Those beside the logs of the repository are replayed with ``--in-full``.
+    """
     if path.stem != TO_THE_RESTART:
         path = first_seconds(path, tmp_path, SECONDS.get(path.stem, 45.0))
     if "SUBMARINE" in {vehicle.vehicle for vehicle in group_by_vehicle(path)}:

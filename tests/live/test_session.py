@@ -262,7 +262,7 @@ def test_a_successor_that_appears_late_is_not_said_to_be_found_beside_the_silent
     assert VehicleFact.VEHICLE_SUCCEEDED in codes and VehicleFact.OTHER_VEHICLE not in codes
 
 
-@mark.slow
+@mark.in_full
 def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     """The samples that the live learner stores are those of the same log read offline, with the same parameters."""
     session, screen, _ = session_of(batches(12.0))
@@ -827,7 +827,7 @@ def test_a_silence_is_reported_at_once_by_a_computer_that_is_still_analysing(now
     assert status.no_model_reason.code is RowsFact.NOTHING_RECEIVED
 
 
-@mark.slow
+@mark.in_full
 def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now, monkeypatch):
     monkeypatch.setattr("time.time", lambda: now[0])
     monkeypatch.setattr("mavdem.live.backlog.REPEAT_SECONDS", 5.0)

@@ -70,6 +70,7 @@ def fly(session_now, *flights):
     return session, facts
 
 
+@mark.in_full
 def test_a_flight_is_judged_as_if_it_were_the_only_one_of_its_session(session_now):
     """Motor 3 weakens in the first flight, and motor 1 in the second one."""
     first = Flight(WeakHover(motor=2), attitude=42.0, motors=42.0)

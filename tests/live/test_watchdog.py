@@ -173,7 +173,7 @@ def test_a_motor_at_its_limit_is_named(hot):
     assert begun <= alarm.time <= begun + 0.6
 
 
-@mark.slow
+@mark.in_full
 def test_what_is_steered_is_no_limit_cycle():
     steered = Hot(hovering=10.0, frequency=1.0)
     replayed = replay(Flight(steered, attitude=60.0, motors=60.0).frames(end=16.0))
@@ -298,7 +298,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
 @mark.slow
 @mark.parametrize(
     "version, end, is_known",
-    [(0x010C03FF, 18.0, False), (0x010D00FF, 67.0, True)],
+    [(0x010C03FF, 18.0, False), param(0x010D00FF, 67.0, True, marks=mark.in_full)],
 )
 def test_a_version_that_came_once_says_what_the_vibration_of_px4_is(version, end, is_known):
     """PX4 before 1.13 sends other quantities in VIBRATION, so that it can be judged only with the version.

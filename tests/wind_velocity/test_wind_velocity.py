@@ -461,7 +461,7 @@ def test_velocity_of_another_core_stands_in_for_the_primary_s():
     assert np.ptp(motion.time) > 0.9 * np.ptp(attitude_time)
 
 
-@mark.slow
+@mark.in_full
 def test_solo_beside_an_anemometer():
     """A real hover beside an anemometer: drag from the first half, wind in the second half.
 

@@ -10,6 +10,7 @@ from mavdem.experiments.paper.scalar_system import TRUE_A, TRUE_B
 pytestmark = mark.slow
 
 
+@mark.in_full
 def test_priors_end_at_one_point_but_not_under_the_papers_settings(monkeypatch):
     """Ten priors on a circle converge to the maximum of the free energy, which has the numbers of the paper."""
     for grid in ("GRID_A", "GRID_B"):
