@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from difflib import get_close_matches
 from functools import partial
+from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
@@ -12,12 +13,14 @@ import click
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_INTERRUPTED
 from mavdem.cli.options import (
     WholeNumberRange,
+    file_option,
     motion_options,
     sources_argument,
     verbose_option,
     window_options,
 )
 from mavdem.cli.output import print_result, progress_bar
+from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.sources import map_flights, sources_by_flight_name
 from mavdem.cli.streams import print_to_stderr, stderr_is_terminal
 from mavdem.containers import Names
@@ -39,7 +42,11 @@ from mavdem.experiments.window import (
 )
 from mavdem.report.comparison import comparison_report, plan_report
 from mavdem.report.numbers import listed
+from mavdem.report.pages.methods_page import methods_page
 from mavdem.report.templates import render_section
+
+PAGE_FILE = "compare.html"
+"""Name of the page with the error of each method by horizon, and all tables."""
 
 ALL_METHODS = "all"
 """What --methods takes in the place of names for all methods."""
@@ -109,6 +116,7 @@ def _unknown_method_text(name: str) -> str:
     "which takes three times as long. "
     f"[default: {', '.join(method.name for method in STANDARD_METHODS)}]",
 )
+@file_option("--out", "Folder for compare.html, with the error of each method by horizon.")
 @verbose_option
 def compare_command(
     sources: Names,
@@ -120,6 +128,7 @@ def compare_command(
     test: Length | None,
     hop: int | None,
     methods: Sequence[Method],
+    out: Path | None,
     verbose: bool,
 ) -> None:
     """Compares forecasts with those of other methods, window by window.
@@ -132,8 +141,8 @@ def compare_command(
     methods that can. The report begins with the methods that have smaller errors than DEM's model and than the first
     method, with the p-values of paired tests, and how far ahead forecasts are useful. A table sums up RMSE, error ratio
     (squared error over that of a constant forecast) and p. With --verbose follow forecasts without the inputs, what
-    each figure is, and error ratios at all horizons. A run that is stopped, as by Ctrl-C, reports the windows that are
-    done.
+    each figure is, and error ratios at all horizons; --out draws these over the horizon, on a page. A run that is
+    stopped, as by Ctrl-C, reports the windows that are done.
 
     In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
@@ -141,12 +150,14 @@ def compare_command(
     Examples:
       mavdem compare flight.tlog
       mavdem compare flight.tlog --methods "DEM plant,PEM(4),hold last"
-      mavdem compare flight.tlog --methods all
+      mavdem compare flight.tlog --methods all --out compared
       mavdem compare one.tlog two.ulg --json > comparison.json
 
     A SOURCE that cannot be compared is reported, and the others are compared. Exit code: 0 if a flight was compared,
     1 if none was, 2 if no SOURCE can be read.
     """
+    if out is not None:
+        check_output_folder(out, (PAGE_FILE,), *sources)
     start_time = perf_counter()
     flights = map_flights(
         sources,
@@ -177,14 +188,14 @@ def compare_command(
         "left_out": {source: str(error) for source, error in flights.excluded.items()},
     }
     is_complete = len(run.outcomes) == len(windows)
-    report = comparison_report(
-        comparison,
-        None if is_complete else len(windows),
-        flights.excluded,
-        verbose=verbose,
-    )
+    planned_windows = None if is_complete else len(windows)
+    if out is not None:
+        write_texts(out, {PAGE_FILE: methods_page(comparison, planned_windows, flights.excluded)})
+    report = comparison_report(comparison, planned_windows, flights.excluded, verbose=verbose)
     print_result(document, report, as_json=as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")
+    if out is not None:
+        print_to_stderr(f"Page: {out / PAGE_FILE}")
     if run.exit_code != EXIT_DONE:
         raise click.exceptions.Exit(run.exit_code)
 

@@ -11,6 +11,12 @@ from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.outcomes import Outcome
 from mavdem.experiments.scores import ForecastKind
 
+LITTLE_MOTION_SHARE = 0.5
+"""Largest error of a constant, as a share of that elsewhere, that explains why a forecast is worse; a choice.
+
+Half of the constant's error alone doubles the error ratio.
+"""
+
 
 class WorseWindows(NamedTuple):
     """The windows in which one method is worse than a constant over the whole test part; failed ones do not count."""
@@ -32,8 +38,8 @@ class WorseWindows(NamedTuple):
 
     @property
     def has_little_motion(self) -> bool:
-        """Whether the constant itself has a smaller error there than elsewhere, since the vehicle moves less."""
-        return self.constant_error < self.constant_error_elsewhere
+        """Whether the vehicle moves much less there: the constant's own error is below half of that elsewhere."""
+        return self.constant_error < LITTLE_MOTION_SHARE * self.constant_error_elsewhere
 
 
 def worse_windows(comparison: Comparison, method: str, kind: ForecastKind) -> WorseWindows:

@@ -184,7 +184,7 @@ def comparison_report(
         excluded: reason why a log is not compared, by its path.
         verbose: whether all kinds, the definitions of the figures and the errors at all horizons are reported.
     """
-    kinds = _compared_kinds(comparison) if verbose else [KNOWN_INPUTS]
+    kinds = compared_kinds(comparison) if verbose else [KNOWN_INPUTS]
     ranks_of_kinds = {kind: _method_ranks(comparison, kind) for kind in kinds}
     yield from render_section(
         "comparison_stopped", windows=len(comparison.windows), planned_windows=planned_windows
@@ -220,7 +220,7 @@ def comparison_report(
         yield from _advice_on_pairs(comparison.windows)
 
 
-def _compared_kinds(comparison: Comparison) -> list[ForecastKind]:
+def compared_kinds(comparison: Comparison) -> list[ForecastKind]:
     """Returns the kinds of forecasts that are compared: with known inputs and, if a method makes them, without."""
     if comparison.methods_of(UNKNOWN_INPUTS):
         return [KNOWN_INPUTS, UNKNOWN_INPUTS]

@@ -43,7 +43,9 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     assert "ATTITUDE comes at 4 Hz" in document["left_out"][SLOW]
     assert "4 Hz" in document_of(capsys, "compare", SLOW, code=1)["error"]["reason"]
     # A report that is kept has them too.
-    assert run("compare", SLOW, FLIGHT, "--hop", "5000") == 0
+    assert run("compare", SLOW, FLIGHT, "--hop", "5000", "--out", str(tmp_path / "out")) == 0
+    page = (tmp_path / "out" / "compare.html").read_text()
+    assert "Error ratio by horizon, inputs known" in page and "Left out:" in page
     report = capsys.readouterr().out.replace("\n", " ")
     assert f"Left out: {SLOW}: ATTITUDE comes at 4 Hz" in report
     missing = [str(tmp_path / "missing.tlog"), str(tmp_path / "lost.tlog")]

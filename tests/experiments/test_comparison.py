@@ -17,6 +17,7 @@ from mavdem.experiments.worse_windows import worse_windows
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import ForecastFact
 from mavdem.report.blocks import Table, plain_text
+from mavdem.report.charts.forecast_errors import forecast_error_chart
 from mavdem.report.comparison import comparison_report, plan_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
@@ -255,6 +256,12 @@ def test_the_horizon_up_to_which_forecasts_are_useful_is_stated():
         "More:",
         "Next:",
     ]
+    # The curve over the horizon has the figures of the table, and the constant as a level.
+    chart = forecast_error_chart(known, KNOWN_INPUTS)
+    (line,) = chart.lines
+    (ratios,) = (row["horizons"] for row in known.over_flights() if row["method"] == "subspace")
+    assert (line.name, line.x[-1], chart.levels[0]) == ("subspace", approx(1.5), 1.0)
+    assert line.y.tolist() == ratios
     # Where the errors are set to be large, the constant's error shows how much the vehicle moves.
     worse = worse_windows(known, "subspace", KNOWN_INPUTS)
     constant_errors = [
@@ -264,7 +271,7 @@ def test_the_horizon_up_to_which_forecasts_are_useful_is_stated():
     assert (worse.windows, worse.unstable) == (2, 0)
     assert worse.constant_error == approx(np.median(constant_errors[1:]))
     assert worse.constant_error_elsewhere == approx(constant_errors[0])
-    assert "subspace in 2 windows, where the vehicle moves less: the constant's own" in text
+    assert "subspace in 2 windows, where the vehicle moves little: the constant's own" in text
     assert details.header[7] == ">1" and details.rows[-1][7] == "2"
 
 
