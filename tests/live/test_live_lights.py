@@ -867,7 +867,7 @@ def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
     statement = statement_of_headline(str(headline), headline)
     assert statement == "No alarm now, but margins and wind are not judged."
     [margins] = [row for row in light_rows(flying) if row.name == Light.MARGINS]
-    assert margins.figure == "after 12 s more settled"
+    assert margins.figure == "12 s more settled"
     long_enough = waiting.replace(reason=waiting.figures["reason"].replace(settled=21.0))
     for change, text in (
         ({"worst_lights": lights | {Light.MARGINS: long_enough}}, "being judged"),
@@ -1090,7 +1090,7 @@ def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):
     assert brief_light_figures(landing)[Light.TRACKING] == "not judged"
     counted = watch(WatchedQuantity.TRACKING, awaited.replace(remaining_duration=11.2))
     rows = {row.name: row for row in light_rows(replace(slow, watch_facts=(counted,)))}
-    assert rows["tracking"].figure == "after 12 s more settled"
+    assert rows["tracking"].figure == "12 s more settled"
     # The count does not begin again once the settled flight is complete.
     complete = watch(WatchedQuantity.TRACKING, awaited.replace(remaining_duration=0.0))
     rows = {row.name: row for row in light_rows(replace(slow, watch_facts=(complete,)))}
