@@ -69,7 +69,7 @@ def _compared_methods() -> Iterator[Method]:
         yield Method(f"subspace({order})", partial(methods.subspace, order=order))
     yield Method("PEM(2)", partial(methods.pem, order=2), window_seconds=0.5)
     yield Method("PEM(4)", partial(methods.pem, order=4), window_seconds=2.8)
-    yield Method("EM(2)", partial(methods.em, order=2), window_seconds=1.0)
+    yield Method("EM(2)", partial(methods.em, order=2), window_seconds=0.5)
     for order in (4, 10):
         yield Method(
             f"{MethodName.JOINT_VAR}({order})", partial(methods.var, order=order), predicts=True

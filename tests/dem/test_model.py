@@ -262,6 +262,21 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
     assert states.log_likelihood == approx(log_likelihood, rel=1e-7, abs=1e-6)
 
 
+@mark.parametrize("radius", [0.5, 0.999])
+def test_a_smoother_with_steady_gains_equals_the_exact_one(radius, monkeypatch):
+    """Over 400 samples, where gains and smoothing precisions become steady: to 1e-8 of the largest value."""
+    rng = default_rng(0)
+    model = random_gaussian_model(0, 2, 1, 2, radius)
+    segment = (rng.standard_normal(2), rng.standard_normal((400, 1)), rng.standard_normal((400, 2)))
+    steady = smooth_states(model, *segment)
+    monkeypatch.setattr(kalman, "STEADY_CHANGE", -1.0)
+    exact = smooth_states(model, *segment)
+    for name in ("means", "covariances", "lag_one_covariances"):
+        values = getattr(exact, name)
+        assert_allclose(getattr(steady, name), values, rtol=0, atol=1e-8 * abs(values).max())
+    assert steady.log_likelihood == approx(exact.log_likelihood, rel=1e-10)
+
+
 @mark.parametrize("factor", [0.9, -1.01, 0.9 + 0.1j])
 def test_a_scalar_recursion_is_a_recursive_filter_of_first_order(factor):
     forcing = default_rng(0).standard_normal(50) * type(factor)(1)

@@ -363,24 +363,50 @@ class KalmanFilter(NamedTuple):
         """
         samples = innovations.shape[-2]
         rows = self.gain_rows(samples)
-        n = len(self.A)
         L = self.A - self.gains @ self.C
         F_inverse_C = self.innovation_precisions @ self.C
-        # N and r are computed backward in time, from 0 after the last sample.
-        N = np.zeros((samples + 1, n, n))
+        N = self._smoothing_precisions(L, F_inverse_C, samples)
+        # r is computed backward in time, from 0 after the last sample. Letters of einsum: sample t, output m, state n.
         r = np.zeros_like(states)
+        r[..., :-1, :] = np.einsum("...tm,tmn->...tn", innovations, F_inverse_C[rows])
         for t in range(samples - 1, -1, -1):
-            L_t = L[rows[t]]
-            F_inverse_C_t = F_inverse_C[rows[t]]
-            N[t] = self.C.T @ F_inverse_C_t + L_t.T @ N[t + 1] @ L_t
-            r[..., t, :] = innovations[..., t, :] @ F_inverse_C_t + r[..., t + 1, :] @ L_t
+            r[..., t, :] += r[..., t + 1, :] @ L[rows[t]]
         P = self.predicted_covariances(samples)
         # The smoothed means are x̂ + P r at each sample t.
         return SmoothingResult(
             means=states + np.einsum("...ti,tij->...tj", r, P),
             covariances=P - P @ N @ P,
-            lag_one_covariances=(np.eye(n) - P[1:] @ N[1:]) @ L[rows] @ P[:-1],
+            lag_one_covariances=(np.eye(len(self.A)) - P[1:] @ N[1:]) @ L[rows] @ P[:-1],
         )
+
+    def _smoothing_precisions(self, L: Array, F_inverse_C: Array, samples: int) -> Array:
+        """Returns N of the disturbance smoother, by which later samples reduce the covariance of the predicted state.
+
+        N is computed backward in time, from 0 after the last sample. Where the gain is steady N becomes steady too, as
+        P does (``STEADY_CHANGE``), and is then filled in.
+
+        Args:
+            L: (h, n, n) transition matrices A − K C of the filter.
+            F_inverse_C: (h, m, n) products F⁻¹ C.
+            samples: number T of samples of the segment.
+
+        Returns:
+            N (T + 1, n, n), of which the first T reduce the covariance before each sample.
+        """
+        information = self.C.T @ F_inverse_C
+        rows = self.gain_rows(samples)
+        first_steady = len(self.gains) - 1
+        N = np.zeros((samples + 1, *self.A.shape))
+        t = samples - 1
+        while t >= 0:
+            row = rows[t]
+            N[t] = information[row] + L[row].T @ N[t + 1] @ L[row]
+            is_steady = abs(N[t] - N[t + 1]).max() <= STEADY_CHANGE * abs(N[t]).max()
+            if is_steady and t > first_steady:
+                N[first_steady:t] = N[t]
+                t = first_steady
+            t -= 1
+        return N
 
 
 class LinearGaussianModel(NamedTuple):
