@@ -1278,8 +1278,9 @@ class SessionStatus(ImmutableResult):
         """Returns what to show of a flight that has ended until its recording has been judged.
 
         For example, the headline "nothing wrong" becomes "not judged yet", since the recording may show faults that the
-        session did not. A bad headline stays. One that warns becomes "not judged yet; so far: …", unless no judgement
-        will follow, since the recording could not be read.
+        session did not. A bad fault of the flight stays the headline. One that warns, or small margins, which the
+        recording shows better, become "not judged yet; so far: …", unless no judgement will follow, since the recording
+        could not be read.
 
         Args:
             judgement: judgement of the flight by this session.
@@ -1287,8 +1288,9 @@ class SessionStatus(ImmutableResult):
         """
         headline_so_far = judgement.headline
         will_be_judged = not_judged.figures["kind"] is not RecordingState.FAILED
+        arose_in_flight = headline_so_far.is_bad and headline_so_far.code not in PERMANENT_FAULTS
         is_warning_final = headline_so_far.is_watch_or_bad and not will_be_judged
-        if headline_so_far.is_bad or is_warning_final:
+        if arose_in_flight or is_warning_final:
             return judgement
         if self._is_silent_after_flight:
             not_judged = not_judged.replace(is_switched_off=True)

@@ -279,6 +279,11 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     warned = replace(landed, worst_lights={Light.MOTORS: weak})
     assert warned.overall_judgement.headline == weak
+    # Small margins, which the flight had from its beginning, are judged by the recording: no gains change yet.
+    margins = Fact(MarginsLight.LOOP_MARGINS, Level.BAD, reason=None)
+    unsteady = replace(landed, margins=margins, worst_lights={}).overall_judgement
+    assert unsteady.headline.is_bad and unsteady.headline.figures["so_far"] == margins
+    assert unsteady.next_step == judgement.next_step
     levels = dict.fromkeys(Light, "good") | {Light.POWER: "watch", Light.MOTORS: "unknown"}
     judged = Fact(
         SessionFact.RECORDING_JUDGED,
