@@ -876,6 +876,7 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
     assert first_delay == approx(1.5, abs=0.6)
     begin, end = (fact for fact in reported_facts if "delay" in fact.figures)
     assert (begin.code, end.code) == (SessionFact.COMPUTER_BEHIND, SessionFact.COMPUTER_KEEPS_UP)
+    assert str(end).endswith(" s behind the link."), "nothing was lost"
     assert begin.figures["delay"] == approx(1.0, abs=0.05)
     assert end.figures["delay"] == session.backlog.longest_delay > 5.0
     # The analysis has caught up, and the delay is held for 30 s more, which end after the stream.
