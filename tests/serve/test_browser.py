@@ -122,6 +122,7 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         assert page.said == []
 
 
+@mark.in_full
 def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
     """The owner signs in, shares a flight by its link and deletes it.
 
@@ -173,6 +174,7 @@ def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
         assert own_tab.said == []
 
 
+@mark.in_full
 def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path, browser):
     """Each page is opened on a telephone, and shown at several widths, light and dark.
 

@@ -154,6 +154,7 @@ def test_a_page_takes_over_what_is_new_and_keeps_its_readers_place(session, tab)
     assert tab.said == []
 
 
+@mark.in_full
 def test_what_shows_the_whole_flight_or_its_end_follows_the_flight(session, tab):
     whole = tab.run(f"{FLIGHT}.whole")
     session.fly(4.0)
@@ -204,6 +205,7 @@ def test_a_page_that_stays_open_goes_on_after_a_reboot(session, tab):
     assert tab.run(f"{FLIGHT}.whole[0]") < 101.0
 
 
+@mark.in_full
 def test_the_plots_of_a_vehicle_that_was_lost_end_soon_after_its_last_message(session, tab):
     session.fly(8.0)
     tab.until(f"{FLIGHT}.span[1] > 111")
@@ -214,6 +216,7 @@ def test_the_plots_of_a_vehicle_that_was_lost_end_soon_after_its_last_message(se
     assert tab.run(f"{FLIGHT}.span[1]") < end + 5.0
 
 
+@mark.in_full
 def test_a_page_that_stays_open_shows_the_flight_of_a_restarted_server(session, tab):
     tab.hurry()
     session.fly(8.0)
@@ -254,6 +257,7 @@ def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers
     assert tab.run(filter_of_headline) == "none"
 
 
+@mark.in_full
 def test_a_page_whose_server_has_nothing_new_says_so(session, tab):
     session.page = SessionPage(session.page.html, clock.monotonic() - 60.0)
     tab.until(f"{LOUD_LINE}.includes('has had nothing new for 6')")
@@ -269,6 +273,7 @@ COUNT_REQUESTS = """(() => {
 WAIT = "new Promise(passed => setTimeout(passed, 600))"
 
 
+@mark.in_full
 def test_a_page_waits_while_it_is_pressed_but_not_after_a_menu_has_opened(session, tab):
     tab.run(COUNT_REQUESTS)
     tab.run("document.body.dispatchEvent(new PointerEvent('pointerdown'))")
@@ -281,6 +286,7 @@ def test_a_page_waits_while_it_is_pressed_but_not_after_a_menu_has_opened(sessio
     tab.until(f"{LAST_TIME} > 107 && {LOUD_LINE} === ''")
 
 
+@mark.in_full
 def test_a_page_behind_a_proxy_that_asks_to_sign_in_says_so(session, tab):
     tab.hurry()
     tab.run("window.ask = window.fetch")
@@ -290,6 +296,7 @@ def test_a_page_behind_a_proxy_that_asks_to_sign_in_says_so(session, tab):
     tab.until(f"{LOUD_LINE} === ''")
 
 
+@mark.in_full
 def test_a_page_behind_a_proxy_that_changes_tags_asks_once_a_second(session, tab):
     tab.run("window.ask = window.fetch")
     tab.run("""window.fetch = async (address, options) => {
@@ -343,6 +350,7 @@ def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_
     tab.until(f"document.title === 'No vehicle yet on udp' && !{ICON}.includes({COLOUR % 'bad'})")
 
 
+@mark.in_full
 def test_an_alarm_stays_at_the_edge_of_the_window_while_its_headline_is_out_of_sight(session, tab):
     """A telephone's page that is scrolled down; a touch of the alarm leads back to the headline."""
     tab.size(390)
@@ -429,6 +437,7 @@ def test_a_repair_is_noted_at_once_and_not_offered_again(session, tab):
     assert tab.run(step)
 
 
+@mark.in_full
 def test_who_read_the_headline_reads_that_of_the_next_flight(session, tab):
     """Who reads the plots stays there."""
     tab.size(390)
@@ -440,6 +449,7 @@ def test_who_read_the_headline_reads_that_of_the_next_flight(session, tab):
         assert tab.run("scrollY === 0") is is_at_top
 
 
+@mark.in_full
 def test_the_sound_that_was_chosen_is_remembered(session, tab):
     tab.run("document.getElementById('sound').click()")
     tab.run("window.isSamePage = true, location.reload()")
@@ -464,6 +474,7 @@ def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(serve
     assert server.get("/live/update", **shown).status == 200
 
 
+@mark.in_full
 def test_an_opened_light_that_is_good_shows_its_figures_and_stays_open_after_the_flight(
     session, tab
 ):

@@ -255,7 +255,7 @@ def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_an
         tab.until("!document.getElementById('silence').hidden")
 
 
-@mark.slow
+@mark.in_full
 def test_a_dashboard_whose_session_is_not_shown_says_so_and_asks_once_a_second(viewer, browser):
     """The page of the session becomes old, recovers, and then fails.
 
@@ -284,7 +284,7 @@ def test_a_dashboard_whose_session_is_not_shown_says_so_and_asks_once_a_second(v
         assert 1 <= tab.run("requests") <= 3 and not tab.run(f"{silence}.hidden")
 
 
-@mark.slow
+@mark.in_full
 def test_the_last_page_of_a_session_stays_without_a_warning_until_the_next_one(browser):
     session = flying_session()
     with live_server() as server, browser.tab() as tab:
@@ -330,7 +330,7 @@ def test_the_last_page_says_that_nothing_is_watched_where_the_session_ended_in_f
             assert ("This session is over." in page) is not ended_in_flight
 
 
-@mark.slow
+@mark.in_full
 def test_a_telephone_gets_the_page_and_loads_the_viewer_only_when_told_to(viewer, browser):
     with live_server(viewer) as server, browser.tab() as tab:
         server.report(flying_session(), STATUS)

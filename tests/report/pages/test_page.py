@@ -277,7 +277,7 @@ return {span: [x.min, x.max], cursors, scrolled: scrollY};
 """What a finger changes: the shown span of time, the time under each plot's cursor, and how far the page scrolled."""
 
 
-@mark.slow
+@mark.in_full
 def test_fingers_on_a_plot_move_all_cursors_zoom_and_scroll(flight, tmp_path, browser):
     """Touches are sent to a browser.
 
@@ -512,7 +512,7 @@ return { ...result, screen: getComputedStyle(document.querySelector(".contents")
 })()"""
 
 
-@mark.slow
+@mark.in_full
 def test_a_page_is_laid_out_anew_for_light_paper_and_prints_what_is_open(flight, tmp_path, browser):
     """A browser in dark mode prints the page of a flight.
 
