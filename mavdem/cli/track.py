@@ -207,7 +207,7 @@ def track_command(
         raise click.BadParameter(message, param_hint="--name")
     if tracked.problems:
         context.exit(EXIT_ERROR)
-    if not counts["flights"]:
+    if not any(summary.flown.logs for summary in pages.summaries):
         context.exit(EXIT_UNSUPPORTED)
 
 

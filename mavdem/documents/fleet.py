@@ -209,9 +209,9 @@ class Track(Document):
     vehicles: int
     """number of vehicles with a name of their own"""
     tiers: dict[str, int]
-    """number of flights by tier"""
+    """number of logs by tier"""
     health: dict[str, int]
-    """number of flights by health"""
+    """number of logs by health"""
     motor_health: dict[str, VehicleMotors]
     """motors of each vehicle"""
     failed: list[FailedLog]
@@ -236,7 +236,7 @@ def track_document(
         fleet: folder of the fleet.
         page: page of the fleet.
         tracked: result of the run.
-        counts: values of the further keys of ``Track``: numbers of flights and vehicles, flights by tier and by health,
+        counts: values of the further keys of ``Track``: numbers of flights and vehicles, logs by tier and by health,
             the judgement of the motors of each vehicle, and the logs without a flight.
         changes: first row of the latest flight, and its differences from the baseline, by vehicle.
         vehicle_names: names that were given to vehicles.

@@ -37,7 +37,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 19
+SCHEMA_VERSION = 20
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -113,6 +113,8 @@ class FlightRow:
     """when the flight began"""
     simulated: OptionalInteger = None
     """1 if the log shows that the flight was simulated, otherwise 0"""
+    flight_count: OptionalInteger = None
+    """number of flights in the log"""
     flight_time: Seconds = None
     """time off the ground, all flights and hops of the log together"""
     distance: Metres = None
@@ -368,6 +370,11 @@ class FlightRow:
         """Whether the row is of a flight: one with figures, one that was too short for any, or one that went badly."""
         was_in_air = bool(self.flight_time) and self.headline is not None
         return self.is_read or was_in_air or self.headline_level == Level.BAD
+
+    @property
+    def flights_of_log(self) -> int:
+        """Number of flights in the row's log; 1 if an earlier version of this program did not count them."""
+        return 1 if self.flight_count is None else self.flight_count
 
     @cached_property
     def order(self) -> RowOrder:

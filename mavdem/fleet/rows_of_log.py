@@ -173,8 +173,9 @@ def _flown_columns(assessment: Assessment) -> JsonValues:
         assessment: assessment of a vehicle, with its evidence.
 
     Returns:
-        Values by name of the column: time in the air (s), distance and height (m) of all flights of the log together,
-        None where not known; the modes; the control parameters as JSON; and whether the flight was simulated, 0 or 1.
+        Values by name of the column: the number of flights; time in the air (s), distance and height (m) of all of them
+        together, None where not known; the modes; the control parameters as JSON; and whether the flight was simulated,
+        0 or 1.
     """
     assert assessment.evidence is not None and assessment.recorded_signals is not None
     signals = assessment.evidence.signals
@@ -188,7 +189,8 @@ def _flown_columns(assessment: Assessment) -> JsonValues:
     flights = flown_flights(assessment.recorded_signals)
     return {
         "simulated": int(assessment.simulated is not None),
-        # The hops are counted, as in the time in the air of a report.
+        "flight_count": len(flights),
+        # The hops are part of the time in the air, as in that of a report.
         "flight_time": total_time(flights_and_hops(assessment.recorded_signals)),
         "distance": total_distance(flights),
         "height": largest_height(flights),

@@ -41,6 +41,7 @@ BRIEF_COLUMNS = (
     "axis",
     "tier",
     "duration",
+    "flight_count",
     "flight_time",
     "height",
     "control_parameters",

@@ -429,27 +429,27 @@ def vehicles_with_section(summaries: Sequence[VehicleSummary]) -> dict[str, Vehi
 def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     """Counts the flights of a fleet for its JSON document.
 
-    A flight has a row for each axis, and counts by the best tier and the worst health of its rows. A tier is the kind
-    of model that a log allows: "a" full, "b" of the slow motion, "c" none. A flight in several logs counts once.
+    A log has a row for each axis, and counts by the best tier and the worst health of its rows. A tier is the kind of
+    model that it allows: "a" full, "b" of the slow motion, "c" none. A flight in several logs counts once.
 
     Args:
         summaries: summary of the flights under each name.
 
     Returns:
         Plain JSON values: ``flights``; ``vehicles``, whose name is not a mere MAVLink system id; ``tiers`` and
-        ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status of each log
+        ``health``, logs by tier and by health; and ``failed``, the file, status and code of the status of each log
         without a flight.
     """
     flight_count = 0
     named_vehicles = 0
-    flights_by_tier: Counter[str] = Counter()
-    flights_by_health: Counter[str] = Counter()
+    logs_by_tier: Counter[str] = Counter()
+    logs_by_health: Counter[str] = Counter()
     # A log may have several rows without a flight, one for each vehicle. The key makes each log count once.
     failed_logs = {}
     for summary in summaries:
         flight_count += summary.flown.flights
-        flights_by_tier.update(summary.flown.tiers)
-        flights_by_health.update(summary.flown.healths)
+        logs_by_tier.update(summary.flown.tiers)
+        logs_by_health.update(summary.flown.healths)
         if summary.vehicle is not None and not summary.has_shared_name:
             named_vehicles += 1
         for row in summary.unused:
@@ -461,10 +461,8 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     return {
         "flights": flight_count,
         "vehicles": named_vehicles,
-        "tiers": {tier: flights_by_tier[tier] for tier in sorted(flights_by_tier) if tier},
-        "health": {
-            health: flights_by_health[health] for health in HEALTHS if flights_by_health[health]
-        },
+        "tiers": {tier: logs_by_tier[tier] for tier in sorted(logs_by_tier) if tier},
+        "health": {health: logs_by_health[health] for health in HEALTHS if logs_by_health[health]},
         "failed": list(failed_logs.values()),
     }
 
@@ -652,6 +650,9 @@ class FlownTotals(NamedTuple):
     flights: int
     """Number of flights."""
 
+    logs: int
+    """Number of logs with these flights, without further logs of the same ones."""
+
     simulated: int
     """Number of simulated flights, which are besides those above, or all of them if no flight was real."""
 
@@ -674,7 +675,7 @@ class FlownTotals(NamedTuple):
     """First and last date of a flight; empty if no date is known."""
 
     kinds: str
-    """The kinds of model that the logs allow (their tiers), in words, with the number of flights of each kind."""
+    """The kinds of model that the logs allow (their tiers), in words, with the number of logs of each kind."""
 
     has_slow_logs: bool
     """Whether the log of any flight has too few messages a second for a full model, and so for margins."""
@@ -690,58 +691,61 @@ def flown_time_text(seconds: float) -> str:
     return f"{hours:.2g} h" if hours < MIN_WHOLE_HOURS else f"{hours:.0f} h"
 
 
-def _kinds_of_model_text(flights_by_tier: Mapping[str, int]) -> str:
-    """Returns how many flights allow which kind of model, such as "a full model (12) and slow motion (3)".
+def _kinds_of_model_text(logs_by_tier: Mapping[str, int]) -> str:
+    """Returns how many logs allow which kind of model, such as "a full model (12) and slow motion (3)".
 
     Args:
-        flights_by_tier: number of flights by tier, the kind of model that their logs allow; a tier may be missing.
+        logs_by_tier: number of logs by tier, the kind of model that they allow; a tier may be missing.
     """
     texts = []
     # In the order from the best tier to none.
     for tier, model_description in TIER_WORDS.items():
-        flight_count = flights_by_tier.get(tier, 0)
-        if flight_count:
-            texts.append(f"{model_description} ({flight_count})")
+        log_count = logs_by_tier.get(tier, 0)
+        if log_count:
+            texts.append(f"{model_description} ({log_count})")
     return listed(texts)
 
 
 def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
-    """Adds up the real flights of a fleet, their duration, and how many allow each kind of model (their tier).
+    """Adds up the real flights of a fleet, their duration, and how many logs allow each kind of model (their tier).
 
     Args:
         summaries: for each vehicle of the fleet, the summary of its flights.
 
     Returns:
         The totals, with the first and the last date of a flight. If no flight was real, those of the simulated ones;
-        None without any flight.
+        None without any log of a flight.
     """
     flight_count = 0
+    log_count = 0
     settled_seconds = 0.0
     air_seconds = 0.0
-    flights_by_tier: Counter[str] = Counter()
+    logs_by_tier: Counter[str] = Counter()
     dates: list[datetime] = []
     named_vehicles = 0
     has_unnamed_vehicle = False
     simulated_count = sum(summary.flown.simulated for summary in summaries)
-    are_all_simulated = not any(summary.really_flown.flights for summary in summaries)
+    are_all_simulated = not any(summary.really_flown.logs for summary in summaries)
     for summary in summaries:
         flown = summary.flown if are_all_simulated else summary.really_flown
-        if not flown.flights:
+        if not flown.logs:
             continue
         if summary.has_shared_name:
             has_unnamed_vehicle = True
         else:
             named_vehicles += 1
         flight_count += flown.flights
+        log_count += flown.logs
         settled_seconds += flown.seconds
         air_seconds += flown.air_seconds
-        flights_by_tier.update(flown.tiers)
+        logs_by_tier.update(flown.tiers)
         # Both dates are None if the logs of the vehicle have none.
         dates += [date for date in (flown.first_date, flown.last_date) if date is not None]
-    if not flight_count:
+    if not log_count:
         return None
     return FlownTotals(
         flights=flight_count,
+        logs=log_count,
         simulated=simulated_count,
         are_all_simulated=are_all_simulated,
         named_vehicles=named_vehicles,
@@ -749,8 +753,8 @@ def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
         settled_time=flown_time_text(settled_seconds),
         air_time=flown_time_text(air_seconds) if air_seconds else "",
         dates=[min(dates), max(dates)] if dates else [],
-        kinds=_kinds_of_model_text(flights_by_tier),
-        has_slow_logs=flights_by_tier["b"] + flights_by_tier["c"] > 0,
+        kinds=_kinds_of_model_text(logs_by_tier),
+        has_slow_logs=logs_by_tier["b"] + logs_by_tier["c"] > 0,
     )
 
 

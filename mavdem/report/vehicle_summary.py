@@ -45,7 +45,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "22"
+SUMMARY_VERSION = "23"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -59,7 +59,10 @@ class FlownFlights(NamedTuple):
     """Counts of the flights under one name, each once where several logs have it and its vehicle is known."""
 
     flights: int
-    """Number of flights."""
+    """Number of flights; a log may have several, or none where the vehicle turned over at its take-off."""
+
+    logs: int
+    """Number of logs that have these flights, without further logs of the same ones."""
 
     duplicates: int
     """Number of further logs of these flights."""
@@ -80,10 +83,10 @@ class FlownFlights(NamedTuple):
     """Date of the last flight."""
 
     tiers: dict[str, int]
-    """Number of flights of each tier; an empty name where it is not known."""
+    """Number of logs of each tier; an empty name where it is not known."""
 
     healths: dict[str, int]
-    """Number of flights with each health of the motors."""
+    """Number of logs with each health of the motors."""
 
 
 class Wind(NamedTuple):
@@ -410,15 +413,15 @@ def summary_adapter() -> TypeAdapter[VehicleSummary]:
 def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     """Counts the flights under one vehicle's name, and sums their durations.
 
-    If only one vehicle can have the name, flights that overlap in time are logs of one flight, which counts once.
+    If only one vehicle can have the name, logs that overlap in time are of the same flights, which count once.
 
     Args:
         name: the name; ``UNKNOWN`` for logs without one.
-        flights: rows of each flight, one for each axis, in the order of date.
+        flights: rows of each log with flights, one for each axis, in the order of date.
 
     Returns:
-        Number of flights, total time in settled flight and in the air, s, first and last date, and numbers by tier (the
-        kind of model that a log allows) and by health of the motors.
+        Number of flights and of their logs, total time in settled flight and in the air, s, first and last date, and
+        numbers of logs by tier (the kind of model that a log allows) and by health of the motors.
     """
     counted_flights: Flights = flights
     is_one_vehicle = name != UNKNOWN and not has_shared_name(flights)
@@ -435,9 +438,14 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
         durations.append(max(row.duration or 0.0 for row in flight))
         flight_times.append(log_row(flight).flight_time or 0.0)
     return FlownFlights(
-        flights=len(counted_flights),
+        flights=sum(log_row(flight).flights_of_log for flight in counted_flights),
+        logs=len(counted_flights),
         duplicates=len(flights) - len(counted_flights),
-        simulated=sum(bool(log_row(flight).simulated) for flight in counted_flights),
+        simulated=sum(
+            log_row(flight).flights_of_log
+            for flight in counted_flights
+            if log_row(flight).simulated
+        ),
         seconds=sum(durations),
         air_seconds=sum(flight_times),
         first_date=min(dates, default=None),

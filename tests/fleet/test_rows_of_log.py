@@ -48,7 +48,7 @@ def test_a_slow_log_gives_what_it_holds_says_why_no_more_and_has_one_page():
         assert "4 Hz" in row.tier_reason and row.page == "pages/0123456789abcdef-1-1.html"
         assert row.trim == approx(hover.trim) and row.headroom == approx(hover.headroom)
         assert row.duration == approx(hover.seconds) and row.attitude_rate == approx(4, abs=0.2)
-        assert row.lean_roll == approx(np.radians(hover.roll))
+        assert row.lean_roll == approx(np.radians(hover.roll)) and row.flight_count == 1
         assert len(row.positions) == len(row.spins) == len(row.motors) == 4
 
 

@@ -230,6 +230,13 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
     )
     counts = fleet_counts(rows)
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
+    # A log with three flights, and one of a vehicle that turned over before it flew.
+    rows = [replace(rows[0], flight_count=3), replace(rows[-1], flight_count=0)]
+    assert "Flown: 3 flights in 2 logs of 1 vehicle" in plain_text(fleet_blocks(rows))
+    counts = fleet_counts(rows)
+    assert (counts["flights"], counts["tiers"]) == (3, {"a": 2})
+    simulated = [replace(row, simulated=1) for row in rows]
+    assert "Simulated: 3 flights" in plain_text(fleet_blocks(simulated))
 
 
 def test_a_flight_without_figures_keeps_its_headline_and_is_not_called_unused():
@@ -560,7 +567,7 @@ def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():
     assert "all simulated" in text
     text = plain_text(fleet_blocks([simulated, real]))
     assert "1 bad flight" in text
-    assert "Flown: 1 flight, " in text and "; 1 simulated besides. Their logs" in text
+    assert "Flown: 1 flight, " in text and "; 1 simulated besides. Its log" in text
     # The log has neither parameters nor a serial number, by which a simulator would show.
     undecided = "Counted as flown: 1 flight whose log has neither parameters nor a board's number"
     assert undecided in text and "would show: 0001.ulg, 2026-01-06." in text

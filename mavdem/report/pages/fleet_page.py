@@ -134,7 +134,7 @@ def fleet_page(
         widths=[column.width for column in COLUMNS.values()],
         areas={name: column.area for name, column in COLUMNS.items()},
         first=_table_without_scripts(cells),
-        all_flights=_number_of_flights_text(lines),
+        all_logs=_number_of_logs_text(lines),
         table=_table_of_scripts(lines, cells, serial_labels)
         | _parameters_to_search(lines, summaries),
     )
@@ -196,13 +196,12 @@ def _table_of_scripts(
     }
 
 
-def _number_of_flights_text(lines: Sequence[FlightLine]) -> str:
-    """Returns how many flights and other logs the table has, such as "12 flights and 6 logs not used"."""
+def _number_of_logs_text(lines: Sequence[FlightLine]) -> str:
+    """Returns how many logs the table has, such as "12 logs with flights and 6 not used" or "12 logs"."""
     unused_count = sum(_is_unused(line) for line in lines)
-    words = counted(len(lines) - unused_count, "flight")
     if not unused_count:
-        return words
-    return f"{words} and {counted(unused_count, 'log')} not used"
+        return counted(len(lines), "log")
+    return f"{counted(len(lines) - unused_count, 'log')} with flights and {unused_count} not used"
 
 
 def _parameters_to_search(
@@ -527,7 +526,7 @@ def _vehicle_section(
     is_shared = summary.has_shared_name
     label = vehicle_label(summary.name, vehicle.last.frame, names, is_shared=is_shared)
     latest_line = _latest_line(summary)
-    air_seconds = summary.flown.air_seconds
+    flown = summary.really_flown if summary.really_flown.logs else summary.flown
     return VehicleSection(
         name=summary.name,
         label=label,
@@ -537,8 +536,8 @@ def _vehicle_section(
         link="" if latest_line is None else latest_line.link,
         file="" if latest_line is None else _flight_name(latest_line, names),
         other_lights=_other_lights(vehicle.last),
-        flights=vehicle.flight_count,
-        air_time=flown_time_text(air_seconds) if air_seconds else "",
+        flights=flown.flights,
+        air_time=flown_time_text(flown.air_seconds) if flown.air_seconds else "",
         bars=_level_bars(vehicle.levels, bar_count),
         note=vehicle.texts.finding,
         next_step=vehicle.texts.next_step,

@@ -119,7 +119,7 @@ def test_a_lost_flight_without_figures_needs_a_look():
     assert "1 vehicle needs a look: quad (" in text and text.count("ost at 70.9 s") > 1
     assert (
         "Not compared with other flights. No settled flight." in text
-        and "Their logs allow no figures (1)." in text
+        and "Its log allows no figures (1)." in text
     )
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
     # Flights without a fault before it are not an all-clear below the vehicle's mark.
@@ -463,7 +463,7 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     assert 0 < unknown_count < len(levels_of_motors)
     found = f"{unknown_count} found, {unused_count} of them simulated or not used, in "
     assert shown_by_browser["unknownMotors"].startswith(found)
-    counts = f"{flight_count} flights and {unused_count} logs that were not used"
+    counts = f"{flight_count} logs with flights and {unused_count} not used"
     assert f"10 found in {counts}" in shown_by_browser["count"]
     # What is not known comes last, also in falling order.
     is_duration_known = [bool(cell) for cell in shown_by_browser["few"]]
@@ -473,7 +473,7 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     assert shown_by_browser["laidOut"] < 100 and 2000 < shown_by_browser["middle"] < 8000
     assert shown_by_browser["printed"] == [
         200,
-        "The first 200 of 10030 flights; filter before printing to see others.",
+        "The first 200 of 10030 logs; filter before printing to see others.",
     ]
 
 
@@ -632,10 +632,10 @@ def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_ask
         columns = {"health": "ok", **columns_by_number.get(number, {})}
         flights.append(flight_row("quad", number, **columns))
     _, shown_by_browser = browser.shown(fleet_page(flights), BRIEF, tmp_path, width=390)
-    assert shown_by_browser["first"] == [3, "To look at first: 3 of 40 flights"]
+    assert shown_by_browser["first"] == [3, "To look at first: 3 of 40 logs"]
     assert shown_by_browser["files"] == [flights[number].file for number in (5, 10, 20)]
     assert shown_by_browser["cut"] == 0
-    assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 flights"
+    assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 logs"
 
 
 @mark.slow
