@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from math import isclose
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.containers import JsonValues
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
@@ -527,10 +529,12 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlig
 
     Returns:
         The advice as a fact, from which reports make a sentence. Its figure ``changes`` has name, value and new value
-        of each gain to lower, and ``changed`` has facts on gains that were changed already.
+        of each gain to lower, and ``changed`` has facts on gains that were changed already. If the gains of an axis
+        that does not oscillate are lowered too, ``alike_axis`` is its name, "roll" or "pitch".
     """
     advised_changes: list[GainChange] = []
     facts_on_past_changes: list[Fact] = []
+    figures_on_alike_axis: JsonValues = {}
     for oscillation_of_axis in (oscillation, *oscillation.other_axes):
         # Without a known controller of the axis, no gains are named.
         with suppress(NotLearnable):
@@ -541,11 +545,47 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlig
             )
             fields = _gains_behind_oscillation(controller, oscillation_of_axis.frequency)
             names = [controller.parameter_names[field] for field in fields]
+            alike_controller = None
+            if not oscillation.other_axes:
+                alike_controller = _tilt_controller_with_same_gains(controller, fields, parameters)
+            if alike_controller is not None:
+                names += [alike_controller.parameter_names[field] for field in fields]
+                figures_on_alike_axis = {"alike_axis": alike_controller.axis}
             reduction_of_axis = gains_to_lower(names, parameters)
             advised_changes += reduction_of_axis.changes
             facts_on_past_changes += reduction_of_axis.changed
     reduction = GainReduction(advised_changes, changed=tuple(facts_on_past_changes))
-    return Fact(GainFact.LOWER_GAINS, **reduction.figures, **oscillation.figures)
+    return Fact(
+        GainFact.LOWER_GAINS, **reduction.figures, **oscillation.figures, **figures_on_alike_axis
+    )
+
+
+def _tilt_controller_with_same_gains(
+    controller: Controller, fields: Sequence[str], parameters: ParametersInFlight
+) -> Controller | None:
+    """Returns the controller of pitch for that of roll, or of roll for that of pitch, if some of their gains are equal.
+
+    Args:
+        controller: the controller of one axis.
+        fields: the gains to compare, as a controller names them, such as "p" and "d".
+        parameters: parameters of the autopilot in the flight.
+
+    Returns:
+        The controller of the other axis; None if one of these gains differs or is not known, or for yaw.
+    """
+    if controller.axis not in TILT_AXES:
+        return None
+    [other_axis] = [axis for axis in TILT_AXES if axis != controller.axis]
+    try:
+        other_controller = controller_from_parameters(
+            parameters.any_values, other_axis, controller.motor_weights
+        )
+    except NotLearnable:
+        return None
+    for field in fields:
+        if not isclose(getattr(other_controller, field), getattr(controller, field), rel_tol=1e-5):
+            return None
+    return other_controller
 
 
 def _gains_behind_oscillation(controller: Controller, frequency: float | None) -> Sequence[str]:

@@ -91,8 +91,8 @@ OVERVIEW_HEADERS = {
 DOUBTFUL_HEADER = "doubtful"
 """What the overview calls loops whose margins may be wrong."""
 
-INTERVAL_IN_CELL = re.compile(r"\(.+ to .+?\)")
-"""The interval of a figure in a cell, such as "(23 to 35)"."""
+INTERVAL_IN_CELL = re.compile(r"\([^()]+ to [^()]+\)")
+"""An interval of a figure in a cell, such as "(23 to 35)"."""
 
 TRIED_HEADER = "tried, not to be loaded"
 """What tables call gains that another flight is to confirm before they are loaded."""
@@ -111,6 +111,13 @@ STEPS_WITH_DOUBLETS = (
     NextStep.FLY_FOR_GAINS,
 )
 """Next steps of a tuning that name a flight with doublets themselves."""
+
+
+MAX_CROSSOVER_RATIO = 0.5
+"""Largest crossover of an attitude loop whose margins are shown, as a fraction of the crossover of its rate loop.
+
+Autopilots' default gains have 0.1 to 0.3.
+"""
 
 
 class GainOutcome(StrEnum):
@@ -517,8 +524,8 @@ def _cells_on_phone(row: Iterable[str], row_of_values: Iterable[str]) -> list[st
     for cell, value in zip(row, row_of_values, strict=True):
         # The spaces around an arrow are left out, so that all columns fit and no line breaks there.
         text = value.replace(" → ", "→")
-        interval = INTERVAL_IN_CELL.search(cell)
-        cells.append(Detailed(text, interval[0]) if interval else text)
+        intervals = " → ".join(INTERVAL_IN_CELL.findall(cell))
+        cells.append(Detailed(text, intervals) if intervals else text)
     return cells
 
 
@@ -633,27 +640,41 @@ def _overview_rows(
         row = [first_cell]
         for figure_name in TUNED_FIGURES:
             has_interval = has_intervals and figure_name in FIGURES_WITH_INTERVAL
-            row.append(_overview_cell(advice, loop_name, figure_name, has_interval=has_interval))
+            cell = _overview_cell(
+                advice,
+                loop_name,
+                figure_name,
+                has_interval=has_interval,
+                # A terminal of 80 columns has no room for these.
+                has_new_interval=has_interval and names_axis,
+            )
+            row.append(cell)
         rows.append(row)
     return rows
 
 
-def _overview_cell(advice: Advice, loop_name: str, figure_name: str, *, has_interval: bool) -> str:
-    """Returns a figure of a loop now and, if it changes, with the new gains, such as "29 (23 to 35) → 44".
+def _overview_cell(
+    advice: Advice, loop_name: str, figure_name: str, *, has_interval: bool, has_new_interval: bool
+) -> str:
+    """Returns a figure of a loop now and, if it changes, with new gains, such as "29 (23 to 35) → 44 (38 to 51)".
 
     Args:
         advice: advice on an axis: its identified loops with the gains that flew and with new ones, if there are any.
         loop_name: "rate" or "attitude".
         figure_name: one of ``TUNED_FIGURES``, such as "phase_margin".
         has_interval: whether the figure now has its 90 % interval.
+        has_new_interval: whether the figure with new gains has one.
     """
-    loop_now = advice.before.open_loop(loop_name)
-    value_now = _value_text(loop_now, figure_name)
-    cell_now = _figure_text(loop_now, figure_name) if has_interval else value_now
+    value_now = _value_text(advice.before, loop_name, figure_name)
+    text_now = _figure_text(advice.before, loop_name, figure_name) if has_interval else value_now
     if not advice.parameters:
-        return cell_now
-    new_value = _value_text(advice.after.open_loop(loop_name), figure_name)
-    return cell_now if new_value == value_now else f"{cell_now} → {new_value}"
+        return text_now
+    new_text = _value_text(advice.after, loop_name, figure_name)
+    if new_text == value_now:
+        return text_now
+    if has_new_interval:
+        new_text = _figure_text(advice.after, loop_name, figure_name)
+    return f"{text_now} → {new_text}"
 
 
 def _gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
@@ -701,6 +722,10 @@ def tune_blocks(
         headline_above: headline that stands above the report, which is not repeated as the reason for no gains; empty
             without one.
     """
+    if tuning.judgement.headline.code is MarginsLight.OSCILLATES and not is_full:
+        # How far the identified loops can be trusted matters only once the vehicle flies without an oscillation.
+        axes_without_gains = [axis for axis in tuning.axes if not tuning.lowers_gains_of(axis)]
+        return [*sentences_without_gains(tuning, axes_without_gains)]
     blocks = Blocks()
     shown_remedies = _texts_in_next_step(tuning)
     for remedies_above in _ground_steps_by_axis(tuning).values():
@@ -835,7 +860,7 @@ def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str
     if not report:
         # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
-        return sentences_without_gains(tuning, axes_without_gains) if axes_without_gains else []
+        return sentences_without_gains(tuning, axes_without_gains)
     lowers_gains = any(tuning.lowers_gains_of(axis) for axis in axes)
     sentences = render_section("tune_no_gains", axes=axes, reason=report, lowers_gains=lowers_gains)
     return [*sentences, *_faults_in_flight(tuning, axes, report, headline_above)]
@@ -846,8 +871,10 @@ def sentences_without_gains(tuning: Tuning, axes: Sequence[str]) -> list[Sentenc
 
     Args:
         tuning: the judgement of the flight with its headline, such as that the vehicle oscillates.
-        axes: the axes.
+        axes: the axes; no sentence is needed if there are none.
     """
+    if not axes:
+        return []
     oscillates = tuning.judgement.headline.code is MarginsLight.OSCILLATES
     return render_section("tune_repair", axes=axes, oscillates=oscillates)
 
@@ -999,6 +1026,20 @@ def forbids_flight(fact: Fact) -> bool:
     # A figure "reason" is None where it is missing, and a text in some facts.
     facts_given_as_reasons = [reason for reason in reasons if isinstance(reason, Fact)]
     return any(forbids_flight(reason) for reason in facts_given_as_reasons)
+
+
+def needs_check_before_gains(next_step: Fact) -> bool:
+    """Returns whether something is to be repaired or checked before gains are loaded, such as the order of the motors.
+
+    A vehicle that oscillated but stayed upright needs no check: the gains to load are lower ones, which end that.
+
+    Args:
+        next_step: the next step, a coded finding, with the fact that it follows from as its figure ``reason``.
+    """
+    reason = next_step.figures.get("reason")
+    if isinstance(reason, Fact) and reason.code is MarginsLight.OSCILLATES:
+        return not reason.figures["was_upright"]
+    return forbids_flight(next_step)
 
 
 def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:
@@ -2171,7 +2212,7 @@ def _margin_rows(loops: Mapping[str, Loop], loop_name: str) -> list[list[str]]:
         figure = LOOP_FIGURES[figure_name]
         row = [f"{loop_name}: {figure.header}"]
         for loop in loops.values():
-            row.append(_figure_text(loop.open_loop(loop_name), figure_name))
+            row.append(_figure_text(loop, loop_name, figure_name))
         rows.append(row)
     return rows
 
@@ -2340,7 +2381,7 @@ def margin_tables(
                 continue
             row = [figure.header]
             for loop in loops.values():
-                row.append(_figure_text(loop.open_loop(loop_name), figure_name))
+                row.append(_figure_text(loop, loop_name, figure_name))
             rows.append(row)
         yield Table([f"{loop_name} loop (90 % interval)", *headers], rows)
 
@@ -2350,44 +2391,54 @@ def _marked_headers(headers: Iterable[str], doubtful: Container[str]) -> list[st
     return [f"{header} (doubtful)" if header in doubtful else header for header in headers]
 
 
-def _figure_text(loop: OpenLoop, figure_name: str) -> str:
-    """Returns a figure of a loop with its 90 % interval as text, such as "57 (50 to 63)".
+def _figure_text(loop: Loop, loop_name: str, figure_name: str) -> str:
+    """Returns a figure of a control loop with its 90 % interval as text, such as "57 (50 to 63)".
 
     Args:
-        loop: open-loop response of the rate or attitude loop, for the estimated plant and draws from its posterior.
-        figure_name: name of the figure in ``LOOP_FIGURES``, such as "phase_margin"; the loop has its interval as
+        loop: the identified loops of an axis, for the estimated plant and draws from its posterior.
+        loop_name: "rate" or "attitude".
+        figure_name: name of the figure in ``LOOP_FIGURES``, such as "phase_margin"; an open loop has its interval as
             "phase_margin_interval".
     """
-    if not _has_figure(loop, figure_name):
+    if not _has_figure(loop, loop_name, figure_name):
         return rounded(nan)
-    interval = getattr(loop, f"{figure_name}_interval")
-    return _text_with_interval(
-        getattr(loop, figure_name), interval, LOOP_FIGURES[figure_name].scale
+    open_loop = loop.open_loop(loop_name)
+    interval = getattr(open_loop, f"{figure_name}_interval")
+    scale = LOOP_FIGURES[figure_name].scale
+    return _text_with_interval(getattr(open_loop, figure_name), interval, scale)
+
+
+def _value_text(loop: Loop, loop_name: str, figure_name: str) -> str:
+    """Returns a figure of a control loop as text without its interval, such as "57".
+
+    Args:
+        loop: the identified loops of an axis.
+        loop_name: "rate" or "attitude".
+        figure_name: name of the figure in ``LOOP_FIGURES``.
+    """
+    if not _has_figure(loop, loop_name, figure_name):
+        return rounded(nan)
+    return rounded(
+        LOOP_FIGURES[figure_name].scale * getattr(loop.open_loop(loop_name), figure_name)
     )
 
 
-def _value_text(loop: OpenLoop, figure_name: str) -> str:
-    """Returns a figure of a loop as text without its interval, such as "57".
+def _has_figure(loop: Loop, loop_name: str, figure_name: str) -> bool:
+    """Returns whether a figure of a control loop means anything; where it does not, its formula may give a good number.
+
+    Figures of a steady response, such as Ms, need a stable loop. All figures of the attitude loop need one that is
+    slower than the rate loop inside it: a rate loop close to an oscillation has a peak where the gain of the attitude
+    loop falls to 1 once more, and the margins there are none of the attitude.
 
     Args:
-        loop: open-loop response of the rate or attitude loop.
+        loop: the identified loops of an axis.
+        loop_name: "rate" or "attitude".
         figure_name: name of the figure in ``LOOP_FIGURES``.
     """
-    if not _has_figure(loop, figure_name):
-        return rounded(nan)
-    return rounded(LOOP_FIGURES[figure_name].scale * getattr(loop, figure_name))
-
-
-def _has_figure(loop: OpenLoop, figure_name: str) -> bool:
-    """Returns whether a figure exists for a loop: those of a steady response, such as Ms, need a stable one.
-
-    Of an unstable loop their formulas would give numbers that look good.
-
-    Args:
-        loop: open-loop response of the rate or attitude loop.
-        figure_name: name of the figure in ``LOOP_FIGURES``.
-    """
-    return loop.is_stable or figure_name not in FIGURES_OF_STABLE_LOOPS
+    max_attitude_crossover = MAX_CROSSOVER_RATIO * loop.rate.crossover
+    if loop_name == "attitude" and loop.attitude.crossover > max_attitude_crossover:
+        return False
+    return loop.open_loop(loop_name).is_stable or figure_name not in FIGURES_OF_STABLE_LOOPS
 
 
 def _text_with_interval(value: float, interval: tuple[float, float], scale: float) -> str:

@@ -485,6 +485,9 @@ def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
             assert now == "-" and advised != "-"
         # Its gain is known.
         assert rows["crossover (Hz)"][0] != "-"
+    fast_attitude = sound.controller.with_parameters({"MC_ROLL_P": 60.0})
+    [_, attitude] = margin_tables({"now": replace(sound, controller=fast_attitude)})
+    assert {row[1] for row in attitude.rows[1:]} == {"-"}
 
 
 def test_the_column_of_a_doubtful_loop_says_so_once():
@@ -515,12 +518,14 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert tried.header[0] == "now → tried" and tried.rows[1][0] == "pitch rate"
     assert kept.header[0] == "now" and kept.rows[2][0] == "roll attitude"
     [expected] = margin_overview(tuning, names_axis=True)
-    assert [row[1:] for row in expected.rows] == [row[1:] for row in overview.rows]
+    # It has room for the interval with the new gains, too.
+    assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+ \(.+ to .+\)", expected.rows[1][1])
+    assert [row[3:] for row in expected.rows] == [row[3:] for row in overview.rows]
     [on_phone] = expected.phone_tables
     assert on_phone.rows[0] == ["goal", "≥45", "≥6", "≤2", ""]
     assert re.fullmatch(r"\d+→\d+", on_phone.rows[1][1])
-    interval = on_phone.rows[1][1].detail
-    assert re.fullmatch(r"\(.+ to .+\)", interval) and interval in phase_margin
+    interval, _, new_interval = on_phone.rows[1][1].detail.partition(" → ")
+    assert interval in phase_margin and re.fullmatch(r"\(\d+ to \d+\)", new_interval)
     assert not margin_overview(tuning._replace(axes={"roll": NOT_STEERED}), names_axis=True)
     doubted = tuning._replace(doubtful_axes=frozenset(["roll"]))
     [doubtful] = margin_overview(doubted, names_axis=True)
@@ -629,8 +634,8 @@ def test_the_axes_of_a_vehicle_that_oscillates_share_a_sentence_and_the_next_ste
     tuning = tunings["oscillates"]
     decisions = tuning.judgement.loop_decisions
     unknown = Fact(LoopFact.NO_LOOP, reasons=(decisions["roll"].reason,))
-    report = tune_blocks(tuning._replace(axes=dict.fromkeys(decisions, unknown)), is_full=False)
-    assert [block.lead for block in report] == ["Roll, pitch and yaw:"]
+    [report] = tune_blocks(tuning._replace(axes=dict.fromkeys(decisions, unknown)), is_full=False)
+    assert report.lead == "Pitch and yaw:", "the gains of roll are lowered"
     assert decisions["roll"].fact.remedy in str(tuning.judgement.next_step)
 
 

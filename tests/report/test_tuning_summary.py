@@ -320,7 +320,7 @@ def test_the_goal_of_gains_that_must_not_be_loaded_is_apart_from_that_of_present
     assert with_tried.lead == "Goal with the gains tried, not to be loaded:"
     assert "roll" in with_tried.text and "pitch" not in with_tried.text
     assert "with the present gains" in with_tried.text
-    assert "Expect another step" not in with_tried.text
+    assert "More steps may follow" not in with_tried.text
     assert with_present.lead == "Goal reached:" and "present gains" not in with_present.text
 
 

@@ -72,7 +72,7 @@ from mavdem.report.heading import heading_of
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
-from mavdem.report.loops import TRIED_HEADER, forbids_flight, gain_row
+from mavdem.report.loops import TRIED_HEADER, gain_row, needs_check_before_gains
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import HARDWARE_TITLE, hardware_chapters
@@ -282,7 +282,7 @@ def _gains_to_load(name: str, assessment: Assessment, advice: AdviceByAxis) -> G
         assessment.evidence.signals.telemetry,
         {} if gains_to_lower else advice,
         gains_to_lower,
-        is_after_check=forbids_flight(assessment.next_step),
+        is_after_check=needs_check_before_gains(assessment.next_step),
     )
 
 

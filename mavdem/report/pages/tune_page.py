@@ -27,7 +27,6 @@ from mavdem.report.gain_overview import GainOverview, gain_overview
 from mavdem.report.loops import (
     compared_loops,
     field_sentences,
-    forbids_flight,
     goal_reached_sentences,
     goal_sentences,
     is_headline_of_tuning,
@@ -35,6 +34,7 @@ from mavdem.report.loops import (
     level_of_summary,
     margin_overview,
     measured_margins,
+    needs_check_before_gains,
     outcome_by_axis,
     outcome_sentences,
     sentences_without_gains,
@@ -192,7 +192,7 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
         tuning.axes,
         tuning.gains_to_lower,
         tuning.notch_parameters,
-        is_after_check=forbids_flight(tuning.judgement.next_step),
+        is_after_check=needs_check_before_gains(tuning.judgement.next_step),
     )
 
 
