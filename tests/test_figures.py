@@ -104,6 +104,8 @@ MORE_FLIGHTS = {
 """Flights, and commands of a flight, whose figures are compared with those in build/golden: they take minutes."""
 SCENARIOS = {"calm": 16, "crazyflie_gusts": 16, "lossy_link": 16, "paper_5": 16}
 """For how long each scenario is flown, s."""
+FURTHER_SCENARIOS = {"crazyflie_gusts", "paper_5"}
+"""Scenarios that only ``--in-full`` flies."""
 MORE_SCENARIOS = {
     "calm": 20,
     "crazyflie_gusts": 20,
@@ -267,7 +269,11 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize("log, commands", cases, ids=flights)
     if "scenario" in metafunc.fixturenames:
         scenarios = SCENARIOS | (MORE_SCENARIOS if in_full else {})
-        metafunc.parametrize("scenario, seconds", scenarios.items(), ids=scenarios)
+        cases = [
+            param(name, seconds, marks=mark.in_full if name in FURTHER_SCENARIOS else ())
+            for name, seconds in scenarios.items()
+        ]
+        metafunc.parametrize("scenario, seconds", cases, ids=scenarios)
 
 
 @mark.usefixtures("logs_read_once")

@@ -128,7 +128,7 @@ def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
 
 
 @mark.slow
-@mark.parametrize("name, logs", [("log", 1), ("leaves", 9)])
+@mark.parametrize("name, logs", [param("log", 1, marks=mark.in_full), ("leaves", 9)])
 def test_a_process_is_renewed_after_so_many_logs_or_where_memory_does_not_last(
     name, logs, tmp_path
 ):

@@ -163,7 +163,7 @@ class LimitedBefore(Leaving):
         return outputs
 
 
-@mark.slow
+@mark.in_full
 def test_faults_that_are_over_long_before_a_loss_are_not_its_cause_and_not_active_after_it():
     """The vibration of the last minute is judged still, but neither reported nor shown after the loss."""
     clips = [
@@ -275,7 +275,7 @@ class Spun(Hover):
         return super().roll_rate(t) + 8.0 * ((np.asarray(t) > 19.0) & (np.asarray(t) < 19.2))
 
 
-@mark.slow
+@mark.in_full
 def test_a_crash_that_the_motion_does_not_show_loses_no_flight():
     replayed = replayed_with_messages(Hover(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
     [alarm] = alarms(replayed)

@@ -6,7 +6,7 @@ import numpy as np
 from hover import Hover
 from live_hover import NOW, Flight, by_time, replay, ticks
 from mavlink_streams import message
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Light
@@ -74,7 +74,7 @@ class FallingEstimate(Flight):
             yield time, name, fields | ({"vz": 2.0} if 20.0 <= time < 24.0 else {})
 
 
-@mark.parametrize("drift, hovering", [(8.0, 30.0), (0.0, 6.0)])
+@mark.parametrize("drift, hovering", [(8.0, 30.0), param(0.0, 6.0, marks=mark.in_full)])
 def test_a_barometer_that_drifted_is_reported_after_the_landing(drift, hovering):
     """The barometer's height is wrong by 8 m at the end of the flight, while satellites show the true height."""
     hover = Still(hovering=hovering)
@@ -92,6 +92,7 @@ def test_a_barometer_that_drifted_is_reported_after_the_landing(drift, hovering)
         assert estimator == drifts[0]
 
 
+@mark.in_full
 def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
     flight = Flight(Still(), attitude=12.0, motors=12.0).frames(start=0.5, end=40.0)
     replayed = replay(by_time(flight, pressure_messages(40.0, -10.0), position_messages(40.0)))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from hover import X_QUAD_PARAMETERS, Hover, columns
-from pytest import mark
+from pytest import mark, param
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
@@ -60,7 +60,9 @@ def lights_of(log):
 
 
 @mark.slow
-@mark.parametrize("first_weak_motor, second_weak_motor", [(2, None), (None, 2)])
+@mark.parametrize(
+    "first_weak_motor, second_weak_motor", [(2, None), param(None, 2, marks=mark.in_full)]
+)
 def test_of_two_flights_of_a_boot_the_second_is_judged_as_if_it_were_alone(
     first_weak_motor, second_weak_motor
 ):

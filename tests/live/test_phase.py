@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 from hover import Hover
 from live_hover import Flight, replay
-from pytest import approx, mark
+from pytest import approx, mark, param
 
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.time_series import TimeSeries
@@ -183,7 +183,9 @@ def test_a_descent_is_not_settled_unless_reported_as_flight():
 
 
 @mark.slow
-@mark.parametrize("height_message", ["LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"])
+@mark.parametrize(
+    "height_message", ["LOCAL_POSITION_NED", param("GLOBAL_POSITION_INT", marks=mark.in_full)]
+)
 def test_a_detector_that_reports_the_ground_in_flight_is_wrong(height_message):
     vehicle = Vehicle(height_message)
     vehicle.fly(3.0, collective=0.0, landed=ON_GROUND, height=0.0)
@@ -227,7 +229,7 @@ class ShortDescent(Hover):
         return self.sinking + 4.0
 
 
-@mark.slow
+@mark.in_full
 def test_the_mean_of_the_wind_is_of_one_flight():
     """It stays after a landing, until the next take-off."""
     hover = ShortDescent(hovering=5.0)

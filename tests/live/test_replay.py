@@ -187,7 +187,7 @@ def hold_against_offline(path):
 @mark.parametrize(
     "path",
     [
-        param(path, marks=() if path.parent == LOGS else mark.in_full, id=path.stem)
+        param(path, marks=() if path in SAMPLE_LOGS else mark.in_full, id=path.stem)
         for path in RECORDED
         if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER) or path.parent == LOGS
     ],
@@ -195,7 +195,7 @@ def hold_against_offline(path):
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     """The first seconds of real logs are replayed, since they have more irregularities than made-up flights.
 
-    Those beside the logs of the repository are replayed with ``--in-full``.
+    All but the samples are replayed with ``--in-full``.
     """
     if path.stem != TO_THE_RESTART:
         path = first_seconds(path, tmp_path, SECONDS.get(path.stem, 45.0))

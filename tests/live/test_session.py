@@ -14,7 +14,7 @@ from live_hover import Flight
 from mavlink_streams import message
 from numpy.testing import assert_allclose, assert_array_equal
 from pymavlink.dialects.v20 import all as dialect
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, param
 from recorded_flights import FLIGHT
 from refusals import refused
 from simulated import simulated
@@ -213,7 +213,7 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
 
 
 @mark.slow
-@mark.parametrize("keeps_vehicle", [False, True])
+@mark.parametrize("keeps_vehicle", [False, param(True, marks=mark.in_full)])
 def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle):
     """Vehicle 1 is silent from 9 s, and vehicle 4 sends from 13 s on.
 
@@ -710,7 +710,7 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
         assert str(reason).startswith("The time stamps of ATTITUDE do not rise: for 3 s and more")
 
 
-@mark.slow
+@mark.in_full
 @mark.usefixtures("without_learning")
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     """After 9 s of flight nothing arrives for 10 min, then heartbeats, then the flight goes on.
@@ -975,7 +975,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model(monkeypatch):
     assert np.all(ratios < 2 * offline) and ratios[0] < 0.1, (ratios, offline)
 
 
-@mark.slow
+@mark.in_full
 def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
     """From take-off on, although the model's rows begin after the climb."""
     first = next(i for i, (stamp, _) in enumerate(FRAMES) if stamp >= FIRST)

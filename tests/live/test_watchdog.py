@@ -180,7 +180,7 @@ def test_what_is_steered_is_no_limit_cycle():
     assert not facts_about(replayed, MarginsLight.OSCILLATES)
 
 
-@mark.slow
+@mark.in_full
 def test_what_interrupts_a_link_raises_no_alarm():
     """Rows of such links are tested without the watchdog and without alarms about motors; here both run."""
     flight = Flight(Hover(hovering=30.0), attitude=50.0, motors=50.0)
@@ -557,7 +557,8 @@ def rebooted(before, text):
 
 @mark.slow
 @mark.parametrize(
-    "text, light", [(b"WDG: T2 SL0", Light.TRACKING), (b"Frame: QUAD/X", Light.POWER)]
+    "text, light",
+    [(b"WDG: T2 SL0", Light.TRACKING), param(b"Frame: QUAD/X", Light.POWER, marks=mark.in_full)],
 )
 def test_a_restart_in_flight_is_an_alarm_with_its_cause(text, light):
     """The autopilot restarts at 12 s.
