@@ -152,8 +152,15 @@
   // Pixels above a plot in which its marks stand, where things are counted.
   const MARKS_ABOVE = 13;
   const isDots = line => ["dots", "squares", "joined"].includes(line.kind);
-  // Dots of every second colour are rings, so that they differ on grey paper, too; beside squares the shape says more.
-  const isRing = (line, lines) => isDots(line) && !lines.some(other => other.kind === "squares") && [...new Set(lines.filter(isDots).map(other => other.colour))].indexOf(line.colour) % 2 === 1;
+  const isMean = line => isDots(line) && Boolean(line.low);
+  // Single values beside means, which have whiskers, are hollow. Otherwise dots of every second colour are rings, so that
+  // they differ on grey paper, too; beside squares the shape says more.
+  const isRing = (line, lines) => {
+    if (!isDots(line)) return false;
+    if (lines.some(isMean) && !lines.filter(isDots).every(isMean)) return !isMean(line);
+    if (lines.some(other => other.kind === "squares")) return false;
+    return [...new Set(lines.filter(isDots).map(other => other.colour))].indexOf(line.colour) % 2 === 1;
+  };
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
   // "3–5, 9", which has the colour of alarms if one of them is an alarm.
   const isOverFlight = data => data.group === "flight" || data.group === "whole flight";
@@ -582,7 +589,7 @@
   const markOf = (line, lines) => {
     const ink = line.kind === "dashes" ? dashedBackground(DASHES, line.colour) : line.colour;
     const mark = Object.assign(element("i"), { className: line.kind, style: `background: ${ink}; border-color: ${line.colour}` });
-    if (isDots(line)) mark.className = line.kind === "squares" ? "dot square" : isRing(line, lines) ? "dot ring" : "dot";
+    if (isDots(line)) mark.className = `dot${line.kind === "squares" ? " square" : ""}${isRing(line, lines) ? " ring" : ""}`;
     if (isDashedOnPaper(line, lines)) mark.style.setProperty("--on-paper", dashedBackground(dashesOnPaper(line, lines), line.colour));
     return mark;
   };

@@ -40,11 +40,12 @@ def next_step_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
     3. The states are of two vehicles: no step, since their differences are no faults.
     4. The later flight differs by its motors from other flights of the vehicle: the step of its own page.
     5. A light warns of a motor that the later log does not show to be mended: to inspect it.
-    6. A quantity changed that new gains do not explain: to check the part that this points to.
-    7. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
+    6. A motor was bad in the earlier log and the motors are good in the later one: whether it was repaired.
+    7. A quantity changed that new gains do not explain: to check the part that this points to.
+    8. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
        motors together does not exclude, and to fly again.
-    8. All motors perhaps work harder or less hard: to check the load, then the propellers.
-    9. Otherwise: the next step of the later log's own review.
+    9. All motors perhaps work harder or less hard: to check the load, then the propellers.
+    10. Otherwise: the next step of the later log's own review.
 
     Args:
         reviewed: comparison of two states, beside the reviews of both logs.
@@ -60,7 +61,11 @@ def next_step_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         return steps
     if reviewed.are_two_vehicles:
         return []
-    motor_steps = _step_of_differing_motors(reviewed) or _step_of_watched_motor(reviewed)
+    motor_steps = (
+        _step_of_differing_motors(reviewed)
+        or _step_of_watched_motor(reviewed)
+        or _step_of_mended_motor(reviewed)
+    )
     if motor_steps:
         return motor_steps
     changes = changes_by_relevance(difference, without=reviewed.motors.evidence)
@@ -226,6 +231,32 @@ def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:
                 needs_healthy_flight=reviewed.motors.is_as_likely_as_not,
             )
     return []
+
+
+def _step_of_mended_motor(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the step to inspect a motor that was bad in the earlier log, unless it was repaired since.
+
+    Good motors in the later log do not show that: a loose connector may hold for one flight.
+
+    Args:
+        reviewed: comparison of the two states, with the reviews of both logs.
+
+    Returns:
+        A list with one sentence; empty unless the motors are bad in the earlier log and good in the later one.
+    """
+    lights_by_side = lights_of_both(reviewed.reviews).get(Light.MOTORS)
+    if lights_by_side is None:
+        return []
+    later = later_side(reviewed.reviews)
+    [earlier] = set(STATE_NAMES) - {later}
+    number = motor_number(lights_by_side[earlier].get("subject") or "")
+    is_mended = (
+        lights_by_side[earlier]["level"] == Level.BAD
+        and lights_by_side[later]["level"] == Level.GOOD
+    )
+    if number is None or not is_mended:
+        return []
+    return render_section("difference_mended_motor", motor=f"motor {number}")
 
 
 def _step_of_unexplained_changes(

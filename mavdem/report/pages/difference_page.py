@@ -28,7 +28,7 @@ from mavdem.report.charts.change_plan import (
     drawn_changes,
     is_uncertain_sign_of_weak_motor,
 )
-from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark, step_chart
+from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark, Plan, step_chart
 from mavdem.report.charts.comparison_charts import (
     MAX_MOTORS,
     MEAN_MOTOR_OUTPUT,
@@ -131,9 +131,15 @@ each side."""
 """What stands below the chart of trims."""
 
 FLIGHT_DOTS_CAPTION = """\
- Each motor has a column for A (dots) and one for B (squares). The mean has a bar. Right of it are the single flights \
-in order of date, coloured by how the motors of each were judged."""
+ Each motor has a column for A (dots) and one for B (squares). The mean has a bar. Right of it are the single flights, \
+hollow, in order of date, coloured by how the motors of each were judged."""
 """What is added to it where a side has several flights."""
+
+MAX_CHANGES_AT_TOP = 8
+"""Drawn changes that stand below the chart at the top of the page, such as the trims of eight motors; a choice.
+
+More of them have a chapter of their own, since they would push all other results from the first screen.
+"""
 
 MEAN_OFFSET = -0.3
 """Position of the mean in the column of its side, in distances of two columns: left of the flights, a choice."""
@@ -211,15 +217,21 @@ def comparison_page(
         colour_key.append(KeyEntry(SIDE_COLOURS[side], side, description, address))
     headline = headline_of_comparison(reviewed)
     summary = _summary(reviewed, headline)
-    chapters: Sequence[Chapter] = ()
+    chapters: list[Chapter] = []
     picture = None
     # A flight does not differ from itself.
     if not reviewed.difference.is_of_same_flight:
         pictures = _pictures(reviewed, flights)
-        chapters = _chapters(reviewed, headline, flights, pictures)
+        change_chapter, *chapters = _chapters(reviewed, headline, flights, pictures)
         chart = _main_chart(reviewed, pictures)
         if chart is not None:
-            picture = ResultPicture(Group.side_by_side([chart]), len(summary.first_blocks))
+            group = Group.side_by_side([chart])
+            changes = _changes_of_top(reviewed)
+            if changes is not None:
+                group = changes._replace(columns=((chart, *changes.columns[0]),))
+                change_chapter = change_chapter._replace(groups=[])
+            picture = ResultPicture(group, len(summary.first_blocks))
+        chapters = [change_chapter, *chapters]
     return render_document(
         " and ".join(names),
         subtitle="",
@@ -229,6 +241,22 @@ def comparison_page(
         key=colour_key,
         picture=picture,
     )
+
+
+def _changes_of_top(reviewed: ReviewedDifference) -> Group | None:
+    """Returns the drawing of all changes for the top of the page; None if none was compared, or too many for it.
+
+    Args:
+        reviewed: comparison of both flights.
+    """
+    if len(drawn_changes(reviewed.difference)) > MAX_CHANGES_AT_TOP:
+        return None
+    change_chapter = _change_chapter(reviewed)
+    for group in change_chapter.groups:
+        for (drawing,) in group.columns:
+            assert isinstance(drawing, Plan)
+            return Group(((drawing._replace(title=change_chapter.title),),), group.caption)
+    return None
 
 
 class _Summary(NamedTuple):
