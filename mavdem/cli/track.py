@@ -1,6 +1,6 @@
 """``mavdem track``: a table of the flights of a fleet, and what changed from one flight of a vehicle to the next."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
@@ -186,6 +186,7 @@ def track_command(
                     blocks_by_vehicle[vehicle] = baseline_blocks(latest_row, difference)
         unknown_name = _store_names(store, given_names)
         pages = write_fleet_pages(store, blocks_by_vehicle)
+        copies = store.copies()
     counts = fleet_counts(pages.summaries)
     motor_health = motor_health_by_vehicle(pages.summaries)
     names = pages.names
@@ -198,7 +199,12 @@ def track_command(
         print_json(track_document(out, pages.index, tracked, values, differences, names.vehicles))
     else:
         _print_fleet(
-            tracked, pages, differences, blocks_by_vehicle, has_new_baseline=bool(baseline)
+            tracked,
+            pages,
+            copies,
+            differences,
+            blocks_by_vehicle,
+            has_new_baseline=bool(baseline),
         )
         _report_index_and_table(out, pages.index)
     if unknown_name is not None:
@@ -429,6 +435,7 @@ def _file_names(path: str) -> Names:
 def _print_fleet(
     tracked: TrackedLogs,
     pages: FleetPages,
+    copies: Sequence[Names],
     differences: "BaselineDifferences",
     blocks_by_vehicle: BlocksByVehicle,
     *,
@@ -439,6 +446,7 @@ def _print_fleet(
     Args:
         tracked: Result of this run: how many logs there are, how many were read now, and the rows of the baseline.
         pages: The written pages, with the summary of each vehicle and the names that were given to vehicles.
+        copies: Paths of each log that several files hold.
         differences: Comparison of the latest flight of each vehicle with its baseline, by the vehicle's name.
         blocks_by_vehicle: The same as sentences and tables, of the vehicles that the baseline has.
         has_new_baseline: Whether this run has named the baseline; otherwise one of an earlier run is stated.
@@ -449,7 +457,7 @@ def _print_fleet(
         unused_files.update(row.file for row in summary.unused)
     print_to_stdout(
         f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {len(unused_files)} in the table without a"
-        " flight; copies count once.\n"
+        f" flight.{_copies_text(copies)}\n"
     )
     print_blocks(fleet_blocks(pages.summaries, names=pages.names))
     labels_without_baseline = []
@@ -476,6 +484,16 @@ def _print_fleet(
             logs=abbreviated_list(sorted(baseline_logs)),
         )
     )
+
+
+def _copies_text(copies: Sequence[Names]) -> str:
+    """Returns which logs of a fleet are equal, such as " Copies, which count once: a.ulg = b.ulg."; empty without any.
+
+    Args:
+        copies: Paths of each log that several files hold.
+    """
+    equal_files = [" = ".join(PurePath(path).name for path in paths) for paths in copies]
+    return f" Copies, which count once: {abbreviated_list(equal_files)}." if equal_files else ""
 
 
 def _report_index_and_table(folder: Path, index: Path) -> None:

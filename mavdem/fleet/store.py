@@ -335,6 +335,12 @@ class Store:
             paths = [(utf8_text(source.path),) for source in sources]
             self.db.executemany("update logs set tracked = 1 where path = ?", paths)
 
+    def copies(self) -> list[Names]:
+        """Returns the paths of each tracked log that several files hold, as in [("/logs/a.ulg", "/logs/copy.ulg")]."""
+        query = """select json_group_array(path) from logs where tracked and key <> '' group by key
+            having count(*) > 1 order by min(path)"""
+        return [tuple(sorted(json.loads(paths))) for (paths,) in self.db.execute(query)]
+
     def rows(self, query: str) -> Iterator[FlightRow]:
         """Yields the rows of the fleet's table that a query selects: figures of one flight on one axis each.
 

@@ -5,7 +5,7 @@ mean acceleration that the models of healthy flights leave unexplained in anothe
 """
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,7 @@ from mavdem.fleet.health_figures import column_array, health_figures
 from mavdem.fleet.judgement import AssessRows, publish_judgements
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
-from mavdem.fleet.sources import LogSource, find_logs
+from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import is_fleet, read_rows
 from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
@@ -381,9 +381,8 @@ def _read_new_logs(
     sources = {log.path: log for log in new_logs}
     # A fact for each log that could not be read now, and keeps its rows.
     unread_logs = []
-    jobs = (Job(log.path, store.keys_of_size(log, reader.limits), page) for log in new_logs)
     progress(0, len(new_logs), None)
-    with closing(reader.outcomes(jobs)) as outcomes:
+    with closing(_outcomes(store, new_logs, reader, page)) as outcomes:
         for done_count, outcome in enumerate(outcomes, 1):
             source = sources[outcome.path]
             if store.are_stored_rows_valid(source, outcome):
@@ -393,3 +392,39 @@ def _read_new_logs(
                 store.add(source, outcome, reader.limits)
             progress(done_count, len(new_logs), outcome)
     return _NewReadings(len(new_logs), unread_logs)
+
+
+def _outcomes(
+    store: Store, logs: Sequence[LogSource], reader: WorkerPool | Cluster, page: MakePage | None
+) -> Generator[JobOutcome]:
+    """Yields the outcome of each log as soon as it is read, first of logs that cannot be copies of each other.
+
+    Args:
+        store: the open store of the fleet, to which the caller adds each outcome before it takes the next.
+        logs: the logs in the order in which they are to be read.
+        reader: the processes that read logs, with their limits.
+        page: function that makes the page of a flight; None for no pages.
+    """
+    for logs_of_round in _reading_rounds(logs):
+        jobs = (
+            Job(log.path, store.keys_of_size(log, reader.limits), page) for log in logs_of_round
+        )
+        with closing(reader.outcomes(jobs)) as outcomes:
+            yield from outcomes
+
+
+def _reading_rounds(logs: Iterable[LogSource]) -> list[list[LogSource]]:
+    """Returns the logs in at most two rounds: the first log of each size, then further ones, which may be copies.
+
+    Logs of a round are read at the same time. A copy in the second one is recognised by its hash, and not read.
+    """
+    first_of_size = []
+    further_logs = []
+    sizes = set()
+    for log in logs:
+        if log.size in sizes and log.size != UNKNOWN_SIZE:
+            further_logs.append(log)
+        else:
+            first_of_size.append(log)
+        sizes.add(log.size)
+    return [logs_of_round for logs_of_round in (first_of_size, further_logs) if logs_of_round]

@@ -48,7 +48,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: InThisProcess(rows_of_log))
     assert run("track", flights, "--out", out) == 0
     written = capsys.readouterr()
-    first_line = "2 logs, 1 of them read now; 1 in the table without a flight; copies count once."
+    first_line = "2 logs, 1 of them read now; 1 in the table without a flight.\n"
     assert written.out.startswith(first_line)
     assert page.is_file() and "index.html" in written.err
     log = flights / "ardupilot_default_rates.tlog"

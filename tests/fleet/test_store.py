@@ -197,9 +197,25 @@ def test_what_is_known_is_not_read_again_whatever_it_is_called(fleet):
     shutil.copy(log, folder / "z_copy.bin")
     assert track(out, folder).read == 1  # The file is read, and recognised by its content.
     assert table_of(out) == before and track(out, folder).read == 0
+    with open_store(out) as opened:
+        assert opened.copies() == [(str(log), str(folder / "z_copy.bin"))]
     other_log.rename(folder / "renamed.bin")
     track(out, folder)
     assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
+
+
+def test_copies_are_hashed_and_not_read_although_logs_are_read_at_the_same_time(tmp_path):
+    class AllAtOnce(InThisProcess):
+        def outcomes(self, jobs):
+            return super().outcomes([*jobs])
+
+    (log, _) = make_logs(tmp_path / "logs", 2)
+    for number in range(2):
+        shutil.copy(log, log.with_name(f"z_copy_{number}.bin"))
+    progress = Mock()
+    track(tmp_path / "fleet", log.parent, reader=AllAtOnce(), progress=progress)
+    endings = [outcome.ended for _, _, outcome in (call.args for call in progress.mock_calls[1:])]
+    assert endings == ["read", "read", "known", "known"]
 
 
 @mark.slow
