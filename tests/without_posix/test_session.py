@@ -8,13 +8,16 @@ from pathlib import Path
 from pytest import mark
 from recorded_flights import LOGS
 
-pytestmark = mark.slow
+pytestmark = mark.in_full
 
 HERE = Path(__file__).parent
 
 
 def test_nothing_needs_posix_or_a_console_in_utf_8_or_its_locale(tmp_path):
-    """Also stops at a text file without an encoding, and at a sign that an old console of Windows does not have."""
+    """Also stops at a text file without an encoding, and at a sign that an old console of Windows does not have.
+
+    On Windows and macOS themselves CI runs the same session with every push (tools/try_here).
+    """
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])]),
         "PYTHONIOENCODING": "cp1252",
