@@ -304,21 +304,21 @@ def _flight_time(flight: AxisRows) -> str:
     return minutes_text(row.flight_time)
 
 
-def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> str:
+def wind_speed_text(speed: float | None, interval: Sequence[float | None] | None) -> str:
     """Returns the speed of a wind, m/s, as text: its 90 % interval if that is known, and otherwise the estimate.
 
     Args:
         speed: the speed; None if still air is likely too, or if the speed is not identifiable.
-        interval: both ends of its 90 % interval; None if they are not known. The lower one is 0 if still air is likely
-            too.
+        interval: both ends of its 90 % interval; each None if it is not known. The lower one is 0 if
+            still air is likely too.
 
     Returns:
         Both ends of the interval, such as "1.9 to 8.0". If still air is likely too, the upper end, such as "below 2.1".
         Without an interval the speed, such as "5.2". Empty if nothing is known.
     """
-    if interval is None:
+    low, high = interval or (None, None)
+    if low is None or high is None:
         return "" if speed is None else f"{speed:.1f}"
-    low, high = interval
     if not low:
         return f"below {rounded_up(high, 1)}"
     return f"{low:.1f} to {high:.1f}"

@@ -255,6 +255,16 @@ def test_a_flight_without_figures_keeps_its_headline_and_is_not_called_unused():
     assert (cells["health"], cells["notes"]) == ("not used", reason)
 
 
+def test_a_wind_without_an_end_of_its_interval_is_the_estimate_alone():
+    """A row has None in the place of a number that is not finite."""
+    nan = float("nan")
+    rows = [
+        flight_row("quad", number, wind_speed=speed, wind_speed_interval=(low, nan))
+        for number, (speed, low) in enumerate([(3.0, 1.0), (nan, nan)])
+    ]
+    assert [flight_line([row]).cell("wind (m/s)") for row in rows] == ["3.0", ""]
+
+
 def test_the_motor_of_a_flight_is_the_one_that_failed_in_it_or_that_others_suspect():
     flight = [flight_row("quad", 0, failed_motor=2), flight_row("quad", 0, suspect_motor=4)]
     assert COLUMNS["motor"].cell(flight) == "2 and 4"
