@@ -399,7 +399,9 @@ def _mean_winds(logs: Sequence[AxisRows]) -> list[Wind]:
     for log in logs:
         row = log_row(log)
         if row.wind_direction is not None and row.wind_speed is not None:
-            low, high = row.wind_speed_interval or (row.wind_speed, row.wind_speed)
+            low, high = row.wind_speed_interval or (None, None)
+            if low is None or high is None:
+                low = high = row.wind_speed
             winds.append(Wind(row.wind_direction, row.wind_speed, low, high))
     return winds
 

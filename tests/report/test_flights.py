@@ -263,6 +263,8 @@ def test_a_wind_without_an_end_of_its_interval_is_the_estimate_alone():
         for number, (speed, low) in enumerate([(3.0, 1.0), (nan, nan)])
     ]
     assert [flight_line([row]).cell("wind (m/s)") for row in rows] == ["3.0", ""]
+    (summary,) = vehicle_summaries([replace(rows[0], wind_direction=1.0)])
+    assert summary.winds == [(1.0, 3.0, 3.0, 3.0)]
 
 
 def test_the_motor_of_a_flight_is_the_one_that_failed_in_it_or_that_others_suspect():
