@@ -416,9 +416,12 @@ def _details_as_reason(fault: Fact) -> list[Sentence]:
         A list with one sentence; empty if the headline has the most important detail already.
     """
     details = _details_of_fault(fault)
+    headline_of_fault = without_full_stop(headline(fault)).lower()
+    if details.lower().startswith(headline_of_fault):
+        return []
     # Details are separated by semicolons, the most important one first.
     first_detail, _, _ = without_full_stop(details).partition(";")
-    if first_detail.lower() in headline(fault).lower():
+    if first_detail.lower() in headline_of_fault:
         return []
     return [Sentence(details, lead="Why:")]
 

@@ -1355,7 +1355,8 @@ def _live_head(
         status, are_details_stated=is_event_listed or is_fault_in_headline
     )
     fault_in_full = ""
-    if reasons or is_event_listed:
+    is_headline_of_fault = headline(judgement.headline) == headline(fault)
+    if reasons or is_event_listed or is_headline_of_fault:
         fault_in_full = fault.sentence
     return Head(
         judgement.headline.level,
