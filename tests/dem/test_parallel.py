@@ -64,6 +64,7 @@ if __name__ == "__main__":
 """
 
 
+@mark.in_full
 def test_a_process_that_is_killed_while_it_writes_its_result_is_not_waited_for(tmp_path):
     script = tmp_path / "killed.py"
     script.write_text(KILLED_WHILE_IT_WRITES)
@@ -88,6 +89,7 @@ def test_a_suspended_process_takes_no_time_and_goes_on_where_it_was():
         assert waiting.result(timeout=300) == pid
 
 
+@mark.in_full
 def test_a_suspended_process_ends_when_its_parent_is_killed():
     script = (
         "import os, signal, time\nfrom mavdem.dem.parallel import LearningProcess\n"

@@ -180,7 +180,7 @@ def test_inputs_without_measure_are_forecast_without_a_word(learned, size):
         learned.forecast_every(5, ahead, np.full((150, 2), 1e308))
 
 
-@mark.slow
+@mark.in_full
 def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     """The mixer of the motors is estimated from the flight, given correctly, or given wrongly."""
     flight = simulated(wind=1.0, lag=0.05)[:700]

@@ -192,8 +192,8 @@ def hanging(tmp_path):
     run.kill()
 
 
-@mark.slow
-@mark.parametrize("number", [signal.SIGINT, param(signal.SIGKILL, marks=mark.in_full)])
+@mark.in_full
+@mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     """The run is interrupted or killed while two logs hang; the next run reads those that are missing."""
     run, names = hanging

@@ -429,6 +429,7 @@ with closing(LiveView([sink])) as view:
 """
 
 
+@mark.in_full
 def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
     command = [sys.executable, "-c", FULL_DISK, str(path), str(killed)]
