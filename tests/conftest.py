@@ -55,9 +55,14 @@ FILE_MARKS = re.compile(r"^pytestmark = (.*)$", re.MULTILINE)
 """The marks that all tests of a file have."""
 
 
+def runs_validations(config):
+    """Returns whether tests with the mark ``in_full`` are run: on request, and where golden files are written anew."""
+    return config.option.in_full or config.option.write_golden
+
+
 def marks_left_out(config):
     """Returns the marks whose tests this run leaves out: ``["in_full"]``, for example."""
-    marks = [] if config.option.in_full else ["in_full"]
+    marks = [] if runs_validations(config) else ["in_full"]
     return [*marks, "slow"] if config.option.markexpr == "not slow" else marks
 
 
@@ -119,8 +124,8 @@ def pytest_collection_modifyitems(config, items):
 
 
 def leave_out_validations(config, items):
-    """Removes the tests with the mark ``in_full`` from ``items`` unless the run has the option ``--in-full``."""
-    if config.option.in_full:
+    """Removes the tests with the mark ``in_full`` from ``items`` unless this run runs validations."""
+    if runs_validations(config):
         return
     validations = {item for item in items if item.get_closest_marker("in_full")}
     items[:] = [item for item in items if item not in validations]
