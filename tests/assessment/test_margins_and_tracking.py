@@ -182,7 +182,7 @@ def test_a_limit_cycle_decides_the_lights_of_motors_margins_and_tracking():
     assert light.remedy.startswith("Do not fly. First check frame type and motor order. Lower ")
     # With a wrong order it would have turned over within a second.
     assert light.replace(was_upright=True).remedy.startswith(
-        "Do not fly. It stayed upright, so the motors' order is right. Lower "
+        "Do not fly with these gains. It stayed upright, so the motors' order is right. Lower "
     )
     light = tracking_light(with_oscillation(evidence_of_delayed_roll(0.1)))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "watch")
