@@ -63,7 +63,7 @@ from mavdem.live.vehicle_state import VehicleState
 from mavdem.machine import LOOPBACK
 from mavdem.report.fleet import kind_of_vehicle
 from mavdem.report.live import closing_lines
-from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.live_page import live_page
 from mavdem.report.templates import as_clause
 
 PRINTED_STATUS_PERIOD = 5.0

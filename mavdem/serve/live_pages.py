@@ -20,7 +20,7 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
-from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.live_page import live_page
 from mavdem.report.pages.page import page_update
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for

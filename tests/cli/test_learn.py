@@ -25,7 +25,8 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.motors.motor_changes import MotorChange
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.pages.flight_page import flight_page, live_page
+from mavdem.report.pages.flight_page import flight_page
+from mavdem.report.pages.live_page import live_page
 from mavdem.report.templates import headline as words_of
 
 FLIGHT = str(FLIGHT)

@@ -58,7 +58,7 @@ from mavdem.live.status_report import SEARCH_SECONDS
 from mavdem.live.wind import WindEstimate
 from mavdem.report.charts.timeline import live_timeline
 from mavdem.report.numbers import plus_minus
-from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.live_page import live_page
 from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import load, scenario_from_table
 

@@ -70,7 +70,7 @@ from mavdem.live.watchdog import TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.report.live import light_rows, vehicle_text, watched_quantities_text
-from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.live_page import live_page
 from mavdem.report.templates import headline as headline_text
 
 

@@ -24,7 +24,8 @@ from mavdem.report.brief_events import (
     worst_events,
 )
 from mavdem.report.loops import decision_sentences
-from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
+from mavdem.report.pages.event_list import numbered_events
+from mavdem.report.pages.live_event_list import numbered_live_events
 from mavdem.report.pages.page import MAX_NEWEST_EVENTS, Head, PageEvent
 from mavdem.report.review import _lines_of_event
 from mavdem.witnesses.sensor_facts import supporting_fact
@@ -85,23 +86,23 @@ def test_a_page_says_once_what_to_do_and_what_shows_an_event():
     assert LOST.remedy
     next_step = f"{LOST.remedy} Then look at the clips."
     # The event of the motion with which the flight was lost is not listed beside the loss, which has its evidence.
-    *clips, lost, hit = _numbered_events(EVENTS, None, next_step=next_step)
+    *clips, lost, hit = numbered_events(EVENTS, None, next_step=next_step)
     assert {clip.event.fact.code for clip in clips} == {MotionEvent.CLIPPED}
     assert lost.why == "Why: the gyro measured 286 °/s at 31.0 s."
     assert hit.why == ""
     # The time of an event stands beside its sentence.
     assert lost.sentence == str(LOST).replace(" at 30.0 s", "")
-    first, *_ = _numbered_events((LEFT, LOST, LOST), None)
+    first, *_ = numbered_events((LEFT, LOST, LOST), None)
     assert first.sentence == LOST.sentence_and_remedy.replace(" at 30.0 s", "")
 
 
 def test_the_event_of_the_headline_is_in_the_short_list_without_its_cause():
     caused = LOST.replace(cause=Fact(FailedFirst.ALL_OFF_FIRST))
     headline = caused.replace(weak_motor=None)
-    (lost,) = _numbered_events((LEFT, caused), None, headline)
+    (lost,) = numbered_events((LEFT, caused), None, headline)
     assert "went to idle first" in str(caused)
     assert lost.brief == "Lost control."
-    (lost,) = _numbered_events((LEFT, caused), None, HIT)
+    (lost,) = numbered_events((LEFT, caused), None, HIT)
     assert lost.brief == str(caused).replace(" at 30.0 s", "")
 
 
@@ -115,14 +116,14 @@ def test_what_failed_first_by_the_headline_is_in_the_short_list():
         LEFT.replace(Level.BAD, time=31.0 + number, subject=f"motor {number}")
         for number in range(4)
     ]
-    events = _numbered_events((report, lost, *worse), None, headline=lost)
+    events = numbered_events((report, lost, *worse), None, headline=lost)
     brief_events = Head(Level.BAD, {}, events).brief_events
     assert [event.number for event in brief_events] == [1, 2, 3, 4, 5]
 
 
 def test_a_page_lists_the_worst_events_in_order_of_time():
     sunk = Fact(MotionEvent.CLIPPED, Level.WATCH, time=31.0, end_time=32.0, count=9, boot=0)
-    head = Head(Level.BAD, {}, _numbered_events((*CLIPS[1:], LOST, sunk, HIT), None))
+    head = Head(Level.BAD, {}, numbered_events((*CLIPS[1:], LOST, sunk, HIT), None))
     assert [event.number for event in head.brief_events] == [1, 4, 6]
 
 
@@ -142,11 +143,11 @@ def test_the_short_list_of_a_sound_flight_has_its_take_off_modes_and_landing():
         MODE.replace(time=71.0),
         DISARMED.replace(time=72.0),
     ]
-    brief_events = Head(Level.GOOD, {}, _numbered_events(events, None)).brief_events
+    brief_events = Head(Level.GOOD, {}, numbered_events(events, None)).brief_events
     assert [event.number for event in brief_events] == [3, 4, 5]
     # Without a change of mode in flight, it has the mode of the take-off.
     del events[3]
-    brief_events = Head(Level.GOOD, {}, _numbered_events(events, None)).brief_events
+    brief_events = Head(Level.GOOD, {}, numbered_events(events, None)).brief_events
     assert [event.number for event in brief_events] == [1, 3, 4]
 
 
@@ -219,7 +220,7 @@ def test_a_live_page_lists_states_of_the_session_apart_from_the_vehicle_and_resu
     model = Fact(SessionFact.FIRST_MODEL, clock=2.0, axis="roll", duration=None)
     result = Event(2.0, model, reception=0.0)
     history = _history_of(learning, landing, learning, result)
-    events = _numbered_live_events(history, unjudged(LOST), ())
+    events = numbered_live_events(history, unjudged(LOST), ())
     head = Head(Level.BAD, {}, events[::-1], is_newest_first=True)
     listed = [(one.number, one.event.fact.code) for one in head.brief_events]
     assert listed == [(2, SessionFact.FIRST_MODEL), (1, ReportedEvent.MOTORS_DISARMED)]
@@ -231,7 +232,7 @@ def test_an_event_of_a_silence_that_has_ended_advises_nothing_any_more():
     silence = Event(0.0, NOTHING_RECEIVED, reception=0.0)
     resumed = Event(1.0, Fact(RowsFact.MESSAGES_RESUMED, duration=9.0), reception=0.0)
     history = _history_of(silence, resumed, silence)
-    before, _, again = _numbered_live_events(history, unjudged(LOST), ())
+    before, _, again = numbered_live_events(history, unjudged(LOST), ())
     assert before.sentence == NOTHING_RECEIVED.sentence
     assert again.sentence == NOTHING_RECEIVED.sentence_and_remedy
 
@@ -246,7 +247,7 @@ def test_the_closing_list_of_a_live_flight_has_the_event_of_its_headline():
         ],
         Event(40.0, Fact(ReportedEvent.MOTORS_DISARMED, time=40.0), reception=0.0),
     )
-    events = _numbered_live_events(history, unjudged(HIT), ())
+    events = numbered_live_events(history, unjudged(HIT), ())
     listed = [(one.finding.code, one.total) for one in Head(Level.BAD, {}, events).brief_events]
     assert listed == [
         (MotionEvent.CLIPPED, 4),
@@ -268,7 +269,7 @@ def test_a_live_page_keeps_the_event_of_its_headline_in_sight():
         Event(2.0, silence, reception=0.0),
         *[Event(4.0, disarmed, reception=0.0)] * MAX_NEWEST_EVENTS,
     )
-    events = _numbered_live_events(history, unjudged(LEFT.replace(Level.BAD)), ())
+    events = numbered_live_events(history, unjudged(LEFT.replace(Level.BAD)), ())
     head = Head(Level.BAD, {}, events[::-1], is_newest_first=True)
     assert [one.number for one in head.newest_events] == [6, 5, 4, 3, 2, 1]
     assert head.earlier_events == []
@@ -284,7 +285,7 @@ def test_events_of_an_earlier_flight_are_listed_without_a_place_in_the_plots():
     history.note_flight(2, 10.0)
     # Two seconds after the take-off of a boot whose clock began 21 s after that of the first one.
     history.add_event(Event(33.0, disarmed, reception=0.0, clock=12.0, boot=1))
-    earlier, latest = _numbered_live_events(history, unjudged(LOST), ())
+    earlier, latest = numbered_live_events(history, unjudged(LOST), ())
     assert (earlier.number, earlier.is_on_clock_of_charts) == (None, False)
     assert (latest.number, latest.is_on_clock_of_charts, latest.seconds) == (1, True, 12.0)
 
@@ -306,10 +307,10 @@ def test_an_event_of_a_live_page_does_not_repeat_its_next_step():
     judgement = replace(unjudged(LOST), next_step=Fact(NextStep.DO_AS_ADVISED, reason=LOST))
     alarm = Event(1.0, LOST, reception=0.0)
     history = _history_of(alarm)
-    [page_event] = _numbered_live_events(history, judgement, ())
+    [page_event] = numbered_live_events(history, judgement, ())
     assert LOST.remedy and page_event.sentence == str(LOST)
     judgement = replace(judgement, next_step=LEFT)
-    [page_event] = _numbered_live_events(history, judgement, ())
+    [page_event] = numbered_live_events(history, judgement, ())
     assert page_event.sentence == LOST.sentence_and_remedy
 
 
@@ -317,10 +318,10 @@ def test_no_event_of_a_live_page_advises_to_fly_on_where_the_next_step_is_to_lan
     gust = Fact(SessionFact.MOTION_UNEXPECTED, clock=1.0, cause=SurpriseCause.DISTURBANCE)
     history = _history_of(Event(1.0, gust, reception=0.0))
     judgement = unjudged(LOST)
-    [page_event] = _numbered_live_events(history, judgement, ())
+    [page_event] = numbered_live_events(history, judgement, ())
     assert page_event.sentence == gust.sentence_and_remedy != str(gust)
     judgement = replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=LOST))
-    [page_event] = _numbered_live_events(history, judgement, ())
+    [page_event] = numbered_live_events(history, judgement, ())
     assert page_event.sentence == str(gust)
 
 

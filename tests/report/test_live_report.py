@@ -37,7 +37,7 @@ from mavdem.report.live import (
     status_line_text,
     vehicle_state_cells,
 )
-from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.live_page import live_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import headline
 

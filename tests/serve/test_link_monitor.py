@@ -53,7 +53,7 @@ from mavdem.report.live import (
     statement_of_repair,
     verdict_on_present_flight,
 )
-from mavdem.report.pages import flight_page
+from mavdem.report.pages import live_page
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import headline as headline_text
 from mavdem.serve import link_monitor, live_pages
@@ -561,10 +561,10 @@ def test_a_fault_of_the_latest_flight_stands_after_a_restart_of_the_server(idle)
     landed = replace(waiting, flight_number=1)
     for status in (waiting, landed, replace(landed, is_over=True)):
         assert status.session_judgement.headline.level is Level.WATCH
-        stated_fault, step, advice, *further = flight_page._live_summary(status, None)
+        stated_fault, step, advice, *further = live_page._live_summary(status, None)
         assert stated_fault.lead == "Earlier flight (2026-11-28 09:15 UTC): motor 3 lost thrust."
         # No card repeats the headline; the button that says so names the flight.
-        head = flight_page._live_head(LiveHistory(), status, [], None)
+        head = live_page._live_head(LiveHistory(), status, [], None)
         assert head.unrepaired_fault == ""
         flight = "the flight of 2026-11-28 09:15 UTC"
         assert head.statement_of_repair == f"The vehicle was repaired or inspected after {flight}"

@@ -16,7 +16,7 @@ from mavdem.live import clock
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_state import VehicleState
-from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.live_page import live_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.serve.live_pages import SessionPage
 

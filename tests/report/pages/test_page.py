@@ -38,18 +38,16 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import Sentence, Table, headline_sentence
 from mavdem.report.charts.chart import Group, Line, LineStyle, over_time
 from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
-from mavdem.report.pages.flight_page import (
+from mavdem.report.pages.chapter_of_light import (
     LOG_TITLE,
-    flight_page,
     lights_of_chapter,
-    live_page,
-    log_page,
-    scope_of_instances_level,
     unfold_chapters_of_warnings,
-    with_messages_around_loss,
-    with_utc_of_bad_events,
 )
+from mavdem.report.pages.event_list import with_messages_around_loss, with_utc_of_bad_events
+from mavdem.report.pages.flight_chapters import scope_of_instances_level
+from mavdem.report.pages.flight_page import flight_page, log_page
 from mavdem.report.pages.library_page import without_last_position
+from mavdem.report.pages.live_page import live_page
 from mavdem.report.pages.loop_chapters import TUNING_TITLE
 from mavdem.report.pages.page import (
     Chapter,
