@@ -335,7 +335,7 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    The pilot is to do one of three things:
+    :func:`_decision_to_change_gains`, which also serves loops that respond too slowly, chooses one of three actions:
 
     - usually, load the gains that `mavdem tune` advises;
     - fly once more, if the flight does not show clearly enough that the gains should change;

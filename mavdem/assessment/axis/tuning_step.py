@@ -365,8 +365,8 @@ def _step_to_fly_before_gains(
     Args:
         judgement: the flight's most serious finding (headline), and what was found about its motors, power and so on.
         changed_loops: for each axis whose gains should change, the advice with the new gains.
-        flight_for_gains: the flight for axes of which this one gives no gains, about which doublets are flown too; None
-            if there are no such axes.
+        flight_for_gains: the next step for the axes on which this flight allows no advice on gains, which is to fly
+            doublets about them; None if there are no such axes.
 
     Returns:
         The fact (coded finding) ``FLY_BEFORE_GAINS``. Its ``reason`` says which flight is needed, and names all these

@@ -720,8 +720,9 @@ def _sentences_on_watched_lights_by_change(reviews: Mapping[str, Review]) -> _Wo
 def _sentence_on_watched_light(name: str, lights_by_side: Mapping[str, JsonValues]) -> Sentence:
     """Returns the sentence on a light (a judgement, such as of vibration) that is "watch" in one of two logs.
 
-    For example "good in A, watch in B", each with its reason. If the vibration of the IMUs changed, that change takes
-    the place of both reasons, unless clips of an accelerometer are one of them.
+    For example "good in A, watch in B", each with its reason. If the vibration of the IMUs changed, the change is
+    stated instead of the reasons: "good in A, watch in B. …". But if an accelerometer clipped, the reasons stay, since
+    they state the clips.
 
     Args:
         name: name of the light, such as "vibration".
