@@ -231,6 +231,18 @@ def control_parameters(autopilot: str) -> Names:
     return tuple(names)
 
 
+def lean_limit_parameters(autopilot: str) -> Names:
+    """Lists the parameters that limit how far the vehicle leans, by which the wind of a flight is judged.
+
+    Args:
+        autopilot: MAV_AUTOPILOT without its prefix ("PX4").
+
+    Returns:
+        Names of parameters, such as "MPC_TILTMAX_AIR"; empty for an autopilot without such a list.
+    """
+    return tuple(NAMES["lean_limit_parameters"].get(autopilot, ()))
+
+
 def demand_geometry(axis: str) -> MotorGeometry:
     """Makes the geometry for a model whose one input is the controller's demand on an axis, not the motors.
 

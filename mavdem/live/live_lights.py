@@ -73,7 +73,7 @@ def _light_before_settled_flight(
     """Returns the light of a quantity that is judged only in settled flight, such as the vibration, before that.
 
     The light states that the quantity is not judged yet, and why: it is not watched, or settled flight (after the
-    climb-out) has not come yet.
+    climb-out) has not come yet. In the latter case it also states that an alarm of the quantity is possible already.
 
     Args:
         quantity: one of ``QUANTITIES_OF_SETTLED_FLIGHT``.
@@ -85,7 +85,7 @@ def _light_before_settled_flight(
         # How well the vehicle follows its setpoints is judged over several seconds of settled flight.
         reason = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
     elif reason is None:
-        reason = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
+        reason = Fact(WatchFact.SETTLED_FLIGHT_AWAITED, is_watched=True)
     return Fact(Unjudged.NOT_JUDGED, reason=reason)
 
 

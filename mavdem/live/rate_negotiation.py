@@ -6,7 +6,7 @@ from math import inf
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.payloads import FrameSender
-from mavdem.ingest.motors import control_parameters, motor_parameters
+from mavdem.ingest.motors import control_parameters, lean_limit_parameters, motor_parameters
 from mavdem.live import clock
 from mavdem.live.intake import LinkIntake
 from mavdem.live.link import MAX_TRIES, RETRY_SECONDS
@@ -111,7 +111,7 @@ class RateNegotiation:
 
     @staticmethod
     def _request_to(vehicle: Component, rate: float) -> RateRequest:
-        """Makes the request to a vehicle for messages, and for the parameters that show its motors and gains.
+        """Makes the request to a vehicle for messages, and for the parameters of its motors, gains and lean.
 
         Args:
             vehicle: the followed vehicle. Its autopilot decides the names of the parameters.
@@ -123,6 +123,7 @@ class RateNegotiation:
         parameters = (
             *motor_parameters(vehicle.autopilot),
             *control_parameters(vehicle.autopilot),
+            *lean_limit_parameters(vehicle.autopilot),
         )
         ids = FrameSender(vehicle.system, vehicle.component)
         return RateRequest(ids, rate, parameters=parameters)

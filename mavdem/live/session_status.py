@@ -1620,15 +1620,20 @@ class SessionStatus(ImmutableResult):
         return {part: worst_fact(facts) for part, facts in facts_by_part.items() if facts}
 
     def _light_of_mean_wind(self, mean_wind: WindEstimate) -> Fact:
-        """Returns the light of the wind: the fact (a coded finding) that states the mean wind and judges it.
+        """Returns the light of the wind: the fact (a coded finding) that judges the mean wind, and states one wind.
+
+        In flight it states the present wind, as the map and the table of lights do, and later the mean.
 
         Args:
             mean_wind: mean wind of the flight so far, with the time of its last estimate.
 
         Returns:
-            The fact. If the wind cannot be estimated any more, it also has the figures ``known_until``, the time of
-            the last estimate, and ``obstacle``, the reason; its sentence then ends with "not known since …".
+            The fact. If the present wind is known, it has the figure ``present_wind``, the facts on that. If the wind
+            cannot be estimated any more, it has the figures ``known_until``, the time of the last estimate, and
+            ``obstacle``, the reason; its sentence then ends with "not known since …".
         """
+        if self.present_wind is not None:
+            return mean_wind.light.replace(present_wind=self.present_wind.facts)
         if self.no_wind_reason is None:
             return mean_wind.light
         return mean_wind.light.replace(known_until=mean_wind.time, obstacle=self.no_wind_reason)

@@ -374,7 +374,7 @@
 
   // The least span of a vertical axis over the flight, by its unit: what changes by less, such as the last digit of a
   // logged value, does not fill a plot. A choice, by what pilots look for in motors, loads, voltages, angles and heights.
-  const LEAST_SPANS = { "%": 10, V: 0.2, "°": 1, "°C": 2, kB: 1, µs: 20, m: 2 };
+  const LEAST_SPANS = { "%": 40, V: 0.2, "°": 1, "°C": 2, kB: 1, µs: 20, m: 2 };
   // The least size of a value that is not 0, and the least change of one in relation to it: less is rounding.
   const LEAST_SIZE = 1e-12, LEAST_SHARE = 1e-6;
   const scale = (axis, padding, leastSpan = 0) => ({
@@ -389,7 +389,9 @@
       // The span grows in both directions, but not below 0 where nothing is negative.
       const lack = leastSpan - (max - min), isPositive = min >= 0;
       if (lack > 0) {
-        const start = isPositive ? Math.max(0, min - lack / 2) : min - lack / 2;
+        // Shares of a whole end at 100 %.
+        const top = unitOf(axis) === "%" && max <= 100 ? 100 - leastSpan : Infinity;
+        const start = isPositive ? Math.max(0, Math.min(min - lack / 2, top)) : min - lack / 2;
         [min, max] = [start, start + leastSpan];
       }
       // What is 0 but for the rounding of a computer has the axis of 0.

@@ -47,6 +47,7 @@ from mavdem.report.live import (
     live_alarm,
     recorded_light_figures,
     statement_of_headline,
+    status_line_text,
     vehicle_text,
 )
 from mavdem.report.templates import headline, render_section
@@ -554,8 +555,12 @@ def test_lights_of_a_recording_have_figures_of_their_own(slow):
     slowly = Fact(LogLight.RECORDED_SLOWLY, rate=4.0, motor_rate=10.0)
     lights = {**slow.overall_judgement.lights, Light.POWER: sagged, Light.LOG: slowly}
     swing = Fact(MotionEvent.ATTITUDE_SWUNG, Level.BAD, time=33.0, angle_error=0.6)
-    figures = recorded_light_figures(lights | {Light.TRACKING: swing})
+    # A wind that is known only roughly is good where the vehicle leans little: the figure says so.
+    wind = WindEstimate(time=3.0, velocity=np.array([0.0, -5.4]), band=np.full(2, 2.9)).light
+    blew = wind.replace(Level.GOOD, share=0.31)
+    figures = recorded_light_figures(lights | {Light.TRACKING: swing, Light.WIND: blew})
     assert figures.keys() == set(Light)
+    assert figures["wind"] == "mean 2.5–8.3 m/s 90°, lean 31 % of limit"
     assert (figures["power"], figures["log"]) == ("down to 11.2 V", "4.0 Hz")
     assert figures["tracking"] == "at 33.0 s"
 
@@ -567,6 +572,10 @@ def test_each_light_of_a_flight_has_a_figure_or_says_what_it_lacks(slow):
     assert figures["wind"] == "after 6 to 9 s" and figures["log"] == "25 Hz"
     fast = light_rows(replace(slow, no_model_reason=None, rates=dict.fromkeys(RATES, 100.0)))
     assert fast[-1].figure == "100 Hz"
+    # What is watched from the take-off on is judged later: that is no contradiction.
+    watched = replace(slow, worst_lights={}, watch_facts=(watch(WatchedQuantity.VIBRATION),))
+    figures = {row.name: row.figure for row in light_rows(watched)}
+    assert figures["vibration"] == "alarm on, level in settled flight"
 
 
 def test_what_shows_a_fault_stands_below_its_short_headline():
@@ -618,6 +627,15 @@ def test_the_wind_is_that_of_now_only_while_the_vehicle_is_received_in_time(slow
     wind = WindEstimate(time=3.0, velocity=np.zeros(2), band=np.ones(2))
     blowing = replace(slow, wind=wind, message_age=0.2)
     assert blowing.present_wind is wind
+    # Its light states the same wind as the table of lights, the map and the line; the mean follows in the verdict.
+    present = replace(wind, velocity=np.array([0.0, -3.0]))
+    mean = replace(wind, velocity=np.array([3.0, 4.0]), band=2 * np.ones(2))
+    windy = replace(blowing, wind=present, mean_wind=mean)
+    stated = str(windy.overall_judgement.lights[Light.WIND])
+    assert stated.startswith("Wind 3.0 m/s (2.0 to 4.0) from E (90°)") and "Mean" not in stated
+    assert "; wind now 2–4 m/s 90°;" in status_line_text(windy)
+    landed = str(replace(windy, is_flying=False).overall_judgement.lights[Light.WIND])
+    assert landed.startswith("Mean wind")
     for change in ({"message_age": 29.0}, {"analysis_delay": 5.0}, {"is_flying": False}):
         assert replace(blowing, **change).present_wind is None
 

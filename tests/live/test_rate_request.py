@@ -7,10 +7,11 @@ from known_gains import ARDUPILOT, PX4
 from pymavlink.dialects.v20 import all as dialect
 from pytest import mark
 
+from mavdem.assessment.lights.wind import lean_limit
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.payloads import FrameSender
-from mavdem.ingest.motors import control_parameters, motor_parameters
+from mavdem.ingest.motors import control_parameters, lean_limit_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.link import SILENCE_SECONDS
@@ -280,6 +281,7 @@ def test_a_recording_has_the_parameters_that_the_loops_need(autopilot, gains):
     requested = {*motor_parameters(autopilot), *control_parameters(autopilot)}
     assert gains.keys() - {"CA_AIRFRAME"} <= requested
     assert len(control_parameters(autopilot)) <= 31
+    assert lean_limit(dict.fromkeys(lean_limit_parameters(autopilot), 45.0))
     assert all(CONTROL_PARAMETERS.match(name) for name in control_parameters(autopilot))
 
 

@@ -687,9 +687,11 @@ def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(t
     The axis of a constant voltage must be narrow.
     """
     history = LiveHistory()
+    history.motor_names = ("1", "2", "3", "4")
     for time in np.arange(100.0, 130.0):
         pose = (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 0.2, time / 100.0, 4.0, 12.0)
-        history.add_row(0, time, np.zeros(2), None, pose)
+        motors = (0.69, 0.7, 0.71, 0.7)
+        history.add_row(0, time, np.zeros(2), None, pose + motors)
         history.advance(time, 0)
         history.add_voltages({1: 12.6})
     armed = Fact(ReportedEvent.MOTORS_ARMED, time=110.0, is_begun=False)
@@ -712,6 +714,9 @@ def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(t
         tab.run("document.querySelector('.map').closest('details').scrollIntoView()")
         tab.until(f"({scale})?.max")
         ends = tab.run(f"[({scale}).min, ({scale}).max]")
+        motor_scale = scale.replace("Battery", "Motors, %")
+        tab.until(f"({motor_scale})?.max")
+        motor_ends = tab.run(f"[({motor_scale}).min, ({motor_scale}).max]")
         # The lights are two columns, also below a headline that warns.
         lefts = tab.run("""new Set([...document.querySelectorAll("#lights div")].map(
             light => light.getBoundingClientRect().left)).size""")
@@ -729,6 +734,8 @@ def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(t
     assert lefts == 2
     # What stays the same has a narrow axis, on which a sag is seen.
     assert 11.5 < ends[0] < 12.6 < ends[1] < 13.7
+    # The axis of motors that change little keeps a range of 40 %, so that a calm hover looks calm.
+    assert 40.0 <= motor_ends[1] - motor_ends[0] < 60.0
 
 
 def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
