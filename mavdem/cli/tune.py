@@ -27,21 +27,16 @@ from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.gain_changes import GainChanges, gains_in_tables
-from mavdem.report.loops import (
-    axes_with_kept_gains,
-    field_sentences,
-    goal_reached_sentences,
-    goal_sentences,
-    later_flight_sentences,
-    measured_margins,
-    tune_blocks,
-    tune_overview,
-    tune_summary,
-    tuning_result,
-)
 from mavdem.report.pages.tune_page import changes_to_load, gains_of_tuning, tune_page
 from mavdem.report.screen import flight_sentences, judgement_sentences
 from mavdem.report.templates import Medium, sentences_for
+from mavdem.report.tuning.decisions import measured_margins
+from mavdem.report.tuning.goal import goal_reached_sentences, goal_sentences
+from mavdem.report.tuning.outcomes import axes_with_kept_gains, field_sentences
+from mavdem.report.tuning.overview import tune_overview
+from mavdem.report.tuning.reasons import tune_blocks
+from mavdem.report.tuning.result import tuning_result
+from mavdem.report.tuning.summary import later_flight_sentences, tune_summary
 
 PAGE_FILE = "tune.html"
 """Name of the page with the loops and the advised gains."""

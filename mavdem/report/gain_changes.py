@@ -23,8 +23,10 @@ from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
 from mavdem.loops.gain_design import SURE_SHARE, Stage
 from mavdem.report.blocks import Block, Blocks, Sentence, Table
-from mavdem.report.loops import TRIED_HEADER, gain_row, is_about_gains_to_set
 from mavdem.report.templates import render_section, sentences_by_axes
+from mavdem.report.tuning.cautions import is_about_gains_to_set
+from mavdem.report.tuning.gains import gain_row
+from mavdem.report.tuning.tables import TRIED_HEADER
 
 READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
 """Ground stations that read a parameter file, by the ending of its name."""

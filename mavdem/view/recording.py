@@ -23,7 +23,6 @@ from mavdem.report.charts.chart import Chart, Line, over_time
 from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.charts.timeline import Timeline, assessment_timeline
 from mavdem.report.labels import Labels
-from mavdem.report.loops import decision_sentences, margin_tables
 from mavdem.report.numbers import TORQUE_UNIT, display_unit
 from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title, motor_blocks
 from mavdem.report.series import (
@@ -37,6 +36,8 @@ from mavdem.report.series import (
     recording_series,
 )
 from mavdem.report.templates import headline
+from mavdem.report.tuning.decisions import decision_sentences
+from mavdem.report.tuning.tables import margin_tables
 from mavdem.view.first_tab import (
     SideTexts,
     events_text,

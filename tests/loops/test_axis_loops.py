@@ -60,7 +60,8 @@ from mavdem.loops.measured_response import measured_rate_response
 from mavdem.loops.twin import build_twin
 from mavdem.loops.twin_flight import replay_segments
 from mavdem.report.charts.flight_charts import loop_charts
-from mavdem.report.loops import outcome_sentences, tune_blocks
+from mavdem.report.tuning.outcomes import outcome_sentences
+from mavdem.report.tuning.reasons import tune_blocks
 from mavdem.report.vehicle_files import vehicle_text
 from mavdem.wind_velocity.vehicle_drag import Drag
 from mavdem.wind_velocity.velocity import WindVelocity

@@ -23,11 +23,11 @@ from mavdem.report.brief_events import (
     stated_events,
     worst_events,
 )
-from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.event_list import numbered_events
 from mavdem.report.pages.live_event_list import numbered_live_events
 from mavdem.report.pages.page import MAX_NEWEST_EVENTS, Head, PageEvent
 from mavdem.report.review import _lines_of_event
+from mavdem.report.tuning.decisions import decision_sentences
 from mavdem.witnesses.sensor_facts import supporting_fact
 
 TURNED = (supporting_fact(SensorFact.ROTATED, time=31.0, body_rate=5.0),)

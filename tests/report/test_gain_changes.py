@@ -18,7 +18,7 @@ from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
 from mavdem.report.gain_changes import changes_on_trial, gain_changes, loading_sentences
-from mavdem.report.loops import gain_row
+from mavdem.report.tuning.gains import gain_row
 
 LOWER = Fact(
     LoopAction.LOWER_BY_A_THIRD,

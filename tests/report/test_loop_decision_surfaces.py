@@ -50,20 +50,15 @@ from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence, plain_text
 from mavdem.report.charts.timeline import assessment_timeline
-from mavdem.report.loops import (
-    is_about_loops,
-    level_of_summary,
-    margin_overview,
-    margin_tables,
-    outcome_sentences,
-    tune_blocks,
-    tune_overview,
-    tune_summary,
-    tuning_result,
-)
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.review import review_screen
+from mavdem.report.tuning.outcomes import outcome_sentences
+from mavdem.report.tuning.overview import margin_overview, tune_overview
+from mavdem.report.tuning.reasons import tune_blocks
+from mavdem.report.tuning.result import is_about_loops, level_of_summary, tuning_result
+from mavdem.report.tuning.summary import tune_summary
+from mavdem.report.tuning.tables import margin_tables
 from mavdem.view.plots import recording_to_file
 from mavdem.view.recording import RecordingTabs
 

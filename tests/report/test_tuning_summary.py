@@ -35,19 +35,6 @@ from mavdem.loops.advice import Advice, Gain, advise
 from mavdem.loops.identified_step import PredictedStep
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Sentence, plain_text
-from mavdem.report.loops import (
-    _facts_on_slower_rate,
-    _goal_prospect,
-    _rise_time_text,
-    later_flight_sentences,
-    outcome_by_axis,
-    outcome_sentences,
-    sentences_on_reached_goal,
-    sentences_without_gains,
-    tune_blocks,
-    tune_summary,
-    tuning_result,
-)
 from mavdem.report.pages.loop_chapters import sentences_without_response
 from mavdem.report.pages.page import Chapter
 from mavdem.report.pages.step_captions import gain_caption, step_caption
@@ -56,6 +43,13 @@ from mavdem.report.pages.tune_page import (
     rate_disagreement_sentences,
 )
 from mavdem.report.templates import Medium, render_section, sentences_for
+from mavdem.report.tuning.goal import _goal_prospect, sentences_on_reached_goal
+from mavdem.report.tuning.outcomes import outcome_by_axis, outcome_sentences
+from mavdem.report.tuning.reasons import sentences_without_gains, tune_blocks
+from mavdem.report.tuning.result import tuning_result
+from mavdem.report.tuning.slower import facts_on_slower_rate
+from mavdem.report.tuning.summary import later_flight_sentences, tune_summary
+from mavdem.report.tuning.tables import _rise_time_text
 
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 STEP_TO_CONFIRM = {"names": ("roll",), "can_go_on": False, "needed": 0.9, "least_rate": None}
@@ -620,17 +614,19 @@ def test_gains_that_slow_the_rate_have_their_price_beside_the_margin(
     now = PredictedStep(overshoot, rise_now, IntervalEstimate(0.023, 0.02, 0.028))
     new = PredictedStep(overshoot, rise_new, IntervalEstimate(0.038, 0.031, 0.046))
     steps = {"before": now, "after": new}
-    monkeypatch.setattr("mavdem.report.loops.predicted_step", lambda loop, _: steps[loop.name])
+    monkeypatch.setattr(
+        "mavdem.report.tuning.slower.predicted_step", lambda loop, _: steps[loop.name]
+    )
     level = Level.BAD if lacking else Level.GOOD
     rating = Fact(LoopFact.MARGIN_RATING, level, subject="rate", lacking=lacking)
-    monkeypatch.setattr("mavdem.report.loops.margin_rating", lambda *_: rating)
+    monkeypatch.setattr("mavdem.report.tuning.slower.margin_rating", lambda *_: rating)
     loops = {}
     for index, name in enumerate(steps):
         rate = Mock(**{lacking: margins[index]} if lacking else {})
         rate.name = name
         loops[name] = Mock(rate=rate, open_loop=lambda _, rate=rate: rate)
     advice = Mock(parameters={"ATC_RAT_RLL_P": 0.15}, **loops)
-    (slower,) = _facts_on_slower_rate(advice)
+    (slower,) = facts_on_slower_rate(advice)
     rise = "and 90 ms from 10 to 90 %, now 23 ms, 3.9 times as long"
     assert slower.sentence == (
         f"With these gains the rate takes 38 ms to 63 % of a step, now 23 ms, 1.7 times as long, {rise}{price}"
@@ -640,15 +636,15 @@ def test_gains_that_slow_the_rate_have_their_price_beside_the_margin(
     steps["after"] = new._replace(
         response_time=unsure_time, rise_time=IntervalEstimate(0.09, 0.025, 0.5)
     )
-    (slower,) = _facts_on_slower_rate(advice)
+    (slower,) = facts_on_slower_rate(advice)
     rise = "and 90 ms (25 to > 500) from 10 to 90 %, now 23 ms (20 to 27)"
     assert slower.sentence.endswith(f"now 23 ms (20 to 28), {rise}{price}")
     # A rate that reaches 63 % as soon as before may rise slowly from there.
     steps["after"] = now._replace(rise_time=IntervalEstimate(0.5, 0.4, 0.5))
-    (slower,) = _facts_on_slower_rate(advice)
+    (slower,) = facts_on_slower_rate(advice)
     assert f"and more than 500 ms from 10 to 90 %, now 23 ms{price}" in slower.sentence
     steps["after"] = steps["before"]
-    assert not _facts_on_slower_rate(advice)
+    assert not facts_on_slower_rate(advice)
 
 
 @mark.parametrize(

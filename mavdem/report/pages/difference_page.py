@@ -76,7 +76,6 @@ from mavdem.report.difference.parameter_rows import parameter_rows
 from mavdem.report.difference.parameters import parameter_count_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
-from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import (
     UNKNOWN_FIGURE,
     counted,
@@ -96,6 +95,7 @@ from mavdem.report.palette import (
     TRUTH,
 )
 from mavdem.report.templates import render_section
+from mavdem.report.tuning.figures import LOOP_FIGURES, TUNED_FIGURES
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""

@@ -21,7 +21,6 @@ from mavdem.report.condition import log_blocks
 from mavdem.report.gain_changes import GainChanges, gain_changes, gains_in_tables, loading_sentences
 from mavdem.report.heading import heading_of
 from mavdem.report.lights import lights_with_reason_once
-from mavdem.report.loops import needs_check_before_gains
 from mavdem.report.pages.chapter_of_light import (
     LOG_TITLE,
     anchors_of_lights,
@@ -47,6 +46,7 @@ from mavdem.report.templates import (
     render_section,
     sentences_for,
 )
+from mavdem.report.tuning.repairs import needs_check_before_gains
 from mavdem.report.why import headline_evidence, joined_sentences, margin_sentences
 
 MARGINS_TITLE = "Margins and new gains"

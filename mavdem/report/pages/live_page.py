@@ -22,7 +22,6 @@ from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.timeline import Timeline, live_timeline
 from mavdem.report.lights import lights_with_reason_once
-from mavdem.report.loops import TRIED_HEADER, gain_row
 from mavdem.report.pages.live_event_list import numbered_live_events, time_of_last_event
 from mavdem.report.pages.live_headline import (
     are_lights_of_recording,
@@ -47,6 +46,8 @@ from mavdem.report.templates import (
     time_of_day,
     without_full_stop,
 )
+from mavdem.report.tuning.gains import gain_row
+from mavdem.report.tuning.tables import TRIED_HEADER
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory

@@ -22,19 +22,14 @@ from mavdem.report.charts.chart import Group
 from mavdem.report.charts.flight_charts import loop_charts, spectrum_chart, step_charts
 from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.step_overview import step_overview_charts
-from mavdem.report.loops import (
-    axes_by_gain_sentence,
-    compared_loops,
-    decision_sentences,
-    gain_table,
-    loop_cautions,
-    margin_tables,
-    sentences_on_goal,
-    sentences_on_reached_goal,
-)
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.pages.page import Chapter
 from mavdem.report.templates import as_clause, sentences_by_axes
+from mavdem.report.tuning.cautions import loop_cautions
+from mavdem.report.tuning.decisions import decision_sentences
+from mavdem.report.tuning.gains import axes_by_gain_sentence, gain_table
+from mavdem.report.tuning.goal import sentences_on_goal, sentences_on_reached_goal
+from mavdem.report.tuning.tables import compared_loops, margin_tables
 
 TUNING_TITLE = "Tuning at a glance"
 """Title of the chapter with a row of pictures of the tuning."""

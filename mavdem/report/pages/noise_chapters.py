@@ -21,9 +21,9 @@ from mavdem.report.charts.flight_charts import (
 )
 from mavdem.report.charts.hardware_charts import raw_sensor_charts, vibration_charts
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.loops import filter_sentences
 from mavdem.report.numbers import listed
 from mavdem.report.pages.page import Chapter, Section
+from mavdem.report.tuning.details import filter_sentences
 from mavdem.vibration.folding import faster_frequencies, folded_frequency, possibly_folded_peak
 from mavdem.vibration.spectra import Spectrum
 

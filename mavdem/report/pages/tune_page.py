@@ -24,27 +24,6 @@ from mavdem.report.charts.flight_charts import attitude_gain_chart, loop_charts,
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
 from mavdem.report.gain_changes import GainChanges, gain_changes, gains_in_tables
 from mavdem.report.gain_overview import GainOverview, gain_overview
-from mavdem.report.loops import (
-    compared_loops,
-    field_sentences,
-    goal_reached_sentences,
-    goal_sentences,
-    is_headline_of_tuning,
-    later_flight_sentences,
-    level_of_summary,
-    margin_overview,
-    measured_margins,
-    needs_check_before_gains,
-    outcome_by_axis,
-    outcome_sentences,
-    sentences_without_gains,
-    states_max_sensitivity,
-    tune_blocks,
-    tune_details,
-    tune_summary,
-    tuned_loops_table,
-    tuning_result,
-)
 from mavdem.report.pages.loop_chapters import (
     LOOP_CAPTION,
     axes_with_feedforward,
@@ -57,6 +36,21 @@ from mavdem.report.pages.step_captions import FIT_MEANING, gain_caption, has_fit
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import MEDIUM, render_section, sentences_for
+from mavdem.report.tuning.decisions import measured_margins
+from mavdem.report.tuning.details import tune_details
+from mavdem.report.tuning.goal import goal_reached_sentences, goal_sentences
+from mavdem.report.tuning.outcomes import field_sentences, outcome_by_axis, outcome_sentences
+from mavdem.report.tuning.overview import margin_overview
+from mavdem.report.tuning.reasons import sentences_without_gains, tune_blocks
+from mavdem.report.tuning.repairs import needs_check_before_gains
+from mavdem.report.tuning.result import (
+    is_headline_of_tuning,
+    level_of_summary,
+    states_max_sensitivity,
+    tuning_result,
+)
+from mavdem.report.tuning.summary import later_flight_sentences, tune_summary
+from mavdem.report.tuning.tables import compared_loops, tuned_loops_table
 
 SUBTITLE = "Margins of the loops, and the advice on their gains. Nothing was sent to the vehicle."
 """What stands below the title."""

@@ -1,0 +1,374 @@
+"""The reasons behind a tuning: for each axis what to do with its gains and why, and how far to trust that."""
+
+from collections.abc import Iterable, Sequence
+from operator import attrgetter
+
+from mavdem.assessment.axis.tuning import Tuning
+from mavdem.containers import group_by
+from mavdem.facts import Fact
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.loops import GainFact
+from mavdem.facts.margins import MarginsLight
+from mavdem.loops.advice import Advice
+from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.numbers import listed
+from mavdem.report.templates import headline, render_section, sentences_by_axes
+from mavdem.report.tuning.advice import axes_with_same_conclusion, facts_on_new_gains
+from mavdem.report.tuning.cautions import caution_sentences, shared_cautions
+from mavdem.report.tuning.decisions import decision_sentences
+from mavdem.report.tuning.details import axis_details
+from mavdem.report.tuning.goal import warning_of_unchecked_effects
+from mavdem.report.tuning.outcomes import GainOutcome, gain_outcome, has_doubtful_margins
+from mavdem.report.tuning.remedies import (
+    ground_steps_by_axis,
+    remedies_besides_tuning,
+    remedies_to_show,
+    texts_in_next_step,
+    without_repetition,
+)
+from mavdem.report.tuning.result import faults_of_flight, rating_unless_contradicted
+
+
+def tune_blocks(
+    tuning: Tuning,
+    *,
+    is_full: bool = True,
+    is_page: bool = False,
+    headline_above: str = "",
+) -> Blocks:
+    """Returns the reasons behind a tuning: for each axis what to do with its gains and why, and how far to trust that.
+
+    Axes of which the same is to be said share a sentence. Each remedy is stated once, and not at all if the next step,
+    which is shown with the report, contains it.
+
+    Args:
+        tuning: advice for each axis, or the fact that says why there is none.
+        is_full: whether all margins and everything about the gains are included.
+        is_page: whether the report is part of a page, where each axis has its rating, and the cautions about gains to
+            set stand beside these. A terminal has all margins above the report (:func:`tune_overview`).
+        headline_above: headline that stands above the report, which is not repeated as the reason for no gains; empty
+            without one.
+    """
+    if tuning.judgement.headline.code is MarginsLight.OSCILLATES and not is_full:
+        # How far the identified loops can be trusted matters only once the vehicle flies without an oscillation.
+        axes_without_gains = [axis for axis in tuning.axes if not tuning.lowers_gains_of(axis)]
+        return [*sentences_without_gains(tuning, axes_without_gains)]
+    blocks = Blocks()
+    shown_remedies = texts_in_next_step(tuning)
+    for remedies_above in ground_steps_by_axis(tuning).values():
+        shown_remedies.update(remedies_above)
+    axes_in_shared_sentences: list[str] = []
+    for axes in axes_with_same_conclusion(tuning):
+        blocks += _sentences_on_gains(tuning, axes, shown_remedies, headline_above)
+        axes_in_shared_sentences += axes
+    cautions = shared_cautions(tuning.axes)
+    for axes in _axes_reported_together(tuning):
+        # The report says the same of all these axes, so that the first one stands for them.
+        axis = axes[0]
+        advice = tuning.axes[axis]
+        if isinstance(advice, Fact):
+            blocks += _sentences_without_loop(tuning, axes, headline_above)
+            continue
+        facts = _rating_to_state(tuning, axis, is_page=is_page)
+        # The gains of axes with the same advice were described together, above.
+        if axis not in axes_in_shared_sentences:
+            facts += facts_on_new_gains(tuning, axis)
+        facts = _without_reason_in_headline(tuning, axis, facts, headline_above)
+        report = _joined_sentences(facts, headline_above)
+        remedies = remedies_to_show(tuning, axis, report, shown_remedies)
+        shown_remedies.update(remedies)
+        blocks += _sentences_on_axes(axes, report, remedies)
+        blocks += caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
+        if is_full:
+            blocks += axis_details(advice, is_doubtful=has_doubtful_margins(tuning, axis))
+    blocks += _sentences_on_feedforward(tuning.feedforward)
+    blocks += _sentences_on_other_axes(tuning.judgement.next_step)
+    if any(gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST for axis in tuning.axes):
+        blocks += render_section("tune_as_flown")
+    if is_full:
+        blocks += warning_of_unchecked_effects(tuning)
+    return blocks
+
+
+def _sentences_on_feedforward(findings: Iterable[Fact]) -> list[Sentence]:
+    """Returns sentences on the axes that overshoot their setpoint because of feed-forward, with what to do.
+
+    Args:
+        findings: the fact (coded finding) for each such axis.
+    """
+    axes_and_findings = [(finding.figures["axis"], finding) for finding in findings]
+    return sentences_by_axes(axes_and_findings, attrgetter("sentence_and_remedy"))
+
+
+def _without_reason_in_headline(
+    tuning: Tuning, axis: str, facts: Iterable[Fact], headline_above: str
+) -> list[Fact]:
+    """Returns facts on the gains of an axis so that their sentences do not repeat a reason from the headline.
+
+    Only the fact that no gains are advised changes. Its sentence then states the other reasons, or, if there are none,
+    says "for the reason above". It is left out if that reason is a repair: the overview above says so already.
+
+    Args:
+        tuning: advice on the gains of each axis.
+        axis: "roll", "pitch" or "yaw".
+        facts: coded findings on the axis.
+        headline_above: sentence at the top of the page or of the terminal's report; empty without one.
+    """
+    stated_facts = []
+    for fact in facts:
+        if fact.code is GainFact.NO_GAINS_ADVISED:
+            reasons = fact.figures["reasons"]
+            other_reasons = [reason for reason in reasons if str(reason) not in headline_above]
+            if not other_reasons and gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
+                continue
+            fact = fact.replace(
+                reasons=tuple(other_reasons) or reasons, is_reason_above=not other_reasons
+            )
+        stated_facts.append(fact)
+    return stated_facts
+
+
+def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
+    """Joins the sentences of a report on one axis to a text that does not begin by repeating the headline above it.
+
+    Args:
+        facts: coded findings, each with its sentence.
+        headline_above: sentence at the top of the page or of the terminal's report; empty without one. The first of the
+            facts may have the same sentence, which is then left out.
+    """
+    text = " ".join(str(fact) for fact in facts)
+    return text.removeprefix(headline_above).strip()
+
+
+def _sentences_on_gains(
+    tuning: Tuning, axes: list[str], shown_remedies: set[str], headline_above: str
+) -> list[Sentence]:
+    """Returns the sentence on what to do with the gains of several axes, and why.
+
+    Args:
+        tuning: advice on the gains of each axis; the loops of these axes are identified.
+        axes: axes with the same advice for the same reasons.
+        shown_remedies: remedies that the report shows elsewhere, which are not repeated. The remedy of this sentence is
+            added to the set.
+        headline_above: headline that stands above the report, which is not repeated as the reason for no gains.
+    """
+    # The facts are the same for all axes.
+    facts = facts_on_new_gains(tuning, axes[0])
+    conclusion = facts[0]
+    remedies = []
+    if conclusion.remedy not in shown_remedies:
+        remedies.append(conclusion.remedy)
+        shown_remedies.add(conclusion.remedy)
+    stated_facts = _without_reason_in_headline(tuning, axes[0], facts, headline_above)
+    report = " ".join(str(fact) for fact in stated_facts)
+    return _sentences_on_axes(axes, report, remedies)
+
+
+def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str) -> list[Sentence]:
+    """Returns the sentence that says why some axes get no gains: their loops are not known.
+
+    What to do to get gains stands in the summary (:func:`tune_summary`).
+
+    Args:
+        tuning: for these axes the fact (coded finding) that says why their loops are not known.
+        axes: axes whose loops are not known for the same reason.
+        headline_above: headline that stands above the report, which is not repeated as the reason; empty without one.
+    """
+    axis = axes[0]
+    reason = tuning.axes[axis]
+    # The axes were grouped by this reason, which is a fact.
+    assert isinstance(reason, Fact)
+    if len(axes) > 1:
+        reason = _fact_on_axes(reason, listed(axes))
+    report = _joined_sentences([reason], headline_above)
+    findings_of_flight = [headline(fault) for fault in faults_of_flight(tuning)]
+    # What the summary says of the flight is not repeated beside another reason.
+    report = without_repetition(report, findings_of_flight) or report
+    if not report:
+        # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
+        axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
+        return sentences_without_gains(tuning, axes_without_gains)
+    lowers_gains = any(tuning.lowers_gains_of(axis) for axis in axes)
+    sentences = render_section("tune_no_gains", axes=axes, reason=report, lowers_gains=lowers_gains)
+    return [*sentences, *_faults_in_flight(tuning, axes, report, headline_above)]
+
+
+def sentences_without_gains(tuning: Tuning, axes: Sequence[str]) -> list[Sentence]:
+    """Returns the sentence that some axes get no gains for the reason that the headline states.
+
+    Args:
+        tuning: the judgement of the flight with its headline, such as that the vehicle oscillates.
+        axes: the axes; no sentence is needed if there are none.
+    """
+    if not axes:
+        return []
+    oscillates = tuning.judgement.headline.code is MarginsLight.OSCILLATES
+    return render_section("tune_repair", axes=axes, oscillates=oscillates)
+
+
+def _sentences_on_axes(axes: list[str], report: str, remedies: list[str]) -> list[Sentence]:
+    """Returns the report on some axes with what to do, such as "Roll and pitch:" and then the report's sentences.
+
+    Args:
+        axes: the axes that the report is about.
+        report: what was found, in sentences; may be empty.
+        remedies: what to do, in sentences; may be empty.
+
+    Returns:
+        A list with the sentence; empty if there is nothing to say.
+    """
+    if not report and not remedies:
+        return []
+    lead = f"{listed(axes).capitalize()}:"
+    return [Sentence(" ".join([report, *remedies]).strip(), lead)]
+
+
+def _sentences_on_other_axes(next_step: Fact) -> list[Sentence]:
+    """Returns a sentence on the axes that the user did not ask for, but whose gains are to change as well.
+
+    Args:
+        next_step: the next step, which is about the one axis that the user asked for.
+
+    Returns:
+        A list with the sentence, which also has the command that advises all axes; empty if there are no such axes.
+    """
+    if next_step.code is not NextStep.LOAD_GAINS or not next_step.figures["others"]:
+        return []
+    return render_section(
+        "tune_others",
+        others=next_step.figures["others"],
+        arguments=next_step.figures["arguments"],
+    )
+
+
+def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
+    """Groups the axes of a tuning so that those with the same report share one sentence, as in "Roll and pitch: …".
+
+    An axis with an identified loop has a table of its own, and is a group by itself. Axes without one form a group if
+    the reason for that, and what to do about it, are the same.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why there is none.
+
+    Returns:
+        The axes of each group, in the order of ``tuning.axes``.
+    """
+    groups = group_by(tuning.axes, lambda axis: _key_of_report(tuning, axis))
+    return list(groups.values())
+
+
+def _key_of_report(tuning: Tuning, axis: str) -> str:
+    """Returns a text that is the same for two axes if one report on their gains can serve both.
+
+    For example, roll and pitch share a report if no loop was identified for either, for the same reason and with the
+    same remedies. An axis with an identified loop has gains, and so a report, of its own.
+
+    Args:
+        tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact (coded
+            finding) that says why there is none.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        Why no loop was identified, without the name of the axis, and what to do about it. For an axis with an
+        identified loop it is the name of the axis, which no other axis has.
+    """
+    advice_or_reason = tuning.axes[axis]
+    if isinstance(advice_or_reason, Advice):
+        return axis
+    texts = [_text_without_axis(advice_or_reason, axis)]
+    for remedy in remedies_besides_tuning(tuning, axis):
+        is_stated_by_reason = remedy in advice_or_reason.sentence_and_remedy
+        if not is_stated_by_reason:
+            texts.append(remedy)
+    return " ".join(texts)
+
+
+def _text_without_axis(reason: Fact, axis: str) -> str:
+    """Returns the sentence and remedy of a fact without the name of its axis, to be compared with those of other axes.
+
+    Args:
+        reason: a coded finding, which says why the loop of this axis is not known.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        The text without the name. It keeps the name if the sentence of the fact on several axes would still name this
+        axis alone, so that no sentence on several axes can stand for it.
+    """
+    text = reason.sentence_and_remedy
+    text_without_axis_figure = _fact_on_axes(reason, "").sentence_and_remedy
+    if axis in text_without_axis_figure:
+        return text
+    return text.replace(axis, "")
+
+
+def _fact_on_axes(fact: Fact, axis_names: str) -> Fact:
+    """Returns a fact on one axis as a fact on several axes.
+
+    Args:
+        fact: a coded finding. Its figure "axis" names the axis, and so does that of each fact in its figure "reasons".
+        axis_names: names of all axes, such as "roll and pitch".
+
+    Returns:
+        The fact with these names; unchanged if it has no figure that names the axis.
+    """
+    if "axis" in fact.figures:
+        fact = fact.replace(axis=axis_names)
+    if "reasons" in fact.figures:
+        reasons = fact.figures["reasons"]
+        fact = fact.replace(reasons=tuple(_fact_on_axes(reason, axis_names) for reason in reasons))
+    return fact
+
+
+def _rating_to_state(tuning: Tuning, axis: str, *, is_page: bool) -> list[Fact]:
+    """Returns the rating of the stability margins of an axis, a coded finding, for the report on the axis.
+
+    The report does not state it in these cases:
+
+    - A measured response contradicts the identified loop, so that its margins are doubtful.
+    - The margins may be wrong for another reason, as the table beside the report says, and the rating is good.
+    - The report is on a terminal, which has the margins in a table above, and the axis follows its setpoint.
+
+    Args:
+        tuning: advice on the gains of each axis; the loop of this one is identified.
+        axis: "roll", "pitch" or "yaw".
+        is_page: whether the report is on a page, and not on a terminal.
+
+    Returns:
+        A list with the rating; empty if it is left out, or if there is none (:func:`rating_unless_contradicted`).
+    """
+    advice = tuning.axes[axis]
+    # An axis has a fact instead of advice only if its loop is not identified.
+    assert isinstance(advice, Advice)
+    if axis in tuning.doubtful_axes:
+        return []
+    ratings = rating_unless_contradicted(advice, tuning.judgement.loop_decisions.get(axis))
+    if has_doubtful_margins(tuning, axis):
+        ratings = [rating for rating in ratings if not rating.is_good]
+    if not is_page:
+        # Only a rating that the axis does not follow its setpoint has the figure "follows".
+        ratings = [rating for rating in ratings if "follows" in rating.figures]
+    return ratings
+
+
+def _faults_in_flight(
+    tuning: Tuning, axes: Iterable[str], report: str, headline_above: str
+) -> list[Sentence]:
+    """Returns what is wrong with axes whose loops are not known, such as that they swing, and what to do about it.
+
+    What stands in the report on these axes, in the headline, or in what to do by the summary is not repeated.
+
+    Args:
+        tuning: the judgement of the flight, with its next step and a decision on the loops of each axis.
+        axes: axes that the report names together; none of their loops is known.
+        report: text on these axes, which the sentences will follow.
+        headline_above: headline that stands above the report; empty without one.
+    """
+    faults = {}
+    for axis in axes:
+        decision = tuning.judgement.loop_decisions.get(axis)
+        if decision is not None and decision.reason.is_watch_or_bad:
+            faults[axis] = decision
+    texts_elsewhere = [headline_above, report, *texts_in_next_step(tuning)]
+    for steps in ground_steps_by_axis(tuning).values():
+        texts_elsewhere += steps
+    return decision_sentences(faults, texts_elsewhere, lead_end=" in flight:")

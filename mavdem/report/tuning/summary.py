@@ -1,0 +1,179 @@
+"""The sentences that begin the report and the page of a tuning: its result, and what to do next."""
+
+from collections.abc import Collection, Iterable, Mapping
+
+from mavdem.assessment.axis.lowered_gains import lowered_gains
+from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.judgement import Judgement
+from mavdem.containers import group_by
+from mavdem.facts import Fact
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.loops import LoopAction
+from mavdem.facts.margins import MarginsLight
+from mavdem.report.blocks import Sentence, headline_sentence
+from mavdem.report.numbers import listed
+from mavdem.report.templates import headline, render_section
+from mavdem.report.tuning.decisions import unless_in
+from mavdem.report.tuning.outcomes import outcome_sentences
+from mavdem.report.tuning.remedies import (
+    STEPS_WITH_DOUBLETS,
+    ground_steps_by_axis,
+    most_complete,
+    texts_in_next_step,
+)
+from mavdem.report.tuning.result import faults_of_flight, is_about_loops, is_headline_of_tuning
+
+
+def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
+    """Returns the sentences that begin the report and the page of ``mavdem tune``: the result, and what to do next.
+
+    1. The headline: the most important result if it is about the control loops or bad, and otherwise what becomes of
+       the gains of each axis.
+    2. Whatever else the flight shows that is watch or bad, with its remedy, so that no gains are loaded on a vehicle
+       that needs a repair.
+    3. The cause of a missing margin, where the gyro's filter takes most of the phase.
+    4. The next step.
+    5. What axes that get no gains need: what to correct, and the flight with doublets from which gains follow.
+
+    Args:
+        tuning: the advice for each axis, with the judgement of the flight.
+        result: the most important result (:func:`tuning_result`).
+    """
+    facts_on_flight = [fact for fact in faults_of_flight(tuning) if fact != result]
+    if is_headline_of_tuning(tuning, result):
+        heading = [headline_sentence(headline(result))]
+    else:
+        heading = outcome_sentences(tuning)
+        facts_on_flight.insert(0, result)
+    next_step = Sentence(str(tuning.judgement.next_step), "Next:")
+    # The remedies in the headline and in the next step are not repeated between them.
+    texts_beside = [sentence.lead for sentence in heading]
+    texts_beside += [next_step.text, *texts_in_next_step(tuning)]
+    summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside)]
+    summary += _sentences_on_filter_lag(tuning)
+    summary.append(next_step)
+    if tuning.axes_also_to_lower:
+        summary += render_section("tune_also_to_lower", axes=tuning.axes_also_to_lower)
+    is_after_repair = not _has_next_step_on_loops(tuning.judgement)
+    summary += _sentences_towards_gains(ground_steps_by_axis(tuning), is_after_repair)
+    return [*summary, *_sentences_on_flight_for_gains(tuning, is_after_repair)]
+
+
+def _sentences_on_filter_lag(tuning: Tuning) -> list[Sentence]:
+    """Returns the sentence that names the gyro's filter as the cause of a missing margin, and what a higher one gives.
+
+    Args:
+        tuning: the finding on the filter (``Tuning.gyro_filter_lag``), and the advice on a higher cut-off. Where there
+            is that advice, it says what to check first.
+
+    Returns:
+        A list with the sentence; empty if the filter is not the cause.
+    """
+    finding = tuning.gyro_filter_lag
+    if finding is None:
+        return []
+    is_advised = tuning.gyro_cutoff is not None
+    return [Sentence(finding.sentence if is_advised else finding.sentence_and_remedy, "Cause:")]
+
+
+def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> list[Sentence]:
+    """Returns a sentence that advises a flight with doublets, whose log gives gains for more axes.
+
+    A vehicle that oscillates hovers with lower gains first. Otherwise the sentence is needed only where the next step
+    does not advise this flight already.
+
+    Args:
+        tuning: the advised flight (``Tuning.flight_for_gains``, a coded finding), and the judgement with the next step.
+        is_after_repair: whether the next step, such as a repair, comes before this flight.
+
+    Returns:
+        A list with the sentence. It says only what to log if the next step is a flight with doublets. It is empty if
+        nothing is left to say, or if no such flight is needed.
+    """
+    if tuning.hover_to_tune is not None:
+        return [Sentence(tuning.hover_to_tune.sentence, "To tune then:")]
+    flight = tuning.flight_for_gains
+    next_step = tuning.judgement.next_step
+    if flight is None or next_step.code is NextStep.FLY_FOR_GAINS:
+        return []
+    lead = f"For margins of {listed(flight.figures['axes'])}:"
+    if is_after_repair:
+        lead = "To tune then:"
+    if next_step.code in STEPS_WITH_DOUBLETS:
+        flight = flight.replace(is_flight_stated=True)
+    return [Sentence(flight.sentence, lead)] if flight.sentence else []
+
+
+def _sentences_towards_gains(
+    steps_by_axis: Mapping[str, list[str]], is_after_repair: bool
+) -> list[Sentence]:
+    """Returns the sentences on what leads to gains, such as "For gains of roll and pitch: fly doublets.".
+
+    Args:
+        steps_by_axis: what to do by axis, in sentences (:func:`ground_steps_by_axis`).
+        is_after_repair: whether the next step, such as a repair, comes before these steps.
+
+    Returns:
+        A sentence for all axes with the same steps, or with steps that those of another axis contain.
+    """
+    text_by_axis = {axis: " ".join(steps) for axis, steps in steps_by_axis.items()}
+    all_texts = [*text_by_axis.values()]
+    axes_by_text = group_by(text_by_axis, lambda axis: most_complete(text_by_axis[axis], all_texts))
+    beginning = "Then, for gains of" if is_after_repair else "For gains of"
+    return [Sentence(text, f"{beginning} {listed(axes)}:") for text, axes in axes_by_text.items()]
+
+
+def _has_next_step_on_loops(judgement: Judgement) -> bool:
+    """Returns whether the next step is about the control loops and leads to new gains, so that nothing comes before.
+
+    A repair comes before, and so do gains to lower: the margins that they lead to are known only from a later flight.
+
+    Args:
+        judgement: judgement of the flight, with its headline and next step.
+    """
+    next_step = judgement.next_step
+    if lowered_gains(next_step) or judgement.headline.code is MarginsLight.OSCILLATES:
+        return False
+    reason = next_step.figures.get("reason")
+    is_action_on_loops = isinstance(reason, Fact) and isinstance(reason.code, LoopAction)
+    return is_action_on_loops or is_about_loops(next_step, judgement)
+
+
+def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -> list[Sentence]:
+    """Returns a sentence on what a flight shows besides its control loops, each finding with its remedy.
+
+    Args:
+        facts: the findings, the most important first; two of them may have the same sentence.
+        texts_beside: the headline and the next step, which stand beside the sentence and are not repeated.
+
+    Returns:
+        A list with the sentence; empty without findings.
+    """
+    texts: list[str] = []
+    for fact in facts:
+        for text in (headline(fact), fact.remedy):
+            new_text = unless_in((*texts_beside, *texts), text)
+            if new_text:
+                texts.append(new_text)
+    if not texts:
+        return []
+    return [Sentence(" ".join(texts), "The flight:")]
+
+
+def later_flight_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns the advice to try a higher cut-off of the gyro's filter in a later flight, in place of lower gains.
+
+    It stands below the gains, which are flown first.
+
+    Args:
+        tuning: the advice for each axis, and the cut-off frequency if one is advised.
+
+    Returns:
+        A list with the sentence; empty if no other cut-off is advised.
+    """
+    cutoff = tuning.gyro_cutoff
+    if cutoff is None:
+        return []
+    is_cause_stated = tuning.gyro_filter_lag is not None
+    text = cutoff.remedy if is_cause_stated else cutoff.sentence_and_remedy
+    return [Sentence(text, "Later, instead of lower gains:")]
