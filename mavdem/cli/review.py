@@ -41,7 +41,7 @@ from mavdem.report.review import (
     further_lines,
     gain_lines,
     headline_lines,
-    page_line,
+    page_lines,
     review_screen,
 )
 from mavdem.report.screen import analysis_blocks, instance_blocks
@@ -172,9 +172,9 @@ def review_command(
         screen.show(assessment)
     assessment.compute_for_page()
     if not as_json:
-        print_review_lines(
-            "\n".join([*gain_lines(assessment, text_columns()), page_line(assessment)])
-        )
+        columns = text_columns()
+        further_texts = [*gain_lines(assessment, columns), *page_lines(assessment, columns)]
+        print_review_lines("\n".join(further_texts))
     # Imported here, so that the screen does not wait for the models of the documents.
     from mavdem.documents.review import review_document
 

@@ -366,20 +366,22 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
     return [line for sentence in sentences for line in wrapped_lines(sentence.text, columns)]
 
 
-def page_line(assessment: Assessment) -> str:
-    """Returns the line of a screen that says what only the page of the log shows, such as plots over time.
+def page_lines(assessment: Assessment, columns: int) -> list[str]:
+    """Returns the lines of a screen that say what only the page of the log shows, such as plots over time.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        columns: number of characters in a line of the terminal.
 
     Returns:
-        The line; empty where no vehicle was analysed.
+        The lines; none where no vehicle was analysed.
     """
     if assessment.analysis is None:
-        return ""
+        return []
     page_events = list(distinct_events(assessment.events))
     event_count_text = counted(len(page_events), "event")
-    return f"The page also has plots over time, all {event_count_text}, sensors and parameters."
+    text = f"The page also has plots over time, all {event_count_text}, sensors and parameters."
+    return list(wrapped_lines(text, columns))
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:

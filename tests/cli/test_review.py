@@ -20,7 +20,7 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import TrimFact
 from mavdem.ingest import read_log
-from mavdem.report.review import first_lines, further_lines, review_screen
+from mavdem.report.review import first_lines, further_lines, page_lines, review_screen
 
 
 @fixture(scope="module")
@@ -46,6 +46,12 @@ def test_a_log_alone_is_reviewed(here, capsys, monkeypatch):
     document = document_of(capsys, "review", SLOW, "--out", "other")
     assert strict_json((here / "other" / "report.json").read_text()) == document
     assert document["hardware"]["recording"]["level"] == "good"
+
+
+def test_what_only_the_page_has_is_said_in_lines_of_a_narrow_terminal(assessment):
+    lines = page_lines(assessment, columns=40)
+    assert len(lines) > 1 and max(map(len, lines)) <= 40
+    assert " ".join(lines).startswith("The page also has plots over time, all ")
 
 
 @mark.slow

@@ -1,4 +1,4 @@
-"""What people do with mavdem, in one process: a review, a live link, a server with an upload into its fleet.
+"""What people do with mavdem: a review, a fleet in two processes, a live link, and a server with an upload.
 
 Usage: session.py LOG FOLDER. It runs with any Python in which mavdem is installed, without the packages of tests, and
 fails where a step does. The LOG is too slow for a model.
@@ -132,10 +132,12 @@ def run(log, folder):
     gc.freeze()
     gc.enable()
     assert not failures, failures
-    logs = folder / "a log"
+    logs = folder / "two logs"
     logs.mkdir()
-    shutil.copy(log, logs / "ü.tlog")
+    for name in ("a b.tlog", "ü.tlog"):
+        shutil.copy(log, logs / name)
     assert main(["review", str(logs / "ü.tlog"), "--out", str(folder / "review ü")]) == 0
+    assert main(["track", str(logs), "--out", str(folder / "fleet"), "--jobs", "2"]) == 0
     # No model comes, which the exit code 1 says.
     assert fly_live(log, folder) == 1
     assert (folder / "live.tlog").stat().st_size > log.stat().st_size // 2
