@@ -179,6 +179,12 @@ class OpenLoop(Margins):
         return bool(self.stable[ESTIMATE])
 
     @property
+    def has_one_crossover(self) -> bool:
+        """Whether the gain |L| with the estimated plant is below 1 at no frequency below the crossover."""
+        is_below_crossover = self.frequency < self.crossover
+        return bool((np.abs(self.response[ESTIMATE, is_below_crossover]) >= 1).all())
+
+    @property
     def closed_loop_of_estimate(self) -> Complex:
         """Response of the closed loop (F,) with the estimated plant, from the setpoint to the rate or the angle."""
         return self.closed_loop_response[ESTIMATE]

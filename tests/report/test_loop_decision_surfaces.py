@@ -480,9 +480,20 @@ def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
             assert now == "-" and advised != "-"
         # Its gain is known.
         assert rows["crossover (Hz)"][0] != "-"
-    fast_attitude = sound.controller.with_parameters({"MC_ROLL_P": 60.0})
-    [_, attitude] = margin_tables({"now": replace(sound, controller=fast_attitude)})
+
+
+def test_attitude_margins_are_dashes_only_where_the_rate_loops_peak_gives_them():
+    """At five times the gains |L| of the attitude loop is 1 again at the peak; at half of them it lacks margin."""
+    columns = {}
+    for name, gain_factor in (("peak", 5.0), ("slow", 0.5)):
+        roll = loop("roll", gain_factor)
+        columns[name] = replace(
+            roll, controller=roll.controller.with_parameters({"MC_ROLL_P": 18.0})
+        )
+    [_, attitude] = margin_tables(columns)
     assert {row[1] for row in attitude.rows[1:]} == {"-"}
+    [slow_phase_margin] = [row[2] for row in attitude.rows if row[0].startswith("phase margin")]
+    assert slow_phase_margin.startswith("29 (")
 
 
 def test_the_column_of_a_doubtful_loop_says_so_once():
@@ -519,7 +530,7 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     [on_phone] = expected.phone_tables
     assert on_phone.rows[0] == ["goal", "≥45", "≥6", "≤2", ""]
     assert re.fullmatch(r"\d+→\d+", on_phone.rows[1][1])
-    interval, _, new_interval = on_phone.rows[1][1].detail.partition(" → ")
+    interval, _, new_interval = on_phone.rows[1][1].detail.partition("\n")
     assert interval in phase_margin and re.fullmatch(r"\(\d+ to \d+\)", new_interval)
     assert not margin_overview(tuning._replace(axes={"roll": NOT_STEERED}), names_axis=True)
     doubted = tuning._replace(doubtful_axes=frozenset(["roll"]))

@@ -41,13 +41,6 @@ beside −3 dB: with two thirds of the gains it may fall to a fifth, though the 
 """
 
 
-MAX_CROSSOVER_RATIO = 0.5
-"""Largest crossover of an attitude loop whose margins are shown, as a fraction of the crossover of its rate loop.
-
-Autopilots' default gains have 0.1 to 0.3.
-"""
-
-
 def figure_text(loop: Loop, loop_name: str, figure_name: str) -> str:
     """Returns a figure of a control loop with its 90 % interval as text, such as "57 (50 to 63)".
 
@@ -83,19 +76,19 @@ def value_text(loop: Loop, loop_name: str, figure_name: str) -> str:
 def _has_figure(loop: Loop, loop_name: str, figure_name: str) -> bool:
     """Returns whether a figure of a control loop means anything; where it does not, its formula may give a good number.
 
-    Figures of a steady response, such as Ms, need a stable loop. All figures of the attitude loop need one that is
-    slower than the rate loop inside it: a rate loop close to an oscillation has a peak where the gain of the attitude
-    loop falls to 1 once more, and the margins there are none of the attitude.
+    Figures of a steady response, such as Ms, need a stable loop. All figures of the attitude loop need a gain |L| that
+    stays below 1 once it has fallen below: a rate loop close to an oscillation has a peak that lifts it above 1 once
+    more, and the margins there are none of the attitude.
 
     Args:
         loop: the identified loops of an axis.
         loop_name: "rate" or "attitude".
         figure_name: name of the figure in ``LOOP_FIGURES``.
     """
-    max_attitude_crossover = MAX_CROSSOVER_RATIO * loop.rate.crossover
-    if loop_name == "attitude" and loop.attitude.crossover > max_attitude_crossover:
+    open_loop = loop.open_loop(loop_name)
+    if loop_name == "attitude" and not open_loop.has_one_crossover:
         return False
-    return loop.open_loop(loop_name).is_stable or figure_name not in FIGURES_OF_STABLE_LOOPS
+    return open_loop.is_stable or figure_name not in FIGURES_OF_STABLE_LOOPS
 
 
 def text_with_interval(value: float, interval: tuple[float, float], scale: float) -> str:

@@ -99,7 +99,7 @@ def _goal_row(target: MarginTarget) -> list[str]:
 
 
 def _cells_on_phone(row: Iterable[str], row_of_values: Iterable[str]) -> list[str]:
-    """Returns the cells of a row as a phone shows them: each figure, and its interval as a second line.
+    """Returns the cells of a row as a phone shows them: each figure, with its intervals in smaller lines below it.
 
     Args:
         row: cells with intervals, such as "29 (23 to 35) → 44".
@@ -109,7 +109,8 @@ def _cells_on_phone(row: Iterable[str], row_of_values: Iterable[str]) -> list[st
     for cell, value in zip(row, row_of_values, strict=True):
         # The spaces around an arrow are left out, so that all columns fit and no line breaks there.
         text = value.replace(" → ", "→")
-        intervals = " → ".join(INTERVAL_IN_CELL.findall(cell))
+        # The interval with the new gains is below that with the present ones, so that all columns fit.
+        intervals = "\n".join(INTERVAL_IN_CELL.findall(cell))
         cells.append(Detailed(text, intervals) if intervals else text)
     return cells
 
