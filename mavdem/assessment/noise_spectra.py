@@ -13,15 +13,22 @@ from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.demand_noise import GyroNoise, noise_above_motion
 from mavdem.loops.filters import gyro_response
+from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
 from mavdem.vibration.spectra import Spectrum, vibration_spectra
-from mavdem.vibration.spectral_lines import LineCause, SpectralLine, find_spectral_lines
+from mavdem.vibration.spectral_lines import (
+    MIN_SEPARATION,
+    LineCause,
+    SpectralLine,
+    find_spectral_lines,
+)
 
 LINE_CODES = {
     LineCause.MOTOR: NoiseFact.MOTOR_LINE,
     LineCause.FRAME: NoiseFact.FRAME_LINE,
     LineCause.ALIAS: NoiseFact.ALIASED_LINE,
+    LineCause.OSCILLATION: NoiseFact.OSCILLATION_LINE,
     LineCause.UNNAMED: NoiseFact.UNNAMED_LINE,
 }
 """Codes of the facts about spectral lines, by the cause of the line."""
@@ -190,9 +197,37 @@ def measure_noise(evidence: Evidence) -> MeasuredNoise:
     if signals.attitude is None:
         return MeasuredNoise({}, {}, no_spectrum=no_spectrum)
     spectra = vibration_spectra(signals, evidence.flight_segments(signals.attitude.boot))
-    lines = {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
+    limit_cycle = evidence.condition.oscillation
+    lines = {}
+    for name, spectrum in spectra.items():
+        lines[name] = lines_with_oscillation(find_spectral_lines(spectrum), limit_cycle)
     noise = MeasuredNoise(spectra, lines, no_spectrum=no_spectrum)
     return noise._replace(notch=_advised_notch(evidence, noise))
+
+
+def lines_with_oscillation(
+    lines: Iterable[SpectralLine], limit_cycle: Oscillation | None
+) -> tuple[SpectralLine, ...]:
+    """Returns the lines of a spectrum, of which those at the frequency of an oscillation are named after it.
+
+    Args:
+        lines: the lines. Only those of unknown cause may get this name.
+        limit_cycle: the oscillation of the control loops, with those of the other axes; None without one.
+    """
+    if limit_cycle is None:
+        return tuple(lines)
+    cycles = (limit_cycle, *limit_cycle.other_axes)
+    frequencies = [cycle.frequency for cycle in cycles if cycle.frequency is not None]
+    named_lines = []
+    for line in lines:
+        is_oscillation = any(
+            abs(line.frequency - frequency) <= MIN_SEPARATION * frequency
+            for frequency in frequencies
+        )
+        if is_oscillation and line.cause is LineCause.UNNAMED:
+            line = line._replace(cause=LineCause.OSCILLATION)
+        named_lines.append(line)
+    return tuple(named_lines)
 
 
 def gyro_noise_by_axis(noise: MeasuredNoise, loops: Iterable[Loop]) -> dict[str, GyroNoise]:

@@ -109,7 +109,7 @@ class Line(Document):
     """A line of a spectrum: a narrow peak, such as of a motor."""
 
     kind: str
-    """motor, frame, alias or unnamed"""
+    """motor, frame, alias, oscillation (of the control loops) or unnamed"""
     frequency: Hertz
     """at the median throttle"""
     ratio: Number

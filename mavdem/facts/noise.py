@@ -11,6 +11,7 @@ class NoiseFact(Code):
     MOTOR_LINE = "motor_line"
     FRAME_LINE = "frame_line"
     ALIASED_LINE = "aliased_line"
+    OSCILLATION_LINE = "oscillation_line"
     UNNAMED_LINE = "unnamed_line"
     FILTERS_REMOVE = "filters_remove"
 

@@ -78,6 +78,7 @@ class LineCause(StrEnum):
     MOTOR = "motor"
     FRAME = "frame"
     ALIAS = "alias"
+    OSCILLATION = "oscillation"
     UNNAMED = "unnamed"
 
 

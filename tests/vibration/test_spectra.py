@@ -9,16 +9,26 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from scipy.signal import find_peaks
 
-from mavdem.assessment.noise_spectra import MeasuredNoise, notch_for_firmware
+from mavdem.assessment.noise_spectra import (
+    MeasuredNoise,
+    lines_with_oscillation,
+    notch_for_firmware,
+)
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.noise import NoiseFact, NotchAdvice
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_filters
+from mavdem.loops.limit_cycles import Oscillation
 from mavdem.vibration.notch_filters import notch_advice
 from mavdem.vibration.spectra import Spectrum, max_decimated, vibration_spectra
-from mavdem.vibration.spectral_lines import LineCause, find_spectral_lines, prominent_peaks
+from mavdem.vibration.spectral_lines import (
+    LineCause,
+    SpectralLine,
+    find_spectral_lines,
+    prominent_peaks,
+)
 
 HOVER = Hover(hovering=40.0)
 FLOWN = (Segment(0, 8.0, 45.0),)
@@ -278,3 +288,16 @@ def test_notch_filters_in_the_log_count_more_than_the_version(parameter, words):
     telemetry = replace(telemetry, firmware="ArduCopter V3.6.7 (bd817897)")
     slow = Fact(NotchAdvice.SPECTRUM_BELOW_MOTORS, highest=12.5, rotor_frequency=None)
     assert words in notch_for_firmware(slow, telemetry).sentence
+
+
+def test_a_line_at_the_frequency_of_a_limit_cycle_is_named_after_it():
+    """The control loops oscillate at 26 Hz about roll; the line at 90 Hz is another one."""
+    at_oscillation = SpectralLine(LineCause.UNNAMED, 25.6, 400.0, 1.0, 1.0, None)
+    elsewhere = at_oscillation._replace(frequency=90.0)
+    of_motors = at_oscillation._replace(cause=LineCause.MOTOR)
+    limit_cycle = Oscillation("roll", 26.0, 10.0, 0.14, False, 6.0, Segment(0, 10.0, 16.0))
+    lines = (at_oscillation, elsewhere, of_motors)
+    named = lines_with_oscillation(lines, limit_cycle)
+    causes = [line.cause for line in named]
+    assert causes == [LineCause.OSCILLATION, LineCause.UNNAMED, LineCause.MOTOR]
+    assert lines_with_oscillation(lines, None) == lines
