@@ -156,7 +156,7 @@ def _sentences_on_fleet(
             vehicles_without_name[name] = vehicle
     counts = _headline_counts(summaries)
     bad_latest_texts = _bad_latest_flights(vehicles_without_name, names)
-    bad_unnamed_count = _count_unnamed_flights(Level.BAD, summaries, vehicles_of_headline)
+    bad_unnamed_count = _count_unnamed_logs(Level.BAD, summaries, vehicles_of_headline)
     # Only the latest flight under each shared name is described, and none if several are in a list below.
     bad_names = abbreviated_list(bad_latest_texts)
     if lists_follow and bad_unnamed_count > 1:
@@ -171,8 +171,8 @@ def _sentences_on_fleet(
         duplicate_logs=counts.duplicate_logs,
         unjudged=counts.unjudged_vehicles,
         unnamed_flights=counts.unnamed_flights,
-        bad_unnamed_flights=bad_unnamed_count,
-        watched_unnamed_flights=_count_unnamed_flights(
+        bad_unnamed_logs=bad_unnamed_count,
+        watched_unnamed_logs=_count_unnamed_logs(
             Level.WATCH, summaries, vehicles_of_headline
         ),
         simulated_flights=counts.simulated_flights,
@@ -377,15 +377,15 @@ def _bad_latest_flights(vehicles: Mapping[str, VehicleFlights], names: GivenName
     return texts
 
 
-def _count_unnamed_flights(
+def _count_unnamed_logs(
     level: Level,
     summaries: Sequence[VehicleSummary],
     headline_vehicles: Mapping[str, VehicleFlights],
 ) -> int:
-    """Counts the flights of a level whose vehicle is not known, for the headline of a fleet.
+    """Counts the logs of a level whose vehicle is not known, for the headline of a fleet.
 
     Logs that do not name their vehicle are grouped by its MAVLink system id, a name that several vehicles may share.
-    Every such flight under such a name counts, since a good flight that follows may be one of another vehicle.
+    Every such log under such a name counts, since a good log that follows may be one of another vehicle.
 
     Args:
         level: the level, bad or to be watched.
@@ -397,14 +397,14 @@ def _count_unnamed_flights(
     for summary in summaries:
         if not summary.has_shared_name:
             continue
-        flight_count = summary.bad_flights
+        log_count = summary.bad_logs
         if level is Level.WATCH:
-            flight_count = summary.watched_flights
+            log_count = summary.watched_logs
         vehicle = headline_vehicles.get(summary.name)
-        if flight_count and vehicle is not None and vehicle.last.badge_level is level:
-            # The headline counts the latest flight as a vehicle.
-            flight_count -= 1
-        count += flight_count
+        if log_count and vehicle is not None and vehicle.last.badge_level is level:
+            # The headline counts the latest log as a vehicle.
+            log_count -= 1
+        count += log_count
     return count
 
 

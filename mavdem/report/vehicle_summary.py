@@ -45,7 +45,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "23"
+SUMMARY_VERSION = "24"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -226,14 +226,14 @@ class VehicleSummary:
     vehicle: VehicleFlights | None
     """What is known of the vehicle; None where no log holds a flight."""
 
-    watched_flights: int
-    """Number of flights with a warning that is no bad one, the latest of them too; simulated ones do not count."""
+    watched_logs: int
+    """Number of logs with a warning that is no bad one, the latest of them too; simulated ones do not count."""
 
-    bad_flights: int
-    """Number of flights that went badly, the latest of them too; simulated ones do not count."""
+    bad_logs: int
+    """Number of logs of flights that went badly, the latest of them too; simulated ones do not count."""
 
     light_counts: dict[Light, dict[Level, int]]
-    """Number of flights with each level, by light, of the flights that count."""
+    """Number of logs with each level, by light, of the logs that count."""
 
     winds: list[Wind]
     """The winds of the flights that count and whose wind is known."""
@@ -297,15 +297,15 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         lines.append(flight_line(log, is_counted=is_counted, parameter_set=parameter_set))
         if is_counted:
             counted_logs.append(log)
-    flights_by_level = Counter(badge_level([flight]) for flight in real_flights)
+    logs_by_level = Counter(badge_level([flight]) for flight in real_flights)
     return VehicleSummary(
         name=name,
         has_shared_name=name == UNKNOWN or has_shared_name(flights),
         really_flown=_flown_flights(name, real_flights),
         flown=_flown_flights(name, flights),
         vehicle=vehicle,
-        watched_flights=flights_by_level[Level.WATCH],
-        bad_flights=flights_by_level[Level.BAD],
+        watched_logs=logs_by_level[Level.WATCH],
+        bad_logs=logs_by_level[Level.BAD],
         light_counts=_light_counts(counted_logs),
         winds=_mean_winds(counted_logs),
         lines=lines,

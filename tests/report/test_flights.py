@@ -131,10 +131,10 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
         flight_row("1", 1, health="unknown", vehicle_basis="system id"),
     ]
     text = plain_text(fleet_blocks([*rows, *unnamed]))
-    other_flights_text = "and so do 2 bad flights whose vehicle is not known."
+    other_flights_text = "and so do 2 logs of bad flights whose vehicle is not known."
     assert text.startswith(f"4 of 5 vehicles need a look, {other_flights_text}")
     text = plain_text(fleet_blocks(unnamed[:1]))
-    assert text.startswith("1 bad flight whose vehicle is not known needs a look.")
+    assert text.startswith("1 log of a bad flight whose vehicle is not known needs a look.")
     unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
     assert unjudged.startswith("Whether motors drift could not be judged of any vehicle yet.")
 
@@ -292,11 +292,11 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     # A bad flight under such a name is counted once, as a flight.
     fell = replace(rows[1], headline="It fell.", headline_level="bad")
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
-    assert text.startswith("1 bad flight whose vehicle is not known needs a look: unnamed PX4")
+    assert text.startswith("1 log of a bad flight whose vehicle is not known needs a look: unnamed PX4")
     assert ": unnamed PX4 quadrotor: it fell." in text
     bad_rows = [replace(row, headline="It fell.", headline_level="bad") for row in rows]
     text = plain_text(fleet_blocks(bad_rows))
-    assert text.startswith("2 bad flights whose vehicle is not known need a look: among them unna")
+    assert text.startswith("2 logs of bad flights whose vehicle is not known need a look: among them unna")
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert (
@@ -501,17 +501,17 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
         plain_text(fleet_blocks(rows, lists_follow=lists_follow)).split("\n")[0]
         for lists_follow in (False, True)
     )
-    assert full.startswith("4 of 4 vehicles need a look, and so do 2 bad flights whose vehicle")
+    assert full.startswith("4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle")
     assert "unnamed PX4 quadrotor" in full and "quad 0" not in full
     assert brief == (
-        "4 of 4 vehicles need a look, and so do 2 bad flights whose vehicle is not known."
+        "4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle is not known."
     )
     # A flight to be watched counts, too, if its vehicle is not known.
     rows.append(
         flight_row("px4-2", 3, vehicle_basis="system id", headline="Low.", headline_level="watch")
     )
     headline, *_ = fleet_blocks(rows, lists_follow=True)
-    assert headline.lead.endswith("not known; 1 flight of an unnamed vehicle is to be watched.")
+    assert headline.lead.endswith("not known; 1 log of an unnamed vehicle is to be watched.")
     # Each of up to five vehicles has a line above the list, and so has the flight to be watched, with its page.
     _, *lines = fleet_blocks(rows, lists_follow=True)
     leads = [f"quad {number}:" for number in range(4)]
@@ -578,10 +578,10 @@ def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():
     assert "need" not in text.split("Simulated:")[0] and "Simulated: 1 flight;" in text
     assert "all simulated" in text
     text = plain_text(fleet_blocks([simulated, real]))
-    assert "1 bad flight" in text
+    assert "1 log of a bad flight" in text
     assert "Flown: 1 flight, " in text and "; 1 simulated besides. Its log" in text
     # The log has neither parameters nor a serial number, by which a simulator would show.
-    undecided = "Counted as flown: 1 flight whose log has neither parameters nor a board's number"
+    undecided = "Counted as flown: 1 log, since it has neither parameters nor a board's number"
     assert undecided in text and "would show: 0001.ulg, 2026-01-06." in text
     for columns in ({"control_parameters": '{"ATC_RAT_RLL_P": 0.1}'}, {"vehicle_basis": "board"}):
         decided = replace(real, **columns)

@@ -340,23 +340,23 @@ class FlightBars(NamedTuple):
 
 
 class CalendarColumn(NamedTuple):
-    """The flights of some days."""
+    """The logs of flights of some days."""
 
     first_day: date
     """The first of the days, UTC."""
 
     counts: Mapping[Level, int]
-    """Number of flights with each level, the worst first."""
+    """Number of logs with each level, the worst first."""
 
     @property
     def words(self) -> str:
-        """The day and how many flights have each level."""
+        """The day and how many logs have each level."""
         counts = listed(f"{count} {level}" for level, count in self.counts.items())
-        return f"from {self.first_day}: {counts or 'no flight'}"
+        return f"from {self.first_day}: {counts or 'no log'}"
 
 
 class Calendar(NamedTuple):
-    """The flights of a fleet over time: a column for each day, week or four weeks, coloured by how flights went."""
+    """The logs of a fleet over time: a column for each day, week or four weeks, coloured by how flights went."""
 
     columns: Sequence[CalendarColumn]
     """The columns, the oldest first."""
@@ -377,17 +377,17 @@ class Calendar(NamedTuple):
 
 
 class LightCounts(NamedTuple):
-    """The levels of one light in all flights."""
+    """The levels of one light in all logs."""
 
     name: Light
     """The light."""
 
     counts: Mapping[Level, int]
-    """Number of flights with each level."""
+    """Number of logs with each level."""
 
     @property
     def text(self) -> str:
-        """In how many flights the light is not good, by level, such as "4 bad, 2 watch"; "all good" if in none."""
+        """In how many logs the light is not good, by level, such as "4 bad, 2 watch"; "all good" if in none."""
         texts = []
         for level, count in self.counts.items():
             if level != Level.GOOD and count > 0:
@@ -698,16 +698,16 @@ def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
 
 
 def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
-    """Counts the flights of a fleet over time, for a bar chart with at most ``MAX_COLUMNS`` columns.
+    """Counts the logs of a fleet over time, for a bar chart with at most ``MAX_COLUMNS`` columns.
 
     A column is one of ``CALENDAR_STEPS``: the shortest of these with which the chart has not too many columns. It has
-    the number of flights with each level, as the table has it.
+    the number of logs with each level, as the table has it.
 
     Args:
-        lines: the lines of all flights; those that do not count or have no date are left out.
+        lines: the lines of all logs; those that do not count or have no date are left out.
 
     Returns:
-        The columns; None if all flights are of one day, or none has a date.
+        The columns; None if all logs are of one day, or none has a date.
     """
     level_counts_by_day = _level_counts_by_day(lines)
     if not level_counts_by_day:
@@ -730,18 +730,18 @@ def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
         counts_in_order = {level: counts[level] for level in LEVEL_MARKS if counts[level]}
         column_start = first_day + timedelta(days=column_days * number)
         columns.append(CalendarColumn(column_start, counts_in_order))
-    flights_of_highest_column = max(counts.total() for counts in counts_by_column)
-    return Calendar(columns, column_days, last_day, flights_of_highest_column)
+    logs_of_highest_column = max(counts.total() for counts in counts_by_column)
+    return Calendar(columns, column_days, last_day, logs_of_highest_column)
 
 
 def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Level]]:
-    """Counts the flights of each day (UTC) by level: that of the headline, or of a drift or fault of the motors.
+    """Counts the logs of each day (UTC) by level: that of the headline, or of a drift or fault of the motors.
 
     Args:
         lines: lines of the table of all flights.
 
     Returns:
-        Numbers of flights by day and level. Flights without a date, those that do not count, and logs that were
+        Numbers of logs by day and level. Logs without a date, those that do not count, and logs that were
         not used are left out.
     """
     health_column = list(COLUMNS).index("health")
@@ -775,7 +775,7 @@ def _level_bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
 
 
 def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
-    """Counts for each status light in how many flights of a fleet it has each level.
+    """Counts for each status light in how many logs of a fleet it has each level.
 
     A status light is the judgement of one part of the vehicle, such as its motors, by a level: bad, watch, good or
     unknown.
@@ -784,24 +784,24 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
         summaries: summary of the flights under each vehicle's name.
 
     Returns:
-        The counts, sorted so that the light that is bad in most flights comes first; empty if no flight
+        The counts, sorted so that the light that is bad in most logs comes first; empty if no log
         counts, as of a fleet of simulated flights of unknown vehicles.
     """
     counts = []
-    has_counted_flight = False
+    has_counted_log = False
     for light in Light:
-        flights_by_level: Counter[Level] = Counter()
+        logs_by_level: Counter[Level] = Counter()
         for summary in summaries:
-            flights_by_level.update(summary.light_counts[light])
-        if flights_by_level.total() > 0:
-            has_counted_flight = True
-        counts_in_order = {level: flights_by_level[level] for level in LEVEL_MARKS}
+            logs_by_level.update(summary.light_counts[light])
+        if logs_by_level.total() > 0:
+            has_counted_log = True
+        counts_in_order = {level: logs_by_level[level] for level in LEVEL_MARKS}
         counts.append(LightCounts(light, counts_in_order))
-    if not has_counted_flight:
+    if not has_counted_log:
         return []
 
     def bad_and_watched(light_counts: LightCounts) -> tuple[int, int]:
-        """Returns in how many flights a light is bad, and in how many it is to be watched."""
+        """Returns in how many logs a light is bad, and in how many it is to be watched."""
         return light_counts.counts[Level.BAD], light_counts.counts[Level.WATCH]
 
     return sorted(counts, key=bad_and_watched, reverse=True)

@@ -124,15 +124,15 @@ def test_a_lost_flight_without_figures_needs_a_look():
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
     # Flights without a fault before it are not an all-clear below the vehicle's mark.
     text = fleet_page([flight_row("quad", 0), flight_row("quad", 1, health="unknown", **lost)])
-    assert "Compared with its other flights: no drift and no fault in 1 flight that could" in text
+    assert "Compared with its other flights: no drift and no fault in 1 log that could" in text
 
 
 def test_bad_flights_whose_vehicle_is_not_known_are_listed():
     bad = {"headline": "Lost at 70.9 s.", "headline_level": "bad"}
     rows = [flight_row("unknown", number, **(bad if number % 2 else {})) for number in range(4)]
-    listed = fleet_page(rows).partition("Bad flights whose vehicle is not known")[2]
+    listed = fleet_page(rows).partition("Logs of bad flights whose vehicle is not known")[2]
     assert listed.partition("</ul>")[0].count("Lost at 70.9 s.") == 2
-    assert "2 bad flights" in fleet_page(rows)
+    assert "2 logs of bad flights" in fleet_page(rows)
 
 
 def test_a_fault_that_only_the_fleet_shows_is_the_note_of_its_flight():
@@ -374,7 +374,7 @@ def test_a_serial_number_stands_behind_the_frame_and_a_repeated_sentence_once_wi
     reasons = re.findall(r">(\d)</td><td[^>]*>([^<]*\.)</td>", text)
     assert reasons == [("3", "Too few flights."), ("1", "It fell.")]
     assert "Motors not compared between flights:</strong> 4 vehicles." in text
-    assert ">No drift and no fault in 1 flight that could be judged.</td>" not in text
+    assert ">No drift and no fault in 1 log that could be judged.</td>" not in text
 
 
 def seconds_of(duration):
@@ -654,7 +654,7 @@ def test_simulated_flights_count_as_in_the_headline_and_a_motor_that_the_log_war
     assert "<title>from 2026-01-05: 1 bad</title>" in text
     # The day of the flight that shows what is wrong stays on one line.
     assert 'Seen in:</strong> 0001.ulg, <span class="date">2026-01-06</span>.' in text
-    assert 'title="bad: 2 flights"' in text and "simulated ones only where" in text
+    assert 'title="bad: 2 logs"' in text and "simulated ones only where" in text
     assert "<h2>Wind</h2>" not in text
     table = table_of(text)
     assert {row[2 + [*COLUMNS].index("motor")] for row in table["rows"]} == {"1"}
