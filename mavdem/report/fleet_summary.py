@@ -172,9 +172,7 @@ def _sentences_on_fleet(
         unjudged=counts.unjudged_vehicles,
         unnamed_flights=counts.unnamed_flights,
         bad_unnamed_logs=bad_unnamed_count,
-        watched_unnamed_logs=_count_unnamed_logs(
-            Level.WATCH, summaries, vehicles_of_headline
-        ),
+        watched_unnamed_logs=_count_unnamed_logs(Level.WATCH, summaries, vehicles_of_headline),
         simulated_flights=counts.simulated_flights,
         undecided_flights=_labels_of_possibly_simulated_flights(summaries, names),
         bad_names=bad_names,

@@ -292,11 +292,15 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     # A bad flight under such a name is counted once, as a flight.
     fell = replace(rows[1], headline="It fell.", headline_level="bad")
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
-    assert text.startswith("1 log of a bad flight whose vehicle is not known needs a look: unnamed PX4")
+    assert text.startswith(
+        "1 log of a bad flight whose vehicle is not known needs a look: unnamed PX4"
+    )
     assert ": unnamed PX4 quadrotor: it fell." in text
     bad_rows = [replace(row, headline="It fell.", headline_level="bad") for row in rows]
     text = plain_text(fleet_blocks(bad_rows))
-    assert text.startswith("2 logs of bad flights whose vehicle is not known need a look: among them unna")
+    assert text.startswith(
+        "2 logs of bad flights whose vehicle is not known need a look: among them unna"
+    )
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert (
@@ -501,7 +505,9 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
         plain_text(fleet_blocks(rows, lists_follow=lists_follow)).split("\n")[0]
         for lists_follow in (False, True)
     )
-    assert full.startswith("4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle")
+    assert full.startswith(
+        "4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle"
+    )
     assert "unnamed PX4 quadrotor" in full and "quad 0" not in full
     assert brief == (
         "4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle is not known."
