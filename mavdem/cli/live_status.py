@@ -35,8 +35,9 @@ from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live import clock
+from mavdem.live.event_cause import cause_of_alarm
 from mavdem.live.session import LiveSession
-from mavdem.live.session_status import SessionStatus, cause_of_alarm
+from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import shortened
 from mavdem.report.live import (
     NEXT_STEP_LEAD,

@@ -13,7 +13,7 @@ from mavdem.live.alarm_delay import AlarmDelay
 from mavdem.live.history import MAX_ROWS
 from mavdem.live.intake import FrameBatch
 from mavdem.live.link import SILENCE_SECONDS
-from mavdem.live.session_status import Latency
+from mavdem.live.session_state import Latency
 from mavdem.live.vehicle_selection import Component
 
 STEP_SECONDS = 0.02

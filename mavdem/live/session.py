@@ -47,7 +47,8 @@ from mavdem.live.presentation import OpenDisplay, Presentation
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.rows import AlignedRow, RowFormat
-from mavdem.live.session_status import STATUS_PERIOD, SessionStatus, are_most_rows_postponed
+from mavdem.live.session_state import are_most_rows_postponed
+from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.silence import SUCCESSION_SECONDS, SilenceMonitor, resumption
 from mavdem.live.status_report import StatusReport
 from mavdem.live.stream import LiveStream

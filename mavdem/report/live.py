@@ -15,8 +15,10 @@ from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.session import LinkFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
+from mavdem.live.event_cause import cause_of_alarm
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
-from mavdem.live.session_status import HEADLINES_WITHOUT_ALARM, SessionStatus, cause_of_alarm
+from mavdem.live.session_state import HEADLINES_WITHOUT_ALARM
+from mavdem.live.session_status import SessionStatus
 from mavdem.motors.motor_changes import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table, shortened
 from mavdem.report.numbers import display_unit, name_with_unit

@@ -26,14 +26,12 @@ from mavdem.fleet.names import GivenNames
 from mavdem.ingest import read_log
 from mavdem.live import LiveStream, clock
 from mavdem.live.link import Link, ReceivedPiece
+from mavdem.live.link_outage import headline_with_outage
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
-from mavdem.live.session_status import (
-    SessionStatus,
-    headline_with_outage,
-    verdict_after_requests,
-)
+from mavdem.live.session_status import SessionStatus
+from mavdem.live.unanswered_requests import verdict_after_requests
 from mavdem.live.vehicle_selection import Component
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import live_title, vehicle_text

@@ -31,8 +31,10 @@ from mavdem.facts.session import (
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.global_position import GlobalPosition
+from mavdem.live.lights_after_landing import reason_for_no_model
 from mavdem.live.recent_messages import RecentMessages
-from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.live.session_state import Latency
+from mavdem.live.session_status import SessionStatus
 from mavdem.live.silence import SilenceMonitor
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.tracking_watch import TrackingWatch
@@ -510,7 +512,7 @@ def test_a_flight_that_was_long_enough_for_margins_was_not_too_short(slow, revie
     assert landed.overall_judgement.lights[Light.MARGINS].figures["reason"].code is code
     landing = replace(landed, is_flying=True, state=VehicleState("Land", lands_by_itself=True))
     assert {row.name: row.figure for row in light_rows(landing)}["margins"] == "being judged"
-    assert replace(landed, margins=None)._reason_for_no_model.code is SessionFact.TOO_SLOW_TO_JUDGE
+    assert reason_for_no_model(replace(landed, margins=None)).code is SessionFact.TOO_SLOW_TO_JUDGE
 
 
 def test_a_voltage_that_is_not_judged_is_as_old_as_the_silence_of_the_link(slow):

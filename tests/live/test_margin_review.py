@@ -36,6 +36,7 @@ from mavdem.live.margin_review import (
     ReviewedMargins,
     review_margins,
 )
+from mavdem.live.model_and_checks import lights_by_checks
 from mavdem.live.model_judgement import JudgedModel
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
@@ -440,7 +441,7 @@ def test_the_status_shows_margins_of_the_flight_until_the_recording_is_judged():
         model_judgement=judgement,
         is_recording_judged=True,
     )
-    assert judged._lights_by_checks.get(Light.MARGINS) is None
+    assert lights_by_checks(judged).get(Light.MARGINS) is None
 
 
 def test_margins_that_lack_since_the_take_off_make_no_short_silence_an_alarm():

@@ -33,7 +33,8 @@ from mavdem.ingest.output_scale import OutputScale
 from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import MAX_VERDICTS, Milestones
 from mavdem.live.rows import AlignedRow, RowFormat
-from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.live.session_state import Latency
+from mavdem.live.session_status import SessionStatus
 from mavdem.live.unseen_end import judgement_with_unseen_end
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.plant.parameters import Physical

@@ -61,7 +61,8 @@ from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages, columns_from
 from mavdem.live.review import Review
 from mavdem.live.samples import DECISION_SECONDS, MEMORY_SECONDS
-from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.live.session_state import Latency
+from mavdem.live.session_status import SessionStatus
 from mavdem.live.silence import resumption
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState

@@ -28,7 +28,7 @@ from mavdem.facts.session import SessionFact
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.display import DisplayRow
-from mavdem.live.session_status import Latency, PredictionBand, UsefulHorizon
+from mavdem.live.session_state import Latency, PredictionBand, UsefulHorizon
 from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import MotorChange

@@ -127,7 +127,7 @@ def _identity_of_cause(fact: Fact) -> tuple[Code, str]:
             any other fact is its own cause.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.live.session_status import cause_of_alarm
+    from mavdem.live.event_cause import cause_of_alarm
 
     cause = cause_of_alarm(fact)
     return cause.code, cause.subject

@@ -180,7 +180,7 @@ def _live_head(
         timeline: charts over time; None without any.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.live.session_status import cause_of_alarm
+    from mavdem.live.event_cause import cause_of_alarm
     from mavdem.report.live import (
         brief_light_figures,
         live_alarm,
