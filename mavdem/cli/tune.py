@@ -231,7 +231,7 @@ def _tuning_blocks(
     if gains is not None:
         for axis in axes_with_kept_gains(tuning):
             blocks += gains.sentences_on_axis(axis)
-    blocks += tune_blocks(tuning, is_full=verbose, headline_above=str(result))
+    blocks += tune_blocks(tuning, is_full=verbose, headline_above=result)
     blocks += measured_margins(tuning, assessment.margins)
     blocks += goal_sentences(tuning)
     blocks += goal_reached_sentences(tuning)

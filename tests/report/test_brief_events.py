@@ -299,7 +299,7 @@ def test_loops_do_not_repeat_the_next_step():
     assert action
     (stated,) = decision_sentences(decisions)
     assert stated.text == f"{reason} {action}"
-    (stated,) = decision_sentences(decisions, [f"{action} Then land."])
+    (stated,) = decision_sentences(decisions, f"{action} Then land.")
     assert stated.text == str(reason)
 
 

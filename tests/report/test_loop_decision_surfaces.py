@@ -560,7 +560,7 @@ def test_margins_of_a_vehicle_to_be_repaired_are_as_sure_as_those_of_any_other(t
     [overview] = margin_overview(tuning, names_axis=False)
     assert overview.header[0] == "doubtful"
     # Only that reason is stated where the headline has the repair.
-    [report, *_] = tune_blocks(tuning, is_full=False, headline_above=str(weak))
+    [report, *_] = tune_blocks(tuning, is_full=False, headline_above=weak)
     assert report.text.startswith("No gains, because the identified loop is unstable")
     assert "motor 1" not in report.text.lower()
 

@@ -240,7 +240,7 @@ def test_one_next_step_for_all_axes_says_what_to_set_and_which_doublets_to_fly(
     tuning = tuning._replace(axes=axes, judgement=judgement)
     [*_, last_sentence] = tune_summary(tuning, NOT_STEERED)
     assert last_sentence == Sentence(text, "Next:")
-    report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED.sentence)
+    report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED)
     assert not any("doublets" in sentence.text for sentence in report)
 
 
@@ -415,7 +415,7 @@ def test_lowered_gains_are_one_set_for_headline_report_and_files():
         "roll": "no gains, margins not known",
         "pitch": "lower gains",
     }
-    report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED.sentence)
+    report = tune_blocks(tuning, is_full=False, headline_above=NOT_STEERED)
     assert Sentence("no gains, for the reason above.", "Roll:") in report
     files = tuning.files(Hover().telemetry())
     assert sorted(files) == [".lower.param", ".lower.params"]

@@ -303,8 +303,8 @@ def loops_chapters(
             chapter has only how far they reach.
     """
     decisions = assessment.loop_decisions
-    next_step = str(assessment.next_step)
-    summary = [*decision_sentences(decisions, [next_step]), *_margin_sentences(evidence, decisions)]
+    summary = decision_sentences(decisions, assessment.next_step.sentence)
+    summary += _margin_sentences(evidence, decisions)
     loops = evidence.identified_loops
     if not loops:
         yield Chapter("Control loops", [*summary, *loop_cautions(advice)])

@@ -215,7 +215,7 @@ def _margin_blocks(tuning: Tuning, assessment: Assessment, result: Fact) -> Bloc
         result: the result that stands at the top of the page, and is not repeated here.
     """
     # New gains have a table of their own on this page; details have a chapter at its end.
-    blocks = tune_blocks(tuning, is_full=False, is_page=True, headline_above=str(result))
+    blocks = tune_blocks(tuning, is_full=False, is_page=True, headline_above=result)
     blocks += measured_margins(tuning, assessment.margins)
     responses = {axis: assessment.responses.get(axis, {}) for axis in tuning.axes}
     blocks += tuned_loops_table(tuning, axes_with_feedforward(responses))

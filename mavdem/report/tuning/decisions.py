@@ -13,7 +13,7 @@ from mavdem.report.templates import sentences_by_axes
 
 
 def decision_sentences(
-    decisions: DecisionsByAxis, texts_elsewhere: Collection[str] = (), lead_end: str = ":"
+    decisions: DecisionsByAxis, next_step: str = "", lead_end: str = ":"
 ) -> list[Sentence]:
     """Returns the decisions on control loops in sentences: for each axis what is wrong, and what to do.
 
@@ -22,7 +22,7 @@ def decision_sentences(
 
     Args:
         decisions: decision on the loops by axis.
-        texts_elsewhere: other texts of the page, such as its next step; reasons and actions in them are not repeated.
+        next_step: the next step in words, which stands on the same page; actions that it contains are left out.
         lead_end: what follows the names of the axes at the beginning of each sentence.
     """
 
@@ -30,14 +30,14 @@ def decision_sentences(
         """Returns the beginning of a sentence on some axes, such as "Roll and pitch:"."""
         return f"{listed(axes).capitalize()}{lead_end}"
 
-    axes_by_action = group_by(
-        decisions, lambda axis: unless_in(texts_elsewhere, decisions[axis].fact.remedy)
-    )
+    def action_text(axis: str) -> str:
+        """Returns what to do about an axis; empty if the next step says so."""
+        action = decisions[axis].fact.remedy
+        return "" if action in next_step else action
+
     sentences = []
-    for action, axes in axes_by_action.items():
-        axes_by_reason = group_by(
-            axes, lambda axis: unless_in(texts_elsewhere, str(decisions[axis].reason))
-        )
+    for action, axes in group_by(decisions, action_text).items():
+        axes_by_reason = group_by(axes, lambda axis: decisions[axis].reason.sentence)
         if len(axes_by_reason) == 1:
             # A single reason and its action make one sentence.
             (reason,) = axes_by_reason
@@ -47,17 +47,6 @@ def decision_sentences(
             sentences.append(Sentence(reason, lead(axes_of_reason)))
         sentences.append(Sentence(action, lead(axes)))
     return [sentence for sentence in sentences if sentence.text]
-
-
-def unless_in(texts: Collection[str], sentence: str) -> str:
-    """Returns a sentence unless it would be read twice: an empty text if one of the other texts contains it.
-
-    Args:
-        texts: other texts of the page, such as the headline and the next step.
-        sentence: the sentence.
-    """
-    is_contained = any(sentence in text for text in texts)
-    return "" if is_contained else sentence
 
 
 def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:

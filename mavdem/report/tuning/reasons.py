@@ -1,18 +1,18 @@
 """The reasons behind a tuning: for each axis what to do with its gains and why, and how far to trust that."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from operator import attrgetter
 
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.containers import group_by
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.numbers import listed
-from mavdem.report.templates import headline, render_section, sentences_by_axes
+from mavdem.report.templates import render_section, sentences_by_axes
 from mavdem.report.tuning.advice import axes_with_same_conclusion, facts_on_new_gains
 from mavdem.report.tuning.cautions import caution_sentences, shared_cautions
 from mavdem.report.tuning.decisions import decision_sentences
@@ -24,7 +24,6 @@ from mavdem.report.tuning.remedies import (
     remedies_besides_tuning,
     remedies_to_show,
     texts_in_next_step,
-    without_repetition,
 )
 from mavdem.report.tuning.result import faults_of_flight, rating_unless_contradicted
 
@@ -34,7 +33,7 @@ def tune_blocks(
     *,
     is_full: bool = True,
     is_page: bool = False,
-    headline_above: str = "",
+    headline_above: Fact | None = None,
 ) -> Blocks:
     """Returns the reasons behind a tuning: for each axis what to do with its gains and why, and how far to trust that.
 
@@ -46,20 +45,23 @@ def tune_blocks(
         is_full: whether all margins and everything about the gains are included.
         is_page: whether the report is part of a page, where each axis has its rating, and the cautions about gains to
             set stand beside these. A terminal has all margins above the report (:func:`tune_overview`).
-        headline_above: headline that stands above the report, which is not repeated as the reason for no gains; empty
-            without one.
+        headline_above: the fact (coded finding) of the headline above the report; None without one. Neither it nor the
+            faults of the flight, which stand below it, are repeated as the reason for no gains.
     """
     if tuning.judgement.headline.code is MarginsLight.OSCILLATES and not is_full:
         # How far the identified loops can be trusted matters only once the vehicle flies without an oscillation.
         axes_without_gains = [axis for axis in tuning.axes if not tuning.lowers_gains_of(axis)]
         return [*sentences_without_gains(tuning, axes_without_gains)]
     blocks = Blocks()
+    stated_facts = faults_of_flight(tuning)
+    if headline_above is not None:
+        stated_facts.append(headline_above)
     shown_remedies = texts_in_next_step(tuning)
     for remedies_above in ground_steps_by_axis(tuning).values():
         shown_remedies.update(remedies_above)
     axes_in_shared_sentences: list[str] = []
     for axes in axes_with_same_conclusion(tuning):
-        blocks += _sentences_on_gains(tuning, axes, shown_remedies, headline_above)
+        blocks += _sentences_on_gains(tuning, axes, shown_remedies, stated_facts)
         axes_in_shared_sentences += axes
     cautions = shared_cautions(tuning.axes)
     for axes in _axes_reported_together(tuning):
@@ -67,14 +69,13 @@ def tune_blocks(
         axis = axes[0]
         advice = tuning.axes[axis]
         if isinstance(advice, Fact):
-            blocks += _sentences_without_loop(tuning, axes, headline_above)
+            blocks += _sentences_without_loop(tuning, axes, stated_facts)
             continue
         facts = _rating_to_state(tuning, axis, is_page=is_page)
         # The gains of axes with the same advice were described together, above.
         if axis not in axes_in_shared_sentences:
             facts += facts_on_new_gains(tuning, axis)
-        facts = _without_reason_in_headline(tuning, axis, facts, headline_above)
-        report = _joined_sentences(facts, headline_above)
+        report = _text_of_facts(tuning, axis, facts, stated_facts)
         remedies = remedies_to_show(tuning, axis, report, shown_remedies)
         shown_remedies.update(remedies)
         blocks += _sentences_on_axes(axes, report, remedies)
@@ -100,48 +101,55 @@ def _sentences_on_feedforward(findings: Iterable[Fact]) -> list[Sentence]:
     return sentences_by_axes(axes_and_findings, attrgetter("sentence_and_remedy"))
 
 
-def _without_reason_in_headline(
-    tuning: Tuning, axis: str, facts: Iterable[Fact], headline_above: str
-) -> list[Fact]:
-    """Returns facts on the gains of an axis so that their sentences do not repeat a reason from the headline.
-
-    Only the fact that no gains are advised changes. Its sentence then states the other reasons, or, if there are none,
-    says "for the reason above". It is left out if that reason is a repair: the overview above says so already.
+def _text_of_facts(
+    tuning: Tuning, axis: str, facts: Iterable[Fact], stated_facts: Collection[Fact]
+) -> str:
+    """Returns the sentences of facts on the gains of an axis, such as "No gains, for the reason above.".
 
     Args:
         tuning: advice on the gains of each axis.
         axis: "roll", "pitch" or "yaw".
         facts: coded findings on the axis.
-        headline_above: sentence at the top of the page or of the terminal's report; empty without one.
+        stated_facts: what stands above the report, and is not repeated as the reason for no gains.
     """
-    stated_facts = []
+    sentences = []
     for fact in facts:
         if fact.code is GainFact.NO_GAINS_ADVISED:
-            reasons = fact.figures["reasons"]
-            other_reasons = [reason for reason in reasons if str(reason) not in headline_above]
-            if not other_reasons and gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
+            reasons = _reasons_not_stated(fact, stated_facts)
+            if reasons:
+                fact = fact.replace(reasons=reasons)
+            elif gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
+                # The overview says "repair first" of this axis, and the headline what to repair.
                 continue
-            fact = fact.replace(
-                reasons=tuple(other_reasons) or reasons, is_reason_above=not other_reasons
-            )
-        stated_facts.append(fact)
-    return stated_facts
+            else:
+                fact = fact.replace(is_reason_above=True)
+        sentences.append(fact.sentence)
+    return " ".join(sentences)
 
 
-def _joined_sentences(facts: Iterable[Fact], headline_above: str) -> str:
-    """Joins the sentences of a report on one axis to a text that does not begin by repeating the headline above it.
+def _reasons_not_stated(conclusion: Fact, stated_facts: Collection[Fact]) -> Facts:
+    """Returns why an axis gets no gains, without the reasons that the reader has already found above.
+
+    For example, a log that is too slow remains, and the weak motor of the headline does not.
 
     Args:
-        facts: coded findings, each with its sentence.
-        headline_above: sentence at the top of the page or of the terminal's report; empty without one. The first of the
-            facts may have the same sentence, which is then left out.
+        conclusion: the fact that there are no gains, whose figure ``reasons`` has the reasons; without that figure it
+            is the only reason itself.
+        stated_facts: the headline, and the faults of the flight below it, as facts (coded findings).
     """
-    text = " ".join(str(fact) for fact in facts)
-    return text.removeprefix(headline_above).strip()
+    oscillation_is_stated = any(fact.code is MarginsLight.OSCILLATES for fact in stated_facts)
+    reasons = []
+    for reason in conclusion.figures.get("reasons", (conclusion,)):
+        # One headline names all axes that oscillate, and so is not equal to the fact on a single axis.
+        is_oscillation = reason.code is MarginsLight.OSCILLATES
+        is_stated = reason in stated_facts or (is_oscillation and oscillation_is_stated)
+        if not is_stated:
+            reasons.append(reason)
+    return tuple(reasons)
 
 
 def _sentences_on_gains(
-    tuning: Tuning, axes: list[str], shown_remedies: set[str], headline_above: str
+    tuning: Tuning, axes: list[str], shown_remedies: set[str], stated_facts: Collection[Fact]
 ) -> list[Sentence]:
     """Returns the sentence on what to do with the gains of several axes, and why.
 
@@ -150,7 +158,7 @@ def _sentences_on_gains(
         axes: axes with the same advice for the same reasons.
         shown_remedies: remedies that the report shows elsewhere, which are not repeated. The remedy of this sentence is
             added to the set.
-        headline_above: headline that stands above the report, which is not repeated as the reason for no gains.
+        stated_facts: what stands above the report, and is not repeated as the reason for no gains.
     """
     # The facts are the same for all axes.
     facts = facts_on_new_gains(tuning, axes[0])
@@ -159,12 +167,13 @@ def _sentences_on_gains(
     if conclusion.remedy not in shown_remedies:
         remedies.append(conclusion.remedy)
         shown_remedies.add(conclusion.remedy)
-    stated_facts = _without_reason_in_headline(tuning, axes[0], facts, headline_above)
-    report = " ".join(str(fact) for fact in stated_facts)
+    report = _text_of_facts(tuning, axes[0], facts, stated_facts)
     return _sentences_on_axes(axes, report, remedies)
 
 
-def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str) -> list[Sentence]:
+def _sentences_without_loop(
+    tuning: Tuning, axes: list[str], stated_facts: Collection[Fact]
+) -> list[Sentence]:
     """Returns the sentence that says why some axes get no gains: their loops are not known.
 
     What to do to get gains stands in the summary (:func:`tune_summary`).
@@ -172,25 +181,25 @@ def _sentences_without_loop(tuning: Tuning, axes: list[str], headline_above: str
     Args:
         tuning: for these axes the fact (coded finding) that says why their loops are not known.
         axes: axes whose loops are not known for the same reason.
-        headline_above: headline that stands above the report, which is not repeated as the reason; empty without one.
+        stated_facts: what stands above the report, and is not repeated as the reason.
     """
-    axis = axes[0]
-    reason = tuning.axes[axis]
-    # The axes were grouped by this reason, which is a fact.
-    assert isinstance(reason, Fact)
-    if len(axes) > 1:
-        reason = _fact_on_axes(reason, listed(axes))
-    report = _joined_sentences([reason], headline_above)
-    findings_of_flight = [headline(fault) for fault in faults_of_flight(tuning)]
-    # What the summary says of the flight is not repeated beside another reason.
-    report = without_repetition(report, findings_of_flight) or report
-    if not report:
-        # The headline above says why: a repair is needed. Axes whose gains are lowered have these above.
+    conclusion = tuning.axes[axes[0]]
+    # The axes were grouped by this fact.
+    assert isinstance(conclusion, Fact)
+    reasons = _reasons_not_stated(conclusion, stated_facts)
+    if not reasons:
+        # Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
         return sentences_without_gains(tuning, axes_without_gains)
+    if "reasons" in conclusion.figures:
+        conclusion = conclusion.replace(reasons=reasons)
+    if len(axes) > 1:
+        conclusion = _fact_on_axes(conclusion, listed(axes))
     lowers_gains = any(tuning.lowers_gains_of(axis) for axis in axes)
-    sentences = render_section("tune_no_gains", axes=axes, reason=report, lowers_gains=lowers_gains)
-    return [*sentences, *_faults_in_flight(tuning, axes, report, headline_above)]
+    sentences = render_section(
+        "tune_no_gains", axes=axes, reason=conclusion.sentence, lowers_gains=lowers_gains
+    )
+    return [*sentences, *_faults_in_flight(tuning, axes, [*stated_facts, *reasons])]
 
 
 def sentences_without_gains(tuning: Tuning, axes: Sequence[str]) -> list[Sentence]:
@@ -351,24 +360,21 @@ def _rating_to_state(tuning: Tuning, axis: str, *, is_page: bool) -> list[Fact]:
 
 
 def _faults_in_flight(
-    tuning: Tuning, axes: Iterable[str], report: str, headline_above: str
+    tuning: Tuning, axes: Iterable[str], stated_facts: Collection[Fact]
 ) -> list[Sentence]:
     """Returns what is wrong with axes whose loops are not known, such as that they swing, and what to do about it.
-
-    What stands in the report on these axes, in the headline, or in what to do by the summary is not repeated.
 
     Args:
         tuning: the judgement of the flight, with its next step and a decision on the loops of each axis.
         axes: axes that the report names together; none of their loops is known.
-        report: text on these axes, which the sentences will follow.
-        headline_above: headline that stands above the report; empty without one.
+        stated_facts: what the headline and the report state already, such as why the loops are not known.
     """
     faults = {}
     for axis in axes:
         decision = tuning.judgement.loop_decisions.get(axis)
-        if decision is not None and decision.reason.is_watch_or_bad:
+        if decision is None or not decision.reason.is_watch_or_bad:
+            continue
+        if decision.reason not in stated_facts:
             faults[axis] = decision
-    texts_elsewhere = [headline_above, report, *texts_in_next_step(tuning)]
-    for steps in ground_steps_by_axis(tuning).values():
-        texts_elsewhere += steps
-    return decision_sentences(faults, texts_elsewhere, lead_end=" in flight:")
+    next_step = tuning.judgement.next_step.sentence
+    return decision_sentences(faults, next_step, lead_end=" in flight:")

@@ -1,8 +1,8 @@
 """The sentences that begin the report and the page of a tuning: its result, and what to do next."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
-from mavdem.assessment.axis.lowered_gains import lowered_gains
+from mavdem.assessment.axis.lowered_gains import fact_and_contained_facts, lowered_gains
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.judgement import Judgement
 from mavdem.containers import group_by
@@ -13,13 +13,11 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.report.blocks import Sentence, headline_sentence
 from mavdem.report.numbers import listed
 from mavdem.report.templates import headline, render_section
-from mavdem.report.tuning.decisions import unless_in
 from mavdem.report.tuning.outcomes import outcome_sentences
 from mavdem.report.tuning.remedies import (
     STEPS_WITH_DOUBLETS,
     ground_steps_by_axis,
     most_complete,
-    texts_in_next_step,
 )
 from mavdem.report.tuning.result import faults_of_flight, is_about_loops, is_headline_of_tuning
 
@@ -46,10 +44,7 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
         heading = outcome_sentences(tuning)
         facts_on_flight.insert(0, result)
     next_step = Sentence(str(tuning.judgement.next_step), "Next:")
-    # The remedies in the headline and in the next step are not repeated between them.
-    texts_beside = [sentence.lead for sentence in heading]
-    texts_beside += [next_step.text, *texts_in_next_step(tuning)]
-    summary = [*heading, *_sentences_on_flight(facts_on_flight, texts_beside)]
+    summary = [*heading, *_sentences_on_flight(facts_on_flight, tuning.judgement.next_step)]
     summary += _sentences_on_filter_lag(tuning)
     summary.append(next_step)
     if tuning.axes_also_to_lower:
@@ -139,25 +134,25 @@ def _has_next_step_on_loops(judgement: Judgement) -> bool:
     return is_action_on_loops or is_about_loops(next_step, judgement)
 
 
-def _sentences_on_flight(facts: Iterable[Fact], texts_beside: Collection[str]) -> list[Sentence]:
+def _sentences_on_flight(facts: Iterable[Fact], next_step: Fact) -> list[Sentence]:
     """Returns a sentence on what a flight shows besides its control loops, each finding with its remedy.
 
     Args:
-        facts: the findings, the most important first; two of them may have the same sentence.
-        texts_beside: the headline and the next step, which stand beside the sentence and are not repeated.
+        facts: the findings, the most important first; two of them may have the same remedy, which is stated once.
+        next_step: the next step. It states the remedies of the findings that it has as figures.
 
     Returns:
         A list with the sentence; empty without findings.
     """
-    texts: list[str] = []
+    facts_in_next_step = [*fact_and_contained_facts(next_step)]
+    texts = []
     for fact in facts:
-        for text in (headline(fact), fact.remedy):
-            new_text = unless_in((*texts_beside, *texts), text)
-            if new_text:
-                texts.append(new_text)
+        texts.append(headline(fact))
+        if fact.remedy and fact not in facts_in_next_step:
+            texts.append(fact.remedy)
     if not texts:
         return []
-    return [Sentence(" ".join(texts), "The flight:")]
+    return [Sentence(" ".join(dict.fromkeys(texts)), "The flight:")]
 
 
 def later_flight_sentences(tuning: Tuning) -> list[Sentence]:
