@@ -53,11 +53,12 @@ def _step_without_warning(session: SessionState, step_to_model: Fact) -> Fact:
 
     1. The vehicle lands by itself: to let it land.
     2. Whether it oscillates, or a motor loses thrust, is not watched yet: to hover until then.
-    3. Nothing measures some of what is watched: to fly on only if the pilot can do without it. This comes before
-       what a model needs, and stays while the model is learned.
-    4. A model was judged, or there is none for a reason without a remedy: to fly on.
-    5. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
+    3. A model was judged, or there is none for a reason without a remedy: to fly on.
+    4. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
+    5. Nothing measures some of what is watched: to fly on. This comes before what a model needs.
     6. Otherwise: what has to happen before a model can be learned.
+
+    A step to fly on names what nothing measures, so that the pilot flies on only if that can be done without it.
 
     Args:
         session: what the session has received and found until now.
@@ -67,13 +68,15 @@ def _step_without_warning(session: SessionState, step_to_model: Fact) -> Fact:
         return Fact(NextStep.LET_LAND, reason=None)
     if session.should_hover_first:
         return Fact(NextStep.HOVER_FIRST, reason=None, awaits_motors=session.lacks_motor_reference)
+    unmeasured = session.unmeasured_quantities
     reason = session.reason_without_model
     needs_nothing = session.model_judgement is not None or not reason.remedy
-    has_too_few_messages = not needs_nothing and reason.code in TOO_FEW_MESSAGES
-    step_on_ground = step_to_model if has_too_few_messages else None
-    unmeasured = session.unmeasured_quantities
-    if unmeasured or needs_nothing or has_too_few_messages:
-        return Fact(NextStep.FLY_ON, reason=step_on_ground, unmeasured=unmeasured)
+    if needs_nothing:
+        return Fact(NextStep.FLY_ON, reason=None, unmeasured=unmeasured)
+    if reason.code in TOO_FEW_MESSAGES:
+        return Fact(NextStep.FLY_ON, reason=step_to_model, unmeasured=unmeasured)
+    if unmeasured:
+        return Fact(NextStep.FLY_ON, reason=None, unmeasured=unmeasured)
     return step_to_model
 
 

@@ -52,10 +52,8 @@ def _judgement_before_recording(
 ) -> Judgement:
     """Returns what to show of a flight that has ended until its recording has been judged.
 
-    For example, the headline "nothing wrong" becomes "not judged yet", since the recording may show faults that the
-    session did not. A bad fault of the flight stays the headline. One that warns, or small margins, which the
-    recording shows better, become "not judged yet; so far: …", unless no judgement will follow, since the recording
-    could not be read.
+    The headline "nothing wrong" becomes "not judged yet", since the recording may show faults that the session did
+    not. A fault becomes "not judged yet; so far: …", unless :func:`_is_final_before_recording`.
 
     Args:
         session: what the session has received and found until now.
@@ -63,10 +61,7 @@ def _judgement_before_recording(
         not_judged: the fact that the recording is not judged, with the reason as its ``kind``.
     """
     headline_so_far = judgement.headline
-    will_be_judged = not_judged.figures["kind"] is not RecordingState.FAILED
-    arose_in_flight = headline_so_far.is_bad and headline_so_far.code not in PERMANENT_FAULTS
-    is_warning_final = headline_so_far.is_watch_or_bad and not will_be_judged
-    if arose_in_flight or is_warning_final:
+    if _is_final_before_recording(headline_so_far, not_judged):
         return judgement
     if session.is_silent_after_flight:
         not_judged = not_judged.replace(is_switched_off=True)
@@ -74,11 +69,35 @@ def _judgement_before_recording(
     if headline_so_far.is_watch_or_bad:
         headline = not_judged.replace(headline_so_far.level, so_far=headline_so_far)
     lights = dict(judgement.lights)
-    if will_be_judged and not lights[Light.MARGINS].is_good:
-        # By margins of a part of the flight nobody is to change the gains, as their light would advise.
+    if _will_be_judged(not_judged) and not lights[Light.MARGINS].is_good:
+        # This light would advise to change gains. The recording, of the whole flight, has better margins to do so.
         lights[Light.MARGINS] = Fact(Unjudged.NOT_JUDGED, reason=not_judged)
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=not_judged)
     return replace(judgement, headline=headline, next_step=next_step, lights=lights)
+
+
+def _is_final_before_recording(headline: Fact, not_judged: Fact) -> bool:
+    """Returns whether a headline states a fault that no judgement of the recording will change.
+
+    That is a bad fault that began in flight, such as a crash. Small stability margins are none, since the recording
+    shows margins better than the session. If the recording could not be read, any fault is final.
+
+    Args:
+        headline: headline of the flight by this session.
+        not_judged: the fact that the recording is not judged, with the reason as its ``kind``.
+    """
+    if not _will_be_judged(not_judged):
+        return headline.is_watch_or_bad
+    return headline.is_bad and headline.code not in PERMANENT_FAULTS
+
+
+def _will_be_judged(not_judged: Fact) -> bool:
+    """Returns whether a recording that is not judged yet will be; it will not if it could not be read.
+
+    Args:
+        not_judged: the fact that the recording is not judged, with the reason as its ``kind``.
+    """
+    return not_judged.figures["kind"] is not RecordingState.FAILED
 
 
 def lights_with_recording(session: SessionState, lights: NamedFacts) -> NamedFacts:

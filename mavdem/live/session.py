@@ -753,9 +753,7 @@ class LiveSession:
         """
         link_loss = status.link_loss
         reason = status.no_model_reason if link_loss is None else link_loss
-        if status.is_flying and reason is not None and reason.code in UNUSABLE_MESSAGES_CODES:
-            # At the end of the session this is why there is no model, also if the vehicle no longer flies then.
-            self.flight.unusable_messages_reason = reason
+        self._keep_unusable_messages_reason(reason, is_flying=status.is_flying)
         is_short_link_loss = link_loss is not None and not link_loss.is_bad
         former_reason = self._reported_reason
         is_same_reason = _without_measurements(reason) == _without_measurements(former_reason)
@@ -766,6 +764,18 @@ class LiveSession:
             return
         if not self._is_covered_by_other_report(reason, former_reason, status):
             self._presentation.log(_report_on_learning(reason, status))
+
+    def _keep_unusable_messages_reason(self, reason: Fact | None, *, is_flying: bool) -> None:
+        """Keeps a reason in flight why the messages cannot be used, such as too low rates, for the end of the session.
+
+        It is then why there is no model, also if the vehicle no longer flies.
+
+        Args:
+            reason: why no model is learned now, for messages or otherwise; None if one is.
+            is_flying: whether the vehicle flies now.
+        """
+        if is_flying and reason is not None and reason.code in UNUSABLE_MESSAGES_CODES:
+            self.flight.unusable_messages_reason = reason
 
     def _is_repeated_end_of_flight(self, reason: Fact | None, flight_number: int) -> bool:
         """Returns whether a reason is the end of a flight, and was reported for this flight before.

@@ -128,15 +128,30 @@ class SessionStatus(SessionState):
             return judgement
         if self.is_in_flight:
             return self._judgement_with_condition(judgement, fault)
+        if self._is_most_important_before_take_off(fault, judgement):
+            next_step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
+            return replace(judgement, headline=fault, next_step=next_step)
+        return judgement
+
+    def _is_most_important_before_take_off(self, fault: Fact, judgement: Judgement) -> bool:
+        """Returns whether the fault of an earlier flight is to be the headline, since the next thing is a take-off.
+
+        Three conditions must be met:
+
+        1. The vehicle is known to be on the ground, and is not advised to land first.
+        2. The fault is one of an earlier session. Of two flights of this session, the worse one is the headline anyway.
+        3. The fault matters more for a take-off than the present headline.
+
+        Args:
+            fault: the warning that the fault may still be there; its ``reason`` is the fault itself.
+            judgement: judgement of the latest flight, with the present headline.
+        """
         is_landing_advised = judgement.next_step.code in STEPS_TO_THE_GROUND
-        # Of two flights of this session, the worse one is the headline already.
-        is_of_earlier_session = fault.figures["reason"] == self.fault_in_library
-        if is_landing_advised or not (self._is_known_to_be_on_ground and is_of_earlier_session):
-            return judgement
-        if not _is_worse_for_take_off(fault.figures["reason"], judgement.headline):
-            return judgement
-        next_step = Fact(NextStep.TAKE_OFF_IF_REPAIRED, reason=fault)
-        return replace(judgement, headline=fault, next_step=next_step)
+        if is_landing_advised or not self._is_known_to_be_on_ground:
+            return False
+        earlier_fault = fault.figures["reason"]
+        is_of_earlier_session = earlier_fault == self.fault_in_library
+        return is_of_earlier_session and _is_worse_for_take_off(earlier_fault, judgement.headline)
 
     @property
     def _is_known_to_be_on_ground(self) -> bool:

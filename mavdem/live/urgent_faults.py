@@ -1,10 +1,25 @@
 """Which fault is the most urgent one for a pilot in flight, and whether it calls for a landing now."""
 
+from enum import IntEnum
+
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.facts import Fact
 from mavdem.live.event_cause import is_event
 from mavdem.live.recording_judgement import PERMANENT_FAULTS
 from mavdem.live.session_state import SessionState
+
+
+class Urgency(IntEnum):
+    """How urgent a fact is for a pilot in flight, the most urgent last.
+
+    An event, such as a loss of control, comes before other faults, such as vibration, which may be its cause.
+    """
+
+    NOT_URGENT = 0
+    ALARM_TO_WATCH = 1
+    BAD_EVENT_THAT_IS_OVER = 2
+    BAD_FAULT = 3
+    BAD_EVENT = 4
 
 
 def is_urgent(session: SessionState, headline: Fact) -> bool:
@@ -45,25 +60,24 @@ def alarm_or_headline(session: SessionState, headline: Fact) -> Fact:
         session: what the session has received and found until now.
         headline: headline of the judgement: its first sentence on the screen, as a fact.
     """
-    return max(
-        (headline, *session.active_alarms), key=lambda fact: _urgency_in_flight(session, fact)
-    )
+
+    def rank(fact: Fact) -> tuple[Urgency, int]:
+        """Returns the urgency of a fact and, to compare equally urgent ones, the rank of its level."""
+        return _urgency(session, fact), LEVELS_BY_SEVERITY.index(fact.level)
+
+    return max((headline, *session.active_alarms), key=rank)
 
 
-def _urgency_in_flight(session: SessionState, fact: Fact) -> tuple[int, int]:
-    """Returns how urgent a fact is for a pilot in flight: the greater of two such pairs is more urgent.
-
-    The first number is 4 for a bad event that lasts, 3 for another bad fault that lasts, 2 for a bad event that is
-    over, 1 for an alarm that is only to be watched, and 0 for anything else. The second one is the rank of the
-    level.
+def _urgency(session: SessionState, fact: Fact) -> Urgency:
+    """Returns how urgent a fact is for a pilot in flight.
 
     Args:
         session: what the session has received and found until now.
         fact: the headline, or an active alarm.
     """
-    level_rank = LEVELS_BY_SEVERITY.index(fact.level)
-    if fact.is_bad:
-        if _is_past_event(session, fact):
-            return 2, level_rank
-        return (4 if is_event(fact) else 3), level_rank
-    return (1 if fact in session.active_alarms else 0), level_rank
+    if not fact.is_bad:
+        is_alarm = fact in session.active_alarms
+        return Urgency.ALARM_TO_WATCH if is_alarm else Urgency.NOT_URGENT
+    if _is_past_event(session, fact):
+        return Urgency.BAD_EVENT_THAT_IS_OVER
+    return Urgency.BAD_EVENT if is_event(fact) else Urgency.BAD_FAULT

@@ -40,6 +40,14 @@ NEXT_STEP_LEAD = "Next: "
 MAX_FIGURE_LENGTH = 50
 """Most characters of the figure of a light on a page: two lines of a light on a telephone."""
 
+FAULTS_SHOWN_ELSEWHERE = (
+    SessionFact.FLIGHT_VERDICT,
+    SessionFact.UNREPAIRED_FAULT,
+    LinkFact.LOST_IN_FLIGHT,
+)
+"""Headlines without measurements below them: faults of an earlier flight, whose measurements stand with that flight,
+and a lost link, which has its last known position there."""
+
 
 def watched_quantities_text(watch_facts: Sequence[Fact]) -> str:
     """Returns a line for the pilot that lists which quantities a live session watches, and which it does not and why.
@@ -314,17 +322,13 @@ def live_alarm(status: SessionStatus) -> str:
     Returns:
         The text; empty if nothing is bad now, on the ground, and after the session.
     """
+    if not status.is_in_flight:
+        return ""
     headline = status.overall_judgement.headline
     is_bad_now = headline.is_bad and headline.code is not WatchFact.ALARM_OVER
-    link_loss = status.link_loss
-    if link_loss is not None and link_loss.figures["delay"] is not None:
-        # What came before the silence is not all read: the vehicle may have landed, so that this is no alarm.
-        link_loss = None
-    if status.is_over or not status.is_flying or not (is_bad_now or link_loss is not None):
+    link_loss = _certain_link_loss(status)
+    if not is_bad_now and link_loss is None:
         return ""
-    if link_loss is not None:
-        # What was wrong with the vehicle before follows as the alarm.
-        link_loss = link_loss.replace(cause=None)
     next_step = status.overall_judgement.next_step
     sentences = render_section(
         "live_alarm",
@@ -334,6 +338,20 @@ def live_alarm(status: SessionStatus) -> str:
         is_landing=next_step.figures.get("is_landing", False),
     )
     return " ".join(sentence.text for sentence in sentences)
+
+
+def _certain_link_loss(status: SessionStatus) -> Fact | None:
+    """Returns the fact that the link to a flying vehicle is lost, without what was wrong before; None if it is not.
+
+    None also while messages from before the silence wait for their analysis: the vehicle may have landed in them.
+
+    Args:
+        status: state of the session.
+    """
+    link_loss = status.link_loss
+    if link_loss is None or link_loss.figures["delay"] is not None:
+        return None
+    return link_loss.replace(cause=None)
 
 
 def _reason_to_land(next_step: Fact) -> Fact | None:
@@ -397,15 +415,14 @@ def headline_reason(judgement: Judgement, *, are_details_stated: bool = False) -
     fault = cause_of_alarm(judgement.headline)
     # An all-clear is amber where a fault of an earlier flight may not be repaired, which the next step says.
     is_fault = fault.is_watch_or_bad and fault.code not in HEADLINES_WITHOUT_ALARM
-    # What showed a fault of an earlier flight stands with that flight, not below the lights of this one.
-    is_of_this_flight = fault.code not in (SessionFact.FLIGHT_VERDICT, SessionFact.UNREPAIRED_FAULT)
-    if is_fault and is_of_this_flight and fault.code is not LinkFact.LOST_IN_FLIGHT:
-        measurements = headline_evidence(fault, judgement.lights)
-        if measurements:
-            sentences += measurements
-        elif not are_details_stated:
-            sentences += _details_as_reason(fault)
-    return sentences
+    if not is_fault or fault.code in FAULTS_SHOWN_ELSEWHERE:
+        return sentences
+    measurements = headline_evidence(fault, judgement.lights)
+    if measurements:
+        return [*sentences, *measurements]
+    if are_details_stated:
+        return sentences
+    return [*sentences, *_details_as_reason(fault)]
 
 
 def _details_as_reason(fault: Fact) -> list[Sentence]:
