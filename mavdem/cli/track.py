@@ -472,15 +472,15 @@ def _print_fleet(
             print_blocks([headline_sentence(f"{label}:"), *blocks_by_vehicle[vehicle]])
         else:
             labels_without_baseline.append(label)
-    # A flight has one row for each axis, so that sets count it once.
-    baseline_flights = {(row.file, row.key) for row in tracked.healthy}
+    # A log has one row for each axis, so that sets count it once.
+    baseline_keys = {(row.file, row.key) for row in tracked.healthy}
     baseline_logs = {PurePath(row.file).name for row in tracked.healthy}
     print_blocks(
         render_section(
             "fleet_without_baseline",
             vehicles=abbreviated_list(labels_without_baseline),
             is_kept=bool(tracked.healthy) and not has_new_baseline,
-            flights=len(baseline_flights),
+            log_count=len(baseline_keys),
             logs=abbreviated_list(sorted(baseline_logs)),
         )
     )

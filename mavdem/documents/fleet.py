@@ -99,7 +99,7 @@ class Difference(Document):
     motors: list[str]
     """names of the motors"""
     flights: list[int]
-    """number of flights of A and of B"""
+    """number of logs of A and of B"""
     false_discovery_rate: float
     """bound of the expected share of false ones among a family's tested changes, averaged over families with any"""
     axes_with_other_gains: list[str]

@@ -76,7 +76,7 @@ class VehicleDifference(NamedTuple):
     """Names of the motors; empty where not known."""
 
     flights: BeforeAfter[int]
-    """Number of flights of each state."""
+    """Number of logs of each state."""
 
     changes: tuple[QuantityChange, ...]
     """Quantities that are known in both states, in the order of kinds, motors and axes."""

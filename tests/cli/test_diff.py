@@ -62,7 +62,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     page_text = page_text.replace("&#39;", "'").replace("\N{NO-BREAK SPACE}", " ")
     assert f'<p class="headline"><strong>{headline}' in page_text
     assert side_a == (
-        "A: old, alpha, 4 flights (figures are their means), flown 2026-01-05 to 2026-01-08."
+        "A: old, alpha, 4 logs (figures are their means), flown 2026-01-05 to 2026-01-08."
     )
     assert side_b.endswith("2026-01-09 to 2026-01-12.")
     *_, next_step, page = output.splitlines()
@@ -70,7 +70,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert page == "Page: old_and_new/diff.html"
     assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text(encoding="utf-8")
     assert run("diff", *fleets, "--verbose") == 0
-    assert "4 flights of A and 4 flights of B" in unwrapped(capsys.readouterr().out)
+    assert "4 logs of A and 4 logs of B" in unwrapped(capsys.readouterr().out)
     changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
     changed = [change["quantity"] for change in changes if change["outcome"] == "changed"]
     assert [(change["kind"], change["motor"]) for change in changed] == [
@@ -138,7 +138,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert sentence == "A and B are the same flight: name another to compare it with."
     assert run("diff", "two.bin", "two.bin", "--vehicle", "4:1", "--out", "two") == 0
     sentence = capsys.readouterr().out.partition("\n")[0]
-    assert sentence == "A and B are the same 2 flights: name others to compare them with."
+    assert sentence == "A and B are the same 2 logs: name others to compare them with."
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
     assert "No compared figure changed significantly." in capsys.readouterr().out
     for _ in range(2):

@@ -55,7 +55,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     assert run("track", flights, "--out", out, "--baseline", log) == 0
     assert "of an earlier run" not in capsys.readouterr().out
     assert run("track", flights, "--out", out) == 0
-    kept_baseline_text = "Baseline: 1 flight of an earlier run, since no --baseline was given: "
+    kept_baseline_text = "Baseline: 1 log of an earlier run, since no --baseline was given: "
     assert kept_baseline_text + log.name in " ".join(capsys.readouterr().out.split())
     assert run("track", flights, "--out", out, "--baseline", "none") == 0
     assert "Baseline:" not in capsys.readouterr().out

@@ -457,7 +457,7 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
         assert f" (within ±{widest})" in text
     # Its whole interval is not within 20 %: too uncertain to be called the same.
     assert "Uncertain: mean control effectiveness on pitch −9 % (−24 to +10 %)" in text
-    assert "the latest flight, 0007.ulg (2026-01-12), compared with 4 flights." in text
+    assert "the latest log, 0007.ulg (2026-01-12), compared with 4 logs." in text
     assert "over the median motor's" in text
 
 

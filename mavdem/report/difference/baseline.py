@@ -79,13 +79,13 @@ def _sentence_on_compared_flights(latest_row: FlightRow, difference: VehicleDiff
 
     Args:
         latest_row: row of the latest flight in the fleet's table, with its file and, if it is known, its date.
-        difference: comparison of the baseline with the latest flight, with the number of flights in the baseline.
+        difference: comparison of the baseline with the latest flight, with the number of logs in the baseline.
     """
-    latest_flight = PurePath(latest_row.file).name
+    latest_log = PurePath(latest_row.file).name
     if latest_row.date is not None:
-        latest_flight += f" ({latest_row.date:%Y-%m-%d})"
-    baseline_flights = counted(difference.flights.before, "flight")
-    text = f"the latest flight, {latest_flight}, compared with {baseline_flights}."
+        latest_log += f" ({latest_row.date:%Y-%m-%d})"
+    baseline_logs = counted(difference.flights.before, "log")
+    text = f"the latest log, {latest_log}, compared with {baseline_logs}."
     return Sentence(text, lead="Since the baseline:")
 
 

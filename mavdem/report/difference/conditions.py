@@ -81,11 +81,11 @@ def condition_table(reviewed: ReviewedDifference) -> list[Table]:
         rows.append([f"{condition.name} ({condition.unit})", *condition.cells])
     if not rows:
         return []
-    flight_counts = reviewed.difference.flights
+    log_counts = reviewed.difference.flights
     sides = []
-    for side, flight_count in zip(STATE_NAMES, flight_counts, strict=True):
-        sides.append(side_title(side, flight_count))
-    title = "flown with (mean)" if max(flight_counts) > 1 else "flown with"
+    for side, log_count in zip(STATE_NAMES, log_counts, strict=True):
+        sides.append(side_title(side, log_count))
+    title = "flown with (mean)" if max(log_counts) > 1 else "flown with"
     return [Table([title, *sides], rows)]
 
 
@@ -159,14 +159,14 @@ def wind_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
     directions = []
     difference = reviewed.difference
     states = zip(STATE_NAMES, difference.conditions, difference.flights, strict=True)
-    for side, conditions, flight_count in states:
+    for side, conditions, log_count in states:
         # A missing review or wind is empty: then the cells say that the wind is not known.
         review = reviewed.reviews.get(side) or {}
         wind = review.get("wind") or {}
         bounds = value_at(review, f"lights.{Light.WIND}.figures.reason") or {}
         speed = _wind_speed_cell(wind, bounds)
         if speed == UNKNOWN_FIGURE:
-            speed = _wind_speed_range(conditions.wind_speeds, flight_count)
+            speed = _wind_speed_range(conditions.wind_speeds, log_count)
         speeds.append(speed)
         directions.append(_wind_direction_cell(wind))
     return [
@@ -175,16 +175,16 @@ def wind_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
     ]
 
 
-def _wind_speed_range(winds: Sequence[WindSpeed], flight_count: int) -> str:
-    """Returns the range of the wind speeds of some flights, such as "1.9 to 2.8 (5 of 9 flights)".
+def _wind_speed_range(winds: Sequence[WindSpeed], log_count: int) -> str:
+    """Returns the range of the wind speeds of some logs, such as "1.9 to 2.8 (5 of 9 logs)".
 
     Args:
-        winds: mean wind speed in each flight in which it is known, the smallest first.
-        flight_count: number of all flights.
+        winds: mean wind speed in each log in which it is known, the smallest first.
+        log_count: number of all logs.
 
     Returns:
-        The range, with the number of flights if some have no wind speed; a dash if none has one. A single speed has its
-        90 % interval, as in "1.9 (0.9 to 3.4; 1 of 2 flights)".
+        The range, with the number of logs if some have no wind speed; a dash if none has one. A single speed has its
+        90 % interval, as in "1.9 (0.9 to 3.4; 1 of 2 logs)".
     """
     if not winds:
         return UNKNOWN_FIGURE
@@ -196,8 +196,8 @@ def _wind_speed_range(winds: Sequence[WindSpeed], flight_count: int) -> str:
     if len(winds) == 1 and slowest.interval is not None:
         low, high = slowest.interval
         remarks.append(f"{low:.1f} to {high:.1f}")
-    if len(winds) < flight_count:
-        remarks.append(f"{len(winds)} of {flight_count} flights")
+    if len(winds) < log_count:
+        remarks.append(f"{len(winds)} of {log_count} logs")
     return f"{speed_range} ({'; '.join(remarks)})" if remarks else speed_range
 
 

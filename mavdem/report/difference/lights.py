@@ -258,8 +258,8 @@ def _levels_text(lights_by_side: Mapping[str, JsonValues]) -> str:
 def _level_text(side: str, light: JsonValues) -> str:
     """Returns the level of a status light on one side of a comparison, such as "good in A".
 
-    A side may be a fleet, that is several flights. The text is then, for example, "good in all 3 flights of A" or "bad
-    in 2 of 5 flights of A, the last one too".
+    A side may be a fleet, that is several logs. The text is then, for example, "good in all 3 logs of A" or "bad
+    in 2 of 5 logs of A, the last one too".
 
     Args:
         side: "A" or "B".
@@ -270,11 +270,11 @@ def _level_text(side: str, light: JsonValues) -> str:
     if len(states) == 1:
         return f"{last_state} in {side}"
     if states.count(last_state) == len(states):
-        all_flights = "both" if len(states) == 2 else f"all {len(states)}"
-        return f"{last_state} in {all_flights} flights of {side}"
+        number_of_logs = "both" if len(states) == 2 else f"all {len(states)}"
+        return f"{last_state} in {number_of_logs} logs of {side}"
     worst_state = next(state for state in STATES_WORST_FIRST if state in states)
     worst_count = states.count(worst_state)
-    text = f"{worst_state} in {worst_count} of {len(states)} flights of {side}"
+    text = f"{worst_state} in {worst_count} of {len(states)} logs of {side}"
     if last_state != worst_state:
         return f"{text}, {last_state} in the last one"
     return f"{text}, the last one" if worst_count == 1 else f"{text}, the last one too"
@@ -326,7 +326,7 @@ def _heading_on_same_motor(lights_by_side: Mapping[str, JsonValues]) -> str:
     flights = [_flight_in_heading(side, light) for side, light in lights_by_side.items()]
     are_of_fleets = all(len(levels_in_flights(light)) > 1 for light in lights)
     if are_of_fleets:
-        flights = [f"the last flights of {listed(lights_by_side)}"]
+        flights = [f"the last logs of {listed(lights_by_side)}"]
     [heading] = render_section(
         "difference_same_motor",
         flights=flights,
@@ -345,7 +345,7 @@ def _flight_in_heading(side: str, light: JsonValues) -> str:
         light: the light; that of a fleet has the levels of its flights in order of date as ``levels``.
 
     Returns:
-        A text such as "A", "1 of 3 flights of A" where no other flight has that level, or "the last of 3 flights of A";
+        A text such as "A", "1 of 3 logs of A" where no other log has that level, or "the last of 3 logs of A";
         "(all bad)" follows where all have it.
     """
     levels = levels_in_flights(light)
@@ -353,10 +353,10 @@ def _flight_in_heading(side: str, light: JsonValues) -> str:
         return side
     count_of_level = levels.count(light["level"])
     if count_of_level == 1:
-        return f"1 of {len(levels)} flights of {side}"
+        return f"1 of {len(levels)} logs of {side}"
     if count_of_level == len(levels):
-        return f"the last of {len(levels)} flights of {side} (all {light['level']})"
-    return f"the last of {len(levels)} flights of {side}"
+        return f"the last of {len(levels)} logs of {side} (all {light['level']})"
+    return f"the last of {len(levels)} logs of {side}"
 
 
 def lights_of_worst_level(lights_by_side: Mapping[str, JsonValues]) -> dict[str, JsonValues]:
@@ -598,8 +598,8 @@ def light_blocks(reviews: Mapping[str, Review], text_above: str = "") -> Blocks:
     if rows:
         titles = []
         for side, lights in lights_by_side.items():
-            flight_count = max(len(levels_in_flights(light)) for light in lights.values())
-            titles.append(side_title(side, flight_count))
+            log_count = max(len(levels_in_flights(light)) for light in lights.values())
+            titles.append(side_title(side, log_count))
         blocks.append(Table(["light", *titles], rows, words=True))
     blocks += render_section("difference_lights", names_by_level=equal_names_by_level)
     return blocks
@@ -761,9 +761,9 @@ def _light_cell(light: JsonValues, text_above: str, remark: str = "") -> Rated:
 
 
 def _light_cell_of_fleet(states: Sequence[str], sentence_on_last: str, remark: str) -> Rated:
-    """Returns a table cell with the worst level of a status light in the flights of a fleet, and an explanation.
+    """Returns a table cell with the worst level of a status light in the logs of a fleet, and an explanation.
 
-    For example "bad", explained by "in 2 of 9 flights, good in 7. The last one, good: …".
+    For example "bad", explained by "in 2 of 9 logs, good in 7. The last one, good: …".
 
     Args:
         states: level of the light in each flight, in order of date; ``REFERENCE`` for motors that were not judged,
@@ -771,13 +771,13 @@ def _light_cell_of_fleet(states: Sequence[str], sentence_on_last: str, remark: s
         sentence_on_last: sentence of the light of the last flight.
         remark: text that is added to the explanation, with a space before it; empty for none.
     """
-    flight_counts = Counter(states)
-    worst_state, *other_states = [state for state in STATES_WORST_FIRST if state in flight_counts]
+    log_counts = Counter(states)
+    worst_state, *other_states = [state for state in STATES_WORST_FIRST if state in log_counts]
     [explanation] = render_section(
         "difference_light_of_flights",
-        worst_count=flight_counts[worst_state],
+        worst_count=log_counts[worst_state],
         count=len(states),
-        other_counts={state: flight_counts[state] for state in other_states},
+        other_counts={state: log_counts[state] for state in other_states},
         last_state=states[-1],
         sentence_on_last=sentence_on_last,
     )

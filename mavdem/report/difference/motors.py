@@ -27,7 +27,7 @@ from mavdem.report.difference.quantity_texts import (
     change_with_interval,
     motor_with_place,
 )
-from mavdem.report.difference.side_titles import last_flight_title
+from mavdem.report.difference.side_titles import last_log_title
 from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.report.numbers import without_remark
 from mavdem.report.templates import capitalize_first, render_section, without_full_stop
@@ -254,7 +254,7 @@ def _changes_by_motor(difference: VehicleDifference) -> dict[str, dict[int, Quan
 
 
 def _titles_of_motor_table(columns: Iterable[str], difference: VehicleDifference) -> list[str]:
-    """Returns the titles of the columns beside the motors' names, such as "A", "B, last of 9 flights", "mean trim".
+    """Returns the titles of the columns beside the motors' names, such as "A", "B, last of 9 logs", "mean trim".
 
     Args:
         columns: kinds of the quantities in the columns after those of the two states.
@@ -262,8 +262,8 @@ def _titles_of_motor_table(columns: Iterable[str], difference: VehicleDifference
     """
     # Warnings are those of one flight, and figures the means of all.
     titles = []
-    for side, flight_count in zip(STATE_NAMES, difference.flights, strict=True):
-        titles.append(last_flight_title(side, flight_count))
+    for side, log_count in zip(STATE_NAMES, difference.flights, strict=True):
+        titles.append(last_log_title(side, log_count))
     for column in columns:
         if column == WITHOUT_LEAN:
             titles.append(column)

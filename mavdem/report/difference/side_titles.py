@@ -3,21 +3,21 @@
 from mavdem.report.numbers import counted
 
 
-def side_title(side: str, flight_count: int) -> str:
-    """Returns the title of a column with means or counts over all flights of a state, such as "B, 9 flights".
+def side_title(side: str, log_count: int) -> str:
+    """Returns the title of a column with means or counts over all logs of a state, such as "B, 9 logs".
 
     Args:
         side: name of the state, "A" or "B".
-        flight_count: number of its flights. For a single one the title is the name of the state alone.
+        log_count: number of its logs. For a single one the title is the name of the state alone.
     """
-    return side if flight_count == 1 else f"{side}, {counted(flight_count, 'flight')}"
+    return side if log_count == 1 else f"{side}, {counted(log_count, 'log')}"
 
 
-def last_flight_title(side: str, flight_count: int) -> str:
-    """Returns the title of a column about the last flight of a state, such as "B, last of 9 flights".
+def last_log_title(side: str, log_count: int) -> str:
+    """Returns the title of a column about the last log of a state, such as "B, last of 9 logs".
 
     Args:
         side: name of the state, "A" or "B".
-        flight_count: number of its flights. For a single one the title is the name of the state alone.
+        log_count: number of its logs. For a single one the title is the name of the state alone.
     """
-    return side if flight_count == 1 else f"{side}, last of {counted(flight_count, 'flight')}"
+    return side if log_count == 1 else f"{side}, last of {counted(log_count, 'log')}"

@@ -35,13 +35,13 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
     """
     descriptions = {}
     states = zip(STATE_NAMES, names, reviewed.difference.flights, strict=True)
-    for side, name, flight_count in states:
+    for side, name, log_count in states:
         review: Mapping[str, JsonValues] = reviewed.reviews.get(side, {})
         parts = [name, listed(shown_vehicles(reviewed, side))]
         if side in reviewed.simulated_sides:
             parts.append("simulated")
-        if flight_count > 1:
-            parts.append(counted(flight_count, "flight") + " (figures are their means)")
+        if log_count > 1:
+            parts.append(counted(log_count, "log") + " (figures are their means)")
             days_text = _days_text(review)
             # A name with the chosen days may have them already.
             if days_text and days_text not in name:

@@ -569,7 +569,7 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
         "In A and B: motor 3 lost about 20 % and 25 % of its thrust with probability 0.89."
     )
     flights = {"A": {**weak, "levels": ["good", "bad"]}, "B": {**stronger, "levels": ["bad"] * 2}}
-    assert light_heading(flights).startswith("In the last flights of A and B: motor 3 lost about")
+    assert light_heading(flights).startswith("In the last logs of A and B: motor 3 lost about")
 
 
 @pytest.mark.parametrize(
@@ -673,11 +673,11 @@ def test_conditions_of_both_flights_stand_on_page_and_terminal():
     ]
     windy = [flight_row("quad", number, wind_speed=number + 2.0) for number in (2, 3)]
     (sentence,) = condition_sentence(reviewed_difference(vehicle_difference(fleet, windy)))
-    assert "wind 3.0 (1 of 2 flights) → 4.0 to 5.0 m/s" in sentence.text
+    assert "wind 3.0 (1 of 2 logs) → 4.0 to 5.0 m/s" in sentence.text
     # A single speed has its interval.
     fleet[0] = replace(fleet[0], wind_speed_interval=(2.0, 4.5))
     speeds, _ = wind_rows(reviewed_difference(vehicle_difference(fleet, windy)))
-    assert speeds.cells == ("3.0 (2.0 to 4.5; 1 of 2 flights)", "4.0 to 5.0")
+    assert speeds.cells == ("3.0 (2.0 to 4.5; 1 of 2 logs)", "4.0 to 5.0")
 
 
 def test_motors_that_all_work_harder_are_stated_for_two_single_flights():

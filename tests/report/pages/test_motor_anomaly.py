@@ -303,19 +303,15 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
         "levels": ["unknown", "unknown", "bad"],
     }
     lights = {"A": light, "B": {"level": "bad", "sentence": "Motor 2 is weak."}}
-    assert (
-        light_heading(lights) == "In 1 of 3 flights of A: motor 1 is weak. In B: motor 2 is weak."
-    )
+    assert light_heading(lights) == "In 1 of 3 logs of A: motor 1 is weak. In B: motor 2 is weak."
     # Flights with the same clause share it, though the figures after it differ.
     lights["B"]["sentence"] = "Motor 1 is weak: 12 %."
     (clause_of_both,) = light_heading(lights).split(". ")
-    assert clause_of_both == "In 1 of 3 flights of A and B: motor 1 is weak."
+    assert clause_of_both == "In 1 of 3 logs of A and B: motor 1 is weak."
     light["levels"] = ["bad", "unknown", "bad"]
-    assert light_heading({"A": light}) == "In the last of 3 flights of A: motor 1 is weak."
+    assert light_heading({"A": light}) == "In the last of 3 logs of A: motor 1 is weak."
     light["levels"] = ["bad", "bad", "bad"]
-    assert (
-        light_heading({"A": light}) == "In the last of 3 flights of A (all bad): motor 1 is weak."
-    )
+    assert light_heading({"A": light}) == "In the last of 3 logs of A (all bad): motor 1 is weak."
     assert "agrees" not in " ".join(
         texts(headline_of_comparison(reviewed_difference(difference, reviews)))
     )
@@ -356,44 +352,42 @@ def test_a_fleet_says_in_how_many_flights_its_motors_are_bad_and_that_its_means_
     states = [ComparedState(side_rows, {}, {}) for side_rows in (rows, sound)]
     reviewed = compared_states(*states)
     motors, *_ = texts(headline_of_comparison(reviewed))
-    assert motors.startswith("Motors: bad in 2 of 4 flights of A, the last one too; good in B.")
+    assert motors.startswith("Motors: bad in 2 of 4 logs of A, the last one too; good in B.")
     (mixed,) = texts(flight_cautions(reviewed))
-    assert "A is of several states: its motors are bad in 2 of 4 flights, good in 2." in mixed
+    assert "A is of several states: its motors are bad in 2 of 4 logs, good in 2." in mixed
     assert mixed.endswith("Choose flights of one state with `--days-a`.")
     # Flights of one day are named, and those that could not be judged may be of either state.
     unjudged = [replace(row, health="unknown", date=rows[3].date) for row in rows[:2]]
     one_day = compared_states(ComparedState([*unjudged, *rows[2:]], {}, {}), states[1])
     (mixed,) = texts(flight_cautions(one_day))
-    assert "A may be of several states: its motors are bad in 2 of 4 flights, not judged" in mixed
+    assert "A may be of several states: its motors are bad in 2 of 4 logs, not judged" in mixed
     assert "--days" not in mixed and "Not good of A: 0003.ulg and 0004.ulg." in mixed, mixed
     # Flights that others are compared with are named so, in sentences, charts and tables.
     references = [replace(row, reference=1) for row in unjudged]
     one_day = compared_states(ComparedState([*references, *rows[2:]], {}, {}), states[1])
     (mixed,) = texts(flight_cautions(one_day))
-    assert (
-        "A is of several states: its motors are bad in 2 of 4 flights, taken for healthy" in mixed
-    )
+    assert "A is of several states: its motors are bad in 2 of 4 logs, taken for healthy" in mixed
     page = comparison_page(("fleet", "log"), one_day)
     assert "A, reference" in page and "motors unknown" not in page
     lights, _ = light_blocks(one_day.reviews)
-    assert lights.rows[0][1].reason.startswith("in 2 of 4 flights, reference in 2.")
+    assert lights.rows[0][1].reason.startswith("in 2 of 4 logs, reference in 2.")
     # A was flown later, so that B does not show that the motor was mended.
     (step,) = texts(next_step_sentences(reviewed))
     assert step.startswith("Next, by A: Inspect motor 1")
     description = side_descriptions(("fleet", "log"), reviewed)["A"]
     assert description.endswith("(figures are their means), flown 2026-01-06 to 2026-01-09")
     page = comparison_page(("fleet", "log"), reviewed)
-    assert "its motors are bad in 2 of 4 flights" in page
-    titles = ("A, last of 4 flights", "flown with (mean)", "<th>A, 4 flights</th>")
+    assert "its motors are bad in 2 of 4 logs" in page
+    titles = ("A, last of 4 logs", "flown with (mean)", "<th>A, 4 logs</th>")
     for part in ("A, motors good", "A, motors bad", "A, mean", *titles):
         assert part in page
     assert page.count("Each motor has a column for A (dots) and one for B (squares)") == 1
     # Of a fleet each light is counted over its flights.
     lights, equal = light_blocks(reviewed.reviews)
     reasons = {name: fleet_cell.reason for name, fleet_cell, _ in lights.rows}
-    assert reasons["motors"].startswith("in 2 of 4 flights, good in 2. The last one, bad: Motor 1")
+    assert reasons["motors"].startswith("in 2 of 4 logs, good in 2. The last one, bad: Motor 1")
     assert "The last one, bad: see the top of the page." in page
-    assert reasons["vibration"] == "in 2 of 4 flights, unknown in 2."
+    assert reasons["vibration"] == "in 2 of 4 logs, unknown in 2."
     assert "power" in equal.text and "power" not in reasons
     # No chart of this page is over time.
     assert "Drag over a plot" not in page
