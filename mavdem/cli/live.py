@@ -147,6 +147,32 @@ class FollowedFlight:
         return self.recording.move_after(self.vehicle.system, self.vehicle.component, recording)
 
 
+@dataclass(frozen=True)
+class SessionPlan:
+    """What the session of one vehicle is to do: whom it follows on which link, how long, and which files it writes."""
+
+    options: LiveOptions
+    """Options of ``mavdem live``."""
+
+    link: Link
+    """The link, which is open."""
+
+    executor: LearningProcess
+    """Process that learns; it is shut down unless another vehicle is to be followed."""
+
+    paths: OutputPaths
+    """Files that the session writes."""
+
+    vehicle: str | None
+    """Name of the vehicle to follow; None for the only one on the link."""
+
+    duration: float | None
+    """Seconds until the end; None for no limit."""
+
+    former_flight: FollowedFlight | None = None
+    """Flight of the vehicle before, in whose recording this one's first messages are; None for none."""
+
+
 @click.command("live")
 @click.argument("link")
 @click.option(
@@ -278,20 +304,11 @@ def live_command(
     with LearningProcess() as executor, closing(Link(link)) as opened_link:
         if request_rate is None:
             _refuse_silent_link(opened_link, link)
-        first_flight = _follow_vehicle(
-            options,
-            paths,
-            opened_link,
-            executor,
-            vehicle=vehicle,
-            former_flight=None,
-            duration=duration,
-        )
+        first_plan = SessionPlan(options, opened_link, executor, paths, vehicle, duration)
+        first_flight = _follow_vehicle(first_plan)
         flights = [first_flight]
         try:
-            for flight in _further_flights(
-                options, named_paths, opened_link, executor, first_flight, end_time
-            ):
+            for flight in _further_flights(first_plan, named_paths, first_flight, end_time):
                 flights.append(flight)
         except Unreadable as error:
             print_to_stderr(f"The next vehicle cannot be followed: {as_clause(error)}.")
@@ -315,20 +332,16 @@ def _exit_code(codes: Sequence[int]) -> int:
 
 
 def _further_flights(
-    options: LiveOptions,
+    first_plan: SessionPlan,
     named_paths: Sequence[Path | None],
-    link: Link,
-    executor: LearningProcess,
     first_flight: FollowedFlight,
     end_time: float,
 ) -> Iterator[FollowedFlight]:
     """Follows further vehicles, one after the other, as long as each session names the vehicle to follow next.
 
     Args:
-        options: Options of ``mavdem live``.
+        first_plan: What was done in the session of the first vehicle.
         named_paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
-        link: Link that is open.
-        executor: Process that learns.
         first_flight: How the session of the first vehicle ended.
         end_time: When the command is to end, s of the monotonic clock; infinite for no limit.
 
@@ -339,7 +352,7 @@ def _further_flights(
         Unreadable: The files of a vehicle cannot be created.
     """
     # The earlier model is of the first vehicle.
-    options = replace(options, earlier_model=None, prior=None)
+    options = replace(first_plan.options, earlier_model=None, prior=None)
     flight = first_flight
     number = 1
     while flight.next_vehicle is not None:
@@ -347,40 +360,26 @@ def _further_flights(
         if remaining_seconds <= 0:
             return
         number = unused_number(named_paths, number + 1)
-        flight = _follow_vehicle(
-            options,
-            numbered_paths(named_paths, number),
-            link,
-            executor,
+        plan = replace(
+            first_plan,
+            options=options,
+            paths=numbered_paths(named_paths, number),
             vehicle=flight.next_vehicle,
-            former_flight=flight,
             duration=None if remaining_seconds == inf else remaining_seconds,
+            former_flight=flight,
         )
+        flight = _follow_vehicle(plan)
         yield flight
 
 
-def _follow_vehicle(
-    options: LiveOptions,
-    paths: OutputPaths,
-    link: Link,
-    executor: LearningProcess,
-    vehicle: str | None,
-    former_flight: FollowedFlight | None,
-    duration: float | None,
-) -> FollowedFlight:
+def _follow_vehicle(plan: SessionPlan) -> FollowedFlight:
     """Runs the session of one vehicle, until the user ends it or another vehicle is to be followed; writes its files.
 
     The session is prepared and run; then its model is learned and judged, and the results are reported. Last come the
     files, when the dashboard is closed.
 
     Args:
-        options: Options of ``mavdem live``.
-        paths: Files that the session writes.
-        link: Link that is open.
-        executor: Process that learns; it is shut down unless another vehicle is to be followed.
-        vehicle: Name of the vehicle to follow; None for the only one on the link.
-        former_flight: Flight of the vehicle before, in whose recording this one's first messages are; None for none.
-        duration: Seconds until the end; None for no limit.
+        plan: The vehicle, the link, the files, and the options of ``mavdem live``.
 
     Returns:
         The exit code and the document of this session, and what the next one is to follow.
@@ -388,14 +387,14 @@ def _follow_vehicle(
     Raises:
         Unreadable: A file cannot be created, or the first messages cannot be moved to the recording of this session.
     """
+    options = plan.options
+    paths = plan.paths
     # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
     with ExitStack() as signal_handlers, ExitStack() as resources:
         dashboard = resources.enter_context(closing(_open_dashboard(options, paths.rrd)))
         # With --json, standard output has the document and nothing else.
         status_lines = StatusLines(console=STDERR if options.as_json else STDOUT)
-        session = _new_session(
-            options, paths.record, link, executor, vehicle, former_flight, dashboard, status_lines
-        )
+        session = _new_session(plan, dashboard, status_lines)
         recording = session.intake.recording
         if paths.record is not None:
             session.gain_adviser = resources.enter_context(
@@ -411,7 +410,7 @@ def _follow_vehicle(
             session,
             status_lines,
             lambda: is_end_requested() or session.successor is not None,
-            duration,
+            plan.duration,
             plain=options.plain,
         )
         # Where the user ends it, no other session follows.
@@ -421,7 +420,7 @@ def _follow_vehicle(
             session.analyse_rest()
             session.intake.record_rest()
         results = _results_at_end(
-            shown_session, session_end, executor, paths.model, is_last=successor is None
+            shown_session, session_end, plan.executor, paths.model, is_last=successor is None
         )
         # The page is the last one of the server, which ends before the files are complete.
         file_lines = _file_lines(
@@ -572,8 +571,12 @@ def _paths_without_page(
         results: What the session has found; without a model there is no file of the model.
         recording: Recording of the raw stream, which is closed; None for none.
     """
-    rrd_path, record_path = _written_recordings(paths, dashboard, recording)
-    return OutputPaths(rrd=rrd_path, record=record_path, model=results.model_path, page=None)
+    return OutputPaths(
+        rrd=_written_rerun_recording(paths.rrd, dashboard),
+        record=_written_raw_recording(paths.record, recording),
+        model=results.model_path,
+        page=None,
+    )
 
 
 def _write_page(
@@ -650,60 +653,54 @@ def _announce_end(session: LiveSession, dashboard: Dashboard) -> None:
     dashboard.report(session, session.ending_status, is_ending=True)
 
 
-def _written_recordings(
-    paths: OutputPaths, dashboard: Dashboard, recording: RawRecording | None
-) -> tuple[Path | None, Path | None]:
-    """Returns which recordings a session has written; an empty one is deleted, and reported as not written.
+def _written_rerun_recording(path: Path | None, dashboard: Dashboard) -> Path | None:
+    """Returns the recording for Rerun that a session has written; None without one. An empty one is reported.
 
     Args:
-        paths: Files that the session was to write.
-        dashboard: Has written the recording for Rerun, and is closed.
-        recording: Recording of the raw stream, which is closed; None for none.
-
-    Returns:
-        Paths of the recordings for Rerun and of the raw stream; None for one that was not written.
+        path: File that was to be written; None for none.
+        dashboard: Has written the recording, and is closed.
     """
     if dashboard.is_recording_empty:
-        print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")
-    rrd_path = paths.rrd if dashboard.has_recording else None
-    is_stream_empty = recording is not None and recording.remove_if_empty()
-    if is_stream_empty:
-        print_to_stderr(f"Nothing was received, so {paths.record} was not written.")
-    record_path = None if is_stream_empty else paths.record
-    return rrd_path, record_path
+        print_to_stderr(f"There was nothing to show, so {path} was not written.")
+    return path if dashboard.has_recording else None
 
 
-def _new_session(
-    options: LiveOptions,
-    record: Path | None,
-    link: Link,
-    executor: LearningProcess,
-    vehicle: str | None,
-    former_flight: FollowedFlight | None,
-    dashboard: Dashboard,
-    status_lines: StatusLines,
-) -> LiveSession:
+def _written_raw_recording(path: Path | None, recording: RawRecording | None) -> Path | None:
+    """Returns the recording of the raw stream that a session has written; an empty one is deleted, and reported.
+
+    Args:
+        path: File that was to be written; None for none.
+        recording: The recording, which is closed; None for none.
+
+    Returns:
+        The path; None if nothing was to be written, or nothing was received.
+    """
+    is_empty = recording is not None and recording.remove_if_empty()
+    if is_empty:
+        print_to_stderr(f"Nothing was received, so {path} was not written.")
+        return None
+    return path
+
+
+def _new_session(plan: SessionPlan, dashboard: Dashboard, status_lines: StatusLines) -> LiveSession:
     """Makes the session of one vehicle, and connects it with the dashboard and the terminal, which show its status.
 
     Args:
-        options: Options of ``mavdem live``.
-        record: File in which the raw stream is recorded; None for none.
-        link: Link that is open.
-        executor: Process that learns.
-        vehicle: Name of the vehicle to follow; None for the only one on the link.
-        former_flight: Flight of the vehicle before, in whose recording this one's first messages are; None for none.
+        plan: The vehicle, the link, the files, and the options of ``mavdem live``.
         dashboard: Shows the session on a display or in browsers.
         status_lines: Shows the status and the events as lines on the terminal.
 
     Raises:
         Unreadable: The first messages cannot be moved to the recording of this session.
     """
+    options = plan.options
+    record = plan.paths.record
     recording = None
     first_pieces: list[ReceivedPiece] = []
     if record is not None:
         recording = RawRecording(record)
-        if former_flight is not None:
-            first_pieces = _take_over_first_frames(former_flight, recording, record)
+        if plan.former_flight is not None:
+            first_pieces = _take_over_first_frames(plan.former_flight, recording, record)
     prior_drag = None if options.prior is None else _drag_of_prior(options.prior)
 
     def report_status(status: SessionStatus) -> None:
@@ -714,13 +711,13 @@ def _new_session(
         status_lines.show_if_new(status)
 
     session = LiveSession(
-        link=link,
-        stream=_stream_with_drag(options, vehicle, prior_drag),
+        link=plan.link,
+        stream=_stream_with_drag(options, plan.vehicle, prior_drag),
         settings=options.settings,
         open_display=dashboard.open,
         report_status=report_status,
         report_event=status_lines.print_event,
-        executor=executor,
+        executor=plan.executor,
         recording=recording,
         requested_rate=options.request_rate,
         prior=options.earlier_model,

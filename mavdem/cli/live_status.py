@@ -530,18 +530,17 @@ class StatusLines:
             # A status that is updated in place names all that is not watched: what is watched again needs no line.
             self._forget_reasons_of_watched(reportable_facts)
             reportable_facts = _unwatched_facts(reportable_facts)
-        changed_facts = []
-        changes: dict[Hashable, Hashable] = {}
-        for quantity, fact in reportable_facts.items():
-            # Measured numbers in a fact change all the time, which is no change to report.
-            content = fact.without_measurements
-            if self._printed_watch_facts.get(quantity) != content:
-                changes[quantity] = content
-                changed_facts.append(fact)
+        # Measured numbers in a fact change all the time, which is no change to report.
+        changed_facts = {
+            quantity: fact
+            for quantity, fact in reportable_facts.items()
+            if self._printed_watch_facts.get(quantity) != fact.without_measurements
+        }
+        changes = {quantity: fact.without_measurements for quantity, fact in changed_facts.items()}
         is_stable = self._watch_change_debouncer.update(changes, monotonic())
-        if changed_facts and is_stable:
+        if changes and is_stable:
             self._printed_watch_facts.update(changes)
-            text = escape_unprintable(watched_quantities_text(changed_facts))
+            text = escape_unprintable(watched_quantities_text(list(changed_facts.values())))
             self._print_now(text, status)
 
     def _forget_reasons_of_watched(self, watch_facts: dict[Hashable, Fact]) -> None:

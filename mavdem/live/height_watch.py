@@ -118,12 +118,11 @@ class HeightWatch:
             The event, with the largest difference, m; it has no end time while they disagree. None if they agreed in
             the last ``MEMORY_SECONDS``.
         """
-        flight_start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
         flight_interval = (moment.takeoff_time, moment.time)
         search_start = moment.time - MEMORY_SECONDS
         if self._takeoff_difference is None:
             # The last seconds may not contain the take-off, whose difference is needed first.
-            search_start = flight_start
+            search_start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
         difference = self._height_difference_since(search_start, moment.vehicle)
         if difference is None:
             return None
@@ -141,14 +140,28 @@ class HeightWatch:
         event = _with_known_start(recent_event, former_event)
         is_new = event is recent_event
         if is_new:
-            difference_in_flight = self._height_difference_since(flight_start, moment.vehicle)
-            if difference_in_flight is not None:
-                event_in_flight = disagreement(
-                    difference_in_flight, self._takeoff_difference, flight_interval
-                )
-                event = event_in_flight or recent_event
+            # A slow drift began long before the last seconds.
+            event = self._disagreement_in_whole_flight(moment, self._takeoff_difference) or event
         self._latest_disagreement = _with_larger_difference(event, recent_event)
         return self._latest_disagreement
+
+    def _disagreement_in_whole_flight(
+        self, moment: FlightMoment, takeoff_difference: float
+    ) -> Fact | None:
+        """Returns the event that barometer and satellite receiver disagree, by all their heights since the take-off.
+
+        Args:
+            moment: present time, with the vehicle's parameters and the time of the take-off.
+            takeoff_difference: how much higher the barometer read at the take-off, m.
+
+        Returns:
+            The event; None if the heights since the take-off show none, or are not kept.
+        """
+        flight_start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
+        difference = self._height_difference_since(flight_start, moment.vehicle)
+        if difference is None:
+            return None
+        return disagreement(difference, takeoff_difference, (moment.takeoff_time, moment.time))
 
     def _height_difference_since(self, start_time: float, vehicle: Telemetry) -> TimeSeries | None:
         """Returns how much higher the barometer reads than the satellites, since a given time.
