@@ -45,7 +45,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "24"
+SUMMARY_VERSION = "25"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -192,8 +192,8 @@ class VehicleFlights(NamedTuple):
     levels: list[Level]
     """Levels of its latest ``MAX_BARS`` flights, the newest at the end."""
 
-    flight_count: int
-    """Number of its flights."""
+    log_count: int
+    """Number of its logs that hold flights."""
 
     last: LastFlight
     """Its latest flight."""
@@ -490,7 +490,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         had_anomaly=any(worst_health(flight) in ANOMALOUS_HEALTHS for flight in flights),
         texts=vehicle_texts(flights),
         levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
-        flight_count=len(flights),
+        log_count=len(flights),
         last=last_flight,
         finding_flight=_named_flight(row_of_finding(flights)),
     )

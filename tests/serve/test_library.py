@@ -588,7 +588,7 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
     assert "Why:" not in blocks and "probability" not in blocks
     assert blocks.count("Motor 1 lost") == 1
     assert ">Hexarotor 001a…\N{WORD JOINER}333539</a>" in page and f'title="{serial}"' in page
-    assert '<td data-label="flights">2</td>' in page
+    assert '<td data-label="logs">2</td>' in page
     # The table of vehicles has the first action of a long next step.
     assert '<td class="next" title="Do not fly. Set A to 1.">Do not fly. Set A to 1.</td>' in page
     # An anomaly of the motors is stated as on the flight's page.

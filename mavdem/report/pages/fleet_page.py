@@ -468,9 +468,7 @@ def _vehicle_sections(
     vehicles = _vehicles_with_known_identity(summaries)
     summaries_by_name = {summary.name: summary for summary in summaries}
     names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name))
-    names_with_several_flights = [
-        name for name in names_by_urgency if vehicles[name].flight_count > 1
-    ]
+    names_with_several_flights = [name for name in names_by_urgency if vehicles[name].log_count > 1]
     # Charts make the page large, so that only the most urgent vehicles have them.
     names_with_charts = names_with_several_flights[:MAX_DRAWN]
     bar_count = _bar_count(vehicles)

@@ -428,8 +428,8 @@ class VehicleLine(NamedTuple):
     finding: str
     """Its faults, the most serious first; without any, what its latest judged flight shows."""
 
-    flight_count: int
-    """Number of its flights; 0 if none can be analysed."""
+    log_count: int
+    """Number of its logs that hold flights; 0 if none can be analysed."""
 
     last_date: datetime | None
     """When the latest flight, or log, began, UTC; None where that is not known."""
@@ -478,7 +478,7 @@ def _line_without_flight(logs: Flights) -> VehicleLine:
         name=last_row.vehicle,
         level=level,
         finding=flight_line(logs[-1]).finding,
-        flight_count=0,
+        log_count=0,
         last_date=last_row.past_date,
         next_step=next_step,
     )
@@ -496,7 +496,7 @@ def _vehicle_line(flights: Flights) -> VehicleLine:
         name=last_row.vehicle,
         level=badge_level(flights),
         finding=texts.finding or texts.latest_flight,
-        flight_count=len(flights),
+        log_count=len(flights),
         last_date=last_row.past_date,
         next_step=texts.next_step,
     )
