@@ -1,9 +1,12 @@
 """What a tuning says about the gains of an axis: to load or to keep them, and why they are no others."""
 
+from collections.abc import Collection
+
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.containers import group_by
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import LoopAction
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice
 from mavdem.report.tuning.gains import REASONS_FOR_GAINS
 from mavdem.report.tuning.slower import facts_on_slower_attitude, facts_on_slower_rate
@@ -89,3 +92,24 @@ def axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
 
     groups = group_by(axes_with_loop, text_on_gains)
     return [axes for axes in groups.values() if len(axes) > 1]
+
+
+def reasons_not_stated(conclusion: Fact, stated_facts: Collection[Fact]) -> Facts:
+    """Returns why an axis gets no gains, without the reasons that the reader has already found above.
+
+    For example, a log that is too slow remains, and the weak motor of the headline does not.
+
+    Args:
+        conclusion: the fact that there are no gains, whose figure ``reasons`` has the reasons; without that figure it
+            is the only reason itself.
+        stated_facts: the headline, and the faults of the flight below it, as facts (coded findings).
+    """
+    oscillation_is_stated = any(fact.code is MarginsLight.OSCILLATES for fact in stated_facts)
+    reasons = []
+    for reason in conclusion.figures.get("reasons", (conclusion,)):
+        # One headline names all axes that oscillate, and so is not equal to the fact on a single axis.
+        is_oscillation = reason.code is MarginsLight.OSCILLATES
+        is_stated = reason in stated_facts or (is_oscillation and oscillation_is_stated)
+        if not is_stated:
+            reasons.append(reason)
+    return tuple(reasons)

@@ -5,7 +5,7 @@ from operator import attrgetter
 
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.containers import group_by
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
@@ -13,7 +13,11 @@ from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, sentences_by_axes
-from mavdem.report.tuning.advice import axes_with_same_conclusion, facts_on_new_gains
+from mavdem.report.tuning.advice import (
+    axes_with_same_conclusion,
+    facts_on_new_gains,
+    reasons_not_stated,
+)
 from mavdem.report.tuning.cautions import caution_sentences, shared_cautions
 from mavdem.report.tuning.decisions import decision_sentences
 from mavdem.report.tuning.details import axis_details
@@ -21,9 +25,10 @@ from mavdem.report.tuning.goal import warning_of_unchecked_effects
 from mavdem.report.tuning.outcomes import GainOutcome, gain_outcome, has_doubtful_margins
 from mavdem.report.tuning.remedies import (
     ground_steps_by_axis,
+    remedies_besides_next_step,
     remedies_besides_tuning,
     remedies_to_show,
-    texts_in_next_step,
+    remedy_of_gains,
 )
 from mavdem.report.tuning.result import faults_of_flight, rating_unless_contradicted
 
@@ -56,7 +61,7 @@ def tune_blocks(
     stated_facts = faults_of_flight(tuning)
     if headline_above is not None:
         stated_facts.append(headline_above)
-    shown_remedies = texts_in_next_step(tuning)
+    shown_remedies: set[str] = set()
     for remedies_above in ground_steps_by_axis(tuning).values():
         shown_remedies.update(remedies_above)
     axes_in_shared_sentences: list[str] = []
@@ -76,7 +81,7 @@ def tune_blocks(
         if axis not in axes_in_shared_sentences:
             facts += facts_on_new_gains(tuning, axis)
         report = _text_of_facts(tuning, axis, facts, stated_facts)
-        remedies = remedies_to_show(tuning, axis, report, shown_remedies)
+        remedies = remedies_to_show(tuning, axis, shown_remedies)
         shown_remedies.update(remedies)
         blocks += _sentences_on_axes(axes, report, remedies)
         blocks += caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
@@ -115,7 +120,7 @@ def _text_of_facts(
     sentences = []
     for fact in facts:
         if fact.code is GainFact.NO_GAINS_ADVISED:
-            reasons = _reasons_not_stated(fact, stated_facts)
+            reasons = reasons_not_stated(fact, stated_facts)
             if reasons:
                 fact = fact.replace(reasons=reasons)
             elif gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST:
@@ -125,27 +130,6 @@ def _text_of_facts(
                 fact = fact.replace(is_reason_above=True)
         sentences.append(fact.sentence)
     return " ".join(sentences)
-
-
-def _reasons_not_stated(conclusion: Fact, stated_facts: Collection[Fact]) -> Facts:
-    """Returns why an axis gets no gains, without the reasons that the reader has already found above.
-
-    For example, a log that is too slow remains, and the weak motor of the headline does not.
-
-    Args:
-        conclusion: the fact that there are no gains, whose figure ``reasons`` has the reasons; without that figure it
-            is the only reason itself.
-        stated_facts: the headline, and the faults of the flight below it, as facts (coded findings).
-    """
-    oscillation_is_stated = any(fact.code is MarginsLight.OSCILLATES for fact in stated_facts)
-    reasons = []
-    for reason in conclusion.figures.get("reasons", (conclusion,)):
-        # One headline names all axes that oscillate, and so is not equal to the fact on a single axis.
-        is_oscillation = reason.code is MarginsLight.OSCILLATES
-        is_stated = reason in stated_facts or (is_oscillation and oscillation_is_stated)
-        if not is_stated:
-            reasons.append(reason)
-    return tuple(reasons)
 
 
 def _sentences_on_gains(
@@ -160,14 +144,16 @@ def _sentences_on_gains(
             added to the set.
         stated_facts: what stands above the report, and is not repeated as the reason for no gains.
     """
-    # The facts are the same for all axes.
-    facts = facts_on_new_gains(tuning, axes[0])
-    conclusion = facts[0]
+    # The first axis stands for all of them.
+    axis = axes[0]
+    advice = tuning.axes[axis]
+    assert isinstance(advice, Advice)
+    report = _text_of_facts(tuning, axis, facts_on_new_gains(tuning, axis), stated_facts)
     remedies = []
-    if conclusion.remedy not in shown_remedies:
-        remedies.append(conclusion.remedy)
-        shown_remedies.add(conclusion.remedy)
-    report = _text_of_facts(tuning, axes[0], facts, stated_facts)
+    for remedy in remedies_besides_next_step(tuning, [remedy_of_gains(tuning, advice)]):
+        if remedy not in shown_remedies:
+            remedies.append(remedy)
+    shown_remedies.update(remedies)
     return _sentences_on_axes(axes, report, remedies)
 
 
@@ -186,7 +172,7 @@ def _sentences_without_loop(
     conclusion = tuning.axes[axes[0]]
     # The axes were grouped by this fact.
     assert isinstance(conclusion, Fact)
-    reasons = _reasons_not_stated(conclusion, stated_facts)
+    reasons = reasons_not_stated(conclusion, stated_facts)
     if not reasons:
         # Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]

@@ -17,7 +17,6 @@ from mavdem.report.tuning.outcomes import outcome_sentences
 from mavdem.report.tuning.remedies import (
     STEPS_WITH_DOUBLETS,
     ground_steps_by_axis,
-    most_complete,
 )
 from mavdem.report.tuning.result import faults_of_flight, is_about_loops, is_headline_of_tuning
 
@@ -109,11 +108,9 @@ def _sentences_towards_gains(
         is_after_repair: whether the next step, such as a repair, comes before these steps.
 
     Returns:
-        A sentence for all axes with the same steps, or with steps that those of another axis contain.
+        A sentence for all axes with the same steps.
     """
-    text_by_axis = {axis: " ".join(steps) for axis, steps in steps_by_axis.items()}
-    all_texts = [*text_by_axis.values()]
-    axes_by_text = group_by(text_by_axis, lambda axis: most_complete(text_by_axis[axis], all_texts))
+    axes_by_text = group_by(steps_by_axis, lambda axis: " ".join(steps_by_axis[axis]))
     beginning = "Then, for gains of" if is_after_repair else "For gains of"
     return [Sentence(text, f"{beginning} {listed(axes)}:") for text, axes in axes_by_text.items()]
 
