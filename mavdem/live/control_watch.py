@@ -270,12 +270,8 @@ class ControlWatch:
         height = sensors.height_at(now)
         if height is None or height <= MAX_GROUND_HEIGHT:
             return None
-        climb_rate = series_of_boot(signals.climb_rate, self._slow_messages.boot)
-        if climb_rate is None or climb_rate.time[-1] < idle_start:
-            # No climb rate has come since the motors are idle.
-            return None
-        sink_rate = -float(climb_rate.values[-1])
-        if sink_rate < MIN_SINK_RATE:
+        sink_rate = self._sink_rate_since(idle_start, signals)
+        if sink_rate is None or sink_rate < MIN_SINK_RATE:
             return None
         closed_stick = sensors.throttle_closed_fact((idle_start - MAX_SETPOINT_DELAY, now))
         cause = None
@@ -288,6 +284,18 @@ class ControlWatch:
             height=height,
             cause=cause,
         )
+
+    def _sink_rate_since(self, start_time: float, signals: LiveSignals) -> float | None:
+        """Returns the latest speed downward, m/s; None if none has come since a given time.
+
+        Args:
+            start_time: the time, such as when the motors became idle, s of the boot clock.
+            signals: time series of the last seconds.
+        """
+        climb_rate = series_of_boot(signals.climb_rate, self._slow_messages.boot)
+        if climb_rate is None or climb_rate.time[-1] < start_time:
+            return None
+        return -float(climb_rate.values[-1])
 
     @staticmethod
     def awaits_impact(loss: Fact, moment: FlightMoment) -> bool:

@@ -89,10 +89,7 @@ class ModelJudging:
             return
         model = learning.newest_model
         row_format = learning.row_format
-        has_physical_parameters = (
-            learning.estimate is not None and learning.estimate.physical is not None
-        )
-        if model is None or row_format is None or not has_physical_parameters:
+        if model is None or row_format is None or not _has_physical_parameters(learning):
             return
         self._next_judging_time = now + JUDGING_PERIOD
         named_model = learning.named_model(model, stream.parameters)
@@ -193,6 +190,15 @@ class ModelJudging:
         """
         self.judgement = judgement
         self.is_of_recording = True
+
+
+def _has_physical_parameters(learning: FlightLearning) -> bool:
+    """Returns whether the physical parameters of a model, such as the motor lag, are known, which are judged.
+
+    Args:
+        learning: learning that has the model.
+    """
+    return learning.estimate is not None and learning.estimate.physical is not None
 
 
 def _with_margins(judgement: Judgement, margins: Fact) -> Judgement:

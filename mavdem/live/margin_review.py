@@ -209,17 +209,29 @@ def review_margins(
         latest_flight = log_of_latest_flight(log)
         assessment = assess(latest_flight, vehicle, axis_of_model, Options(with_model=False))
         margins = assessment.lights[Light.MARGINS]
-        refusal = _refusal_of_judged_loop(assessment, margins)
-        is_log_too_short = refusal is not None and refusal.code is LoopFact.LOOP_TOO_SHORT
-        if is_flying and is_log_too_short:
-            # These margins are by inputs and outputs alone. Later in the flight the loop can be identified by its
-            # setpoints, which gives more certain ones.
-            margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=refusal, rate=None)
+        if is_flying:
+            margins = _without_premature_margins(margins, assessment)
     except Refusal as error:
         margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
     if is_flying:
         margins = _state_needed_duration(margins, clock, assessment)
     return ReviewedMargins(margins, process_time() - start_time)
+
+
+def _without_premature_margins(margins: Fact, assessment: Assessment) -> Fact:
+    """Returns the margins of a flight that goes on; unknown ones if it is still too short to identify the loop.
+
+    Until then they follow from the motor outputs and the motion alone. Later in the flight the loop can be identified
+    by its setpoints, which gives more certain margins.
+
+    Args:
+        margins: the judgement of the margins.
+        assessment: the assessment of the flight so far.
+    """
+    refusal = _refusal_of_judged_loop(assessment, margins)
+    if refusal is not None and refusal.code is LoopFact.LOOP_TOO_SHORT:
+        return Fact(MarginsLight.MARGINS_UNKNOWN, reason=refusal, rate=None)
+    return margins
 
 
 def _settled_seconds(assessment: Assessment | None) -> float | None:

@@ -311,8 +311,8 @@ class Watchdog:
         if settled_start is not None:
             settled_intervals = [(settled_start, now)]
         has_urgent_change = self._has_new_urgent_change()
-        # Collecting the messages takes most of the time of a review, so it is done only if something may be found.
         recent_signals = None
+        # To collect the messages takes most of the time of a review. It is done only if something may be found.
         if self.is_thorough or has_urgent_change:
             recent_signals = self._status_signals(
                 vehicle, now, now - MEMORY_SECONDS, settled_intervals

@@ -501,23 +501,35 @@ class LinkMonitor:
                 NEWS_SECONDS,
                 self._watch_session,
             )
-            if self._is_stopping.is_set():
-                # In other cases what waits may belong to the next session.
-                session.analyse_rest()
-                self._render_last_page(session)
-            # A flight whose landing was reported is not reported again.
-            session.report_end(session.status, model=None)
-            successor = self._vehicle_of_next_session(session)
-            if successor is None:
-                session.intake.record_rest()
-            else:
-                self._next_vehicle = successor.name
+            successor = self._finish_session(session)
         finally:
             session.end()
         vehicle = session.stream.followed_vehicle
         if successor is not None and vehicle is not None:
             restart = session.stream.latest_restart if self._flight.has_restarted else None
             self._next_recording = self._recording_of_next_session(recording, vehicle, restart)
+
+    def _finish_session(self, session: LiveSession) -> Component | None:
+        """Reports the end of a session that is over, and returns the vehicle that the next session is to follow.
+
+        Args:
+            session: the session. If the server ends, the messages that wait are analysed for its last page; otherwise
+                they may belong to the next session.
+
+        Returns:
+            The next vehicle; None if none is known, and then all that was received is recorded in this session.
+        """
+        if self._is_stopping.is_set():
+            session.analyse_rest()
+            self._render_last_page(session)
+        # A flight whose landing was reported is not reported again.
+        session.report_end(session.status, model=None)
+        successor = self._vehicle_of_next_session(session)
+        if successor is None:
+            session.intake.record_rest()
+        else:
+            self._next_vehicle = successor.name
+        return successor
 
     def _keep_recording(self, session: LiveSession, incoming: _IncomingRecording) -> None:
         """Closes the recording of a session that has ended, and adds it to the library if a vehicle was received.
