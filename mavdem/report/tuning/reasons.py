@@ -1,6 +1,7 @@
 """The reasons behind a tuning: for each axis what to do with its gains and why, and how far to trust that."""
 
 from collections.abc import Collection, Iterable, Sequence
+from itertools import chain
 from operator import attrgetter
 
 from mavdem.assessment.axis.tuning import Tuning
@@ -24,8 +25,7 @@ from mavdem.report.tuning.details import axis_details
 from mavdem.report.tuning.goal import warning_of_unchecked_effects
 from mavdem.report.tuning.outcomes import GainOutcome, gain_outcome, has_doubtful_margins
 from mavdem.report.tuning.remedies import (
-    ground_steps_by_axis,
-    remedies_besides_next_step,
+    remedies_besides_summary,
     remedies_besides_tuning,
     remedies_to_show,
     remedy_of_gains,
@@ -57,42 +57,69 @@ def tune_blocks(
         # How far the identified loops can be trusted matters only once the vehicle flies without an oscillation.
         axes_without_gains = [axis for axis in tuning.axes if not tuning.lowers_gains_of(axis)]
         return [*sentences_without_gains(tuning, axes_without_gains)]
-    blocks = Blocks()
     stated_facts = faults_of_flight(tuning)
     if headline_above is not None:
         stated_facts.append(headline_above)
-    shown_remedies: set[str] = set()
-    for remedies_above in ground_steps_by_axis(tuning).values():
-        shown_remedies.update(remedies_above)
-    axes_in_shared_sentences: list[str] = []
-    for axes in axes_with_same_conclusion(tuning):
-        blocks += _sentences_on_gains(tuning, axes, shown_remedies, stated_facts)
-        axes_in_shared_sentences += axes
-    cautions = shared_cautions(tuning.axes)
+    blocks = Blocks()
+    shared_conclusions = axes_with_same_conclusion(tuning)
+    for axes in shared_conclusions:
+        blocks += _sentences_on_gains(tuning, axes, stated_facts)
     for axes in _axes_reported_together(tuning):
-        # The report says the same of all these axes, so that the first one stands for them.
-        axis = axes[0]
-        advice = tuning.axes[axis]
-        if isinstance(advice, Fact):
+        if isinstance(tuning.axes[axes[0]], Fact):
             blocks += _sentences_without_loop(tuning, axes, stated_facts)
             continue
+        # An axis with an identified loop is reported by itself.
+        [axis] = axes
+        is_conclusion_stated = axis in chain.from_iterable(shared_conclusions)
         facts = _rating_to_state(tuning, axis, is_page=is_page)
-        # The gains of axes with the same advice were described together, above.
-        if axis not in axes_in_shared_sentences:
+        if not is_conclusion_stated:
             facts += facts_on_new_gains(tuning, axis)
         report = _text_of_facts(tuning, axis, facts, stated_facts)
-        remedies = remedies_to_show(tuning, axis, shown_remedies)
-        shown_remedies.update(remedies)
+        remedies = _remedies_of_axis(tuning, axis, is_conclusion_stated=is_conclusion_stated)
         blocks += _sentences_on_axes(axes, report, remedies)
-        blocks += caution_sentences(cautions, advice, has_gains_elsewhere=is_page)
-        if is_full:
-            blocks += axis_details(advice, is_doubtful=has_doubtful_margins(tuning, axis))
+        blocks += _blocks_on_loop(tuning, axis, is_full=is_full, is_page=is_page)
     blocks += _sentences_on_feedforward(tuning.feedforward)
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
     if any(gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST for axis in tuning.axes):
         blocks += render_section("tune_as_flown")
     if is_full:
         blocks += warning_of_unchecked_effects(tuning)
+    return blocks
+
+
+def _remedies_of_axis(tuning: Tuning, axis: str, *, is_conclusion_stated: bool) -> list[str]:
+    """Returns what to do about an axis, such as "Set LOG_BITMASK to 65535.", that the summary does not state.
+
+    Args:
+        tuning: advice on the gains of each axis; the loop of this one is identified.
+        axis: "roll", "pitch" or "yaw".
+        is_conclusion_stated: whether a sentence on several axes has what to do with the gains, such as to load them.
+    """
+    advice = tuning.axes[axis]
+    # An axis has a fact instead of advice only if its loop is not identified.
+    assert isinstance(advice, Advice)
+    remedies = remedies_to_show(tuning, axis)
+    if not is_conclusion_stated:
+        return remedies
+    return [remedy for remedy in remedies if remedy != remedy_of_gains(tuning, advice)]
+
+
+def _blocks_on_loop(tuning: Tuning, axis: str, *, is_full: bool, is_page: bool) -> Blocks:
+    """Returns how far the identified loop of an axis can be trusted, such as "Setpoints end below the crossover.".
+
+    Args:
+        tuning: advice on the gains of each axis; the loop of this one is identified.
+        axis: "roll", "pitch" or "yaw".
+        is_full: whether tables of its margins follow.
+        is_page: whether a page has a table of the gains to set elsewhere, with the cautions about them.
+    """
+    advice = tuning.axes[axis]
+    # An axis has a fact instead of advice only if its loop is not identified.
+    assert isinstance(advice, Advice)
+    cautions = shared_cautions(tuning.axes)
+    blocks: Blocks = [*caution_sentences(cautions, advice, has_gains_elsewhere=is_page)]
+    if is_full:
+        blocks += axis_details(advice, is_doubtful=has_doubtful_margins(tuning, axis))
     return blocks
 
 
@@ -133,15 +160,13 @@ def _text_of_facts(
 
 
 def _sentences_on_gains(
-    tuning: Tuning, axes: list[str], shown_remedies: set[str], stated_facts: Collection[Fact]
+    tuning: Tuning, axes: list[str], stated_facts: Collection[Fact]
 ) -> list[Sentence]:
     """Returns the sentence on what to do with the gains of several axes, and why.
 
     Args:
         tuning: advice on the gains of each axis; the loops of these axes are identified.
         axes: axes with the same advice for the same reasons.
-        shown_remedies: remedies that the report shows elsewhere, which are not repeated. The remedy of this sentence is
-            added to the set.
         stated_facts: what stands above the report, and is not repeated as the reason for no gains.
     """
     # The first axis stands for all of them.
@@ -149,11 +174,7 @@ def _sentences_on_gains(
     advice = tuning.axes[axis]
     assert isinstance(advice, Advice)
     report = _text_of_facts(tuning, axis, facts_on_new_gains(tuning, axis), stated_facts)
-    remedies = []
-    for remedy in remedies_besides_next_step(tuning, [remedy_of_gains(tuning, advice)]):
-        if remedy not in shown_remedies:
-            remedies.append(remedy)
-    shown_remedies.update(remedies)
+    remedies = remedies_besides_summary(tuning, [remedy_of_gains(tuning, advice)])
     return _sentences_on_axes(axes, report, remedies)
 
 

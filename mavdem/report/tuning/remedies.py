@@ -1,6 +1,7 @@
 """What to do about each axis besides loading gains, such as to set a parameter, each remedy stated once."""
 
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
+from itertools import chain
 
 from mavdem.assessment.axis.flight_for_gains import is_removed_by_flight
 from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
@@ -38,7 +39,7 @@ def ground_steps_by_axis(tuning: Tuning) -> dict[str, list[str]]:
         gets_gains = gain_outcome(tuning, axis) not in OUTCOMES_WITHOUT_GAINS
         if gets_gains or _is_advised_flight_useless(tuning, axis):
             continue
-        steps = remedies_besides_next_step(tuning, _remedies_besides_flight(tuning, axis))
+        steps = _remedies_besides_next_step(tuning, _remedies_besides_flight(tuning, axis))
         if steps:
             steps_by_axis[axis] = steps
     return steps_by_axis
@@ -57,7 +58,7 @@ def _is_advised_flight_useless(tuning: Tuning, axis: str) -> bool:
     return is_controller_unknown and conclusion_on_gains(tuning.axes[axis]).advises_only_flight
 
 
-def remedies_besides_next_step(tuning: Tuning, remedies: Iterable[str]) -> list[str]:
+def _remedies_besides_next_step(tuning: Tuning, remedies: Iterable[str]) -> list[str]:
     """Returns remedies, each once, without empty ones and those that the next step contains.
 
     Args:
@@ -175,22 +176,32 @@ def _is_flight_advised(tuning: Tuning, axis: str) -> bool:
     )
 
 
-def remedies_to_show(tuning: Tuning, axis: str, shown_remedies: Container[str]) -> list[str]:
-    """Returns what to do about one axis, such as "Set LOG_BITMASK to 65535.", unless the reader finds it elsewhere.
+def remedies_to_show(tuning: Tuning, axis: str) -> list[str]:
+    """Returns what the report says to do about one axis, such as "Set LOG_BITMASK to 65535.".
 
     Args:
         tuning: for each axis the advice on its gains, or the finding that says why there is none.
         axis: "roll", "pitch" or "yaw".
-        shown_remedies: the remedies in the summary and in the report on other axes.
 
     Returns:
-        The remedies, which may be several sentences each.
+        The remedies, which may be several sentences each; without those that the summary above the report states.
     """
-    candidates = _remedies_besides_flight(tuning, axis)
+    remedies = _remedies_besides_flight(tuning, axis)
     if axis in tuning.axes_to_fly_for_gains:
-        candidates += _remedies_until_flight(tuning.axes[axis])
-    new_remedies = remedies_besides_next_step(tuning, candidates)
-    return [remedy for remedy in new_remedies if remedy not in shown_remedies]
+        remedies += _remedies_until_flight(tuning.axes[axis])
+    return remedies_besides_summary(tuning, remedies)
+
+
+def remedies_besides_summary(tuning: Tuning, remedies: Iterable[str]) -> list[str]:
+    """Returns remedies without those in the summary of a tuning: in its next step, and in its steps towards gains.
+
+    Args:
+        tuning: for each axis the advice on its gains, and the judgement with the next step.
+        remedies: what to do, one or several sentences each.
+    """
+    steps_in_summary = [*chain.from_iterable(ground_steps_by_axis(tuning).values())]
+    new_remedies = _remedies_besides_next_step(tuning, remedies)
+    return [remedy for remedy in new_remedies if remedy not in steps_in_summary]
 
 
 def _remedies_until_flight(advice: Advice | Fact) -> list[str]:
