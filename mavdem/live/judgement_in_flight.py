@@ -52,9 +52,9 @@ def judgement_in_flight(session: SessionState, judgement: Judgement) -> Judgemen
 
 
 def _headline_with_unknowns(session: SessionState, headline: Fact, lights: NamedFacts) -> Fact:
-    """Adds to a headline such as "Nothing wrong" what is not known of the flight, so that it does not say too much.
+    """Adds to a headline such as "Nothing wrong" for how long no messages came, and which parts were not judged.
 
-    That is for how long no messages came, and which parts of the vehicle were not judged.
+    Without them the headline would say too much.
 
     Args:
         session: what the session has received and found until now.
@@ -64,12 +64,12 @@ def _headline_with_unknowns(session: SessionState, headline: Fact, lights: Named
     if session.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
         # Meanwhile the pilot flew without alarms, and what would have been one is still not known.
         headline = headline.replace(outage=session.link_outage)
-    if headline.code is HeadlineCode.NOTHING_WRONG:
-        # The flight is called sound only once all parts of the vehicle are judged.
-        unjudged_parts = list(headline.figures["missing"])
-        level = Level.UNKNOWN if unjudged_parts else headline.level
-        if unjudged_parts and lights[Light.WIND].level is Level.UNKNOWN:
-            # An unknown wind alone does not make the headline unknown, but is counted with the unknown parts.
-            unjudged_parts.append(str(Light.WIND))
-        headline = headline.replace(level, is_in_flight=True, missing=unjudged_parts)
-    return headline
+    if headline.code is not HeadlineCode.NOTHING_WRONG:
+        return headline
+    # The flight is called sound only once all parts of the vehicle are judged, which the wind is none of.
+    unjudged_parts = list(headline.figures["missing"])
+    if not unjudged_parts:
+        return headline.replace(is_in_flight=True)
+    if lights[Light.WIND].level is Level.UNKNOWN:
+        unjudged_parts.append(str(Light.WIND))
+    return headline.replace(Level.UNKNOWN, is_in_flight=True, missing=unjudged_parts)

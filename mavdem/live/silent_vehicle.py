@@ -33,16 +33,13 @@ def link_loss_in_flight(session: SessionState) -> Fact | None:
         return None
     if not session.is_flying or session.loss is not None:
         return None
-    voltage = None
-    if session.state is not None:
-        voltage = session.state.voltage
     age = session.silence_seconds(silence)
     return link_loss_fact(
         silence,
         age=age,
         reception=session.last_reception,
         displacement=session.displacement_from_takeoff,
-        voltage=voltage,
+        voltage=None if session.state is None else session.state.voltage,
         last_position=session.last_position,
         cause=_likely_cause_of_silence(session),
         unread_seconds=_unread_seconds(session, age),

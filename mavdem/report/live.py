@@ -245,33 +245,44 @@ def _light_figure(name: str, light: Fact, status: SessionStatus, figure_in_fligh
     Returns:
         The first of these that applies:
 
-        - If the link was lost since the part was judged: how long ago that was, such as "good 12 s ago", or
-          "not known" for a wind that was not known then.
+        - If the link was lost since the part was judged: how it was then (:func:`_figure_before_silence`).
         - If the recording was judged after the flight: the figure of the recording or, without one, the beginning of
           its sentence.
         - Otherwise ``figure_in_flight``.
     """
     if light.code is Unjudged.KNOWN_BEFORE:
-        is_wind = name == Light.WIND
-        if is_wind and not light.figures["reason"].is_good:
-            # The wind was not known before either, or only roughly.
-            return "not known"
-        voltage = None
-        if name == Light.POWER and status.state is not None:
-            voltage = status.state.voltage
-        # This section has a single paragraph, such as "good 12 s ago" or "11.4 V 12 s ago".
-        [age] = render_section(
-            "live_light_before",
-            duration=light.figures["duration"],
-            is_wind=is_wind,
-            voltage=voltage,
-        )
-        return age.text
+        return _figure_before_silence(name, light, status)
     if light.code is SessionFact.LIGHT_OF_RECORDING:
         # The figures of the session may be others than those of the recording.
         figure_of_recording: str = light.figures.get("figure", "")
         return figure_of_recording or as_clause(first_clause(light.sentence))
     return figure_in_flight
+
+
+def _figure_before_silence(name: str, light: Fact, status: SessionStatus) -> str:
+    """Returns how a part of the vehicle was before its link was lost, such as "good 12 s ago" or "11.4 V 12 s ago".
+
+    Args:
+        name: name of the light, the judgement of the part.
+        light: the fact that the judgement is of the time before; its ``reason`` is that judgement.
+        status: state of the session, with the last voltage of the battery.
+
+    Returns:
+        The text; "not known" for a wind that was not known before either, or only roughly.
+    """
+    is_wind = name == Light.WIND
+    if is_wind and not light.figures["reason"].is_good:
+        return "not known"
+    voltage = None
+    if name == Light.POWER and status.state is not None:
+        voltage = status.state.voltage
+    [paragraph] = render_section(
+        "live_light_before",
+        duration=light.figures["duration"],
+        is_wind=is_wind,
+        voltage=voltage,
+    )
+    return paragraph.text
 
 
 def _text_without_figure(light: Fact) -> str:
