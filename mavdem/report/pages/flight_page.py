@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.axis.lowered_gains import lowered_gains
 from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.last_position import last_position_of_loss
@@ -48,9 +47,6 @@ from mavdem.report.templates import (
 )
 from mavdem.report.tuning.repairs import needs_check_before_gains
 from mavdem.report.why import headline_evidence, joined_sentences, margin_sentences
-
-MARGINS_TITLE = "Margins and new gains"
-"""Title of the chapter with the margins of each axis, now and with the advised gains."""
 
 
 def review_page(assessment: Assessment) -> str:
@@ -223,21 +219,17 @@ def _log_chapters(
 def _unfold_needed_chapters(chapters: Sequence[Chapter], assessment: Assessment) -> list[Chapter]:
     """Returns the chapters of a page with those unfolded that its reader needs first.
 
-    These are the chapters that explain warnings and, if the next step is to load new gains, the chapter of the margins,
-    which lists the gains. The chapter that explains the headline is marked. Folded chapters are missing on paper.
+    These are the chapters that explain warnings. The chapter that explains the headline is marked. Folded chapters are
+    missing on paper.
 
     Args:
         chapters: all chapters of the page.
         assessment: all results on a vehicle of the log, with its headline, status lights and next step.
     """
     unfolded_chapters = []
-    is_tuning_advised = advises_to_tune(assessment.next_step)
     headline_title = title_of_headline(assessment.headline, assessment.lights)
     for chapter in unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline):
-        chapter = chapter._replace(is_of_headline=chapter.title == headline_title)
-        if is_tuning_advised and chapter.title == MARGINS_TITLE:
-            chapter = chapter._replace(folded=False)
-        unfolded_chapters.append(chapter)
+        unfolded_chapters.append(chapter._replace(is_of_headline=chapter.title == headline_title))
     return unfolded_chapters
 
 
