@@ -653,3 +653,8 @@ def test_a_crash_that_the_light_of_tracking_shows_is_not_about_loops(tunings):
     crashed = replace(judgement, headline=crash, lights=lights)
     assert not is_about_loops(crash, crashed)
     assert is_about_loops(lights[Light.MARGINS], crashed)
+    # A headline with a further figure is stated once, and not by the light once more.
+    crashed = replace(crashed, headline=crash.replace(height=2.5))
+    tuning = tunings["sound"]._replace(judgement=crashed)
+    summary = tune_summary(tuning, tuning_result(tuning))
+    assert "The flight:" not in [sentence.lead for sentence in summary]

@@ -15,7 +15,12 @@ from mavdem.assessment.axis.gains import (
 from mavdem.assessment.axis.training import flights_after_start
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import usable_segments
-from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
+from mavdem.dataset.signals import (
+    MIN_SLOW_MOTION_RATE,
+    MIN_STREAM_RATE,
+    Signals,
+    rate_between_outages,
+)
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -182,11 +187,11 @@ def _fault_of_mixer(signals: Signals) -> Fact | None:
     motor_count = len(signals.motors.geometry.motors)
     if motor_count == MOTOR_COUNT:
         return None
+    demand = signals.demand
+    # A slower demand shows no loop either.
+    has_demand = demand is not None and rate_between_outages(demand) >= MIN_STREAM_RATE
     return Fact(
-        ControllerFact.MIXER_UNKNOWN,
-        autopilot=None,
-        motors=motor_count,
-        has_demand=signals.demand is not None,
+        ControllerFact.MIXER_UNKNOWN, autopilot=None, motors=motor_count, has_demand=has_demand
     )
 
 

@@ -571,7 +571,8 @@ def _controller_faults(evidence: Evidence, axes: Iterable[str]) -> dict[str, Fac
     faults = {}
     missing_names: list[str] = []
     for axis in axes:
-        fault = controller_fault(evidence.signals.for_axis(axis), evidence.loops[axis])
+        signals = evidence.signals.for_axis(axis, evidence.signals.inputs)
+        fault = controller_fault(signals, evidence.loops[axis])
         if fault is None:
             continue
         faults[axis] = fault

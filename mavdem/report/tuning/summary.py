@@ -36,7 +36,9 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
         tuning: the advice for each axis, with the judgement of the flight.
         result: the most important result (:func:`tuning_result`).
     """
-    facts_on_flight = [fact for fact in faults_of_flight(tuning) if fact != result]
+    facts_on_flight = [
+        fact for fact in faults_of_flight(tuning) if not _are_of_one_event(fact, result)
+    ]
     if is_headline_of_tuning(tuning, result):
         heading = [headline_sentence(headline(result))]
     else:
@@ -51,6 +53,14 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     is_after_repair = not _has_next_step_on_loops(tuning.judgement)
     summary += _sentences_towards_gains(ground_steps_by_axis(tuning), is_after_repair)
     return [*summary, *_sentences_on_flight_for_gains(tuning, is_after_repair)]
+
+
+def _are_of_one_event(first: Fact, second: Fact) -> bool:
+    """Returns whether two facts (coded findings) state the same, such as a crash as the headline and in a light.
+
+    Their figures may differ, since a headline may have further ones.
+    """
+    return (first.code, first.subject, first.time) == (second.code, second.subject, second.time)
 
 
 def _sentences_on_filter_lag(tuning: Tuning) -> list[Sentence]:
