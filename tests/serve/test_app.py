@@ -374,7 +374,7 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
     assert {row.headline for row in served.library.store.healthy} == {"One."}
     page = served.get("/vehicle?name=quad%207").text
-    assert "One." in page and "the latest flight, Two." in page and "lost thrust" not in page
+    assert "One." in page and "the latest log, Two." in page and "lost thrust" not in page
     assert "may be of several vehicles" not in page
     served.add("by_id.ulg", "Known by id alone.")
     assert "may be of several vehicles" in served.get("/vehicle?name=ardupilotmega-1").text
