@@ -205,7 +205,7 @@ def test_what_cannot_be_stored_now_is_stored_later(tmp_path, monkeypatch):
     assert len(attempts) == 3
 
 
-@mark.slow
+@mark.in_full
 def test_both_recordings_of_a_real_log_show_what_its_page_shows(tmp_path, monkeypatch):
     """The recordings of a flight are requested, made and stored; their free energy is that of the report."""
     monkeypatch.setattr("mavdem.serve.recordings.lower_priority", lambda _: None)
