@@ -23,6 +23,14 @@ HURRY = """(factor => {
 })(%g)"""
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+MOUSE = (
+    ("primaryHoverType", 2),
+    ("availableHoverTypes", 2),
+    ("primaryPointerType", 4),
+    ("availablePointerTypes", 4),
+)
+"""Settings by which media queries see a pointer that is fine and can hover (blink's ``HoverType``, ``PointerType``)."""
+
 FITS = "document.documentElement.scrollWidth <= innerWidth"
 HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
 
@@ -147,6 +155,8 @@ class Browser:
         # Pages of one site share a process, and none is started in advance: otherwise each page starts two of them.
         options += ("--process-per-site", "--renderer-process-limit=1")
         options += ("--disable-features=SpareRendererForSitePerProcess",)
+        # A machine without a mouse would get the pages for touch screens, which are laid out differently.
+        options += ("--blink-settings=" + ",".join(f"{name}={value}" for name, value in MOUSE),)
         arguments = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
         self._process = subprocess.Popen(
             arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
