@@ -29,7 +29,6 @@ from mavdem.report.brief_events import (
 )
 from mavdem.report.gain_changes import changes_on_trial, gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
-from mavdem.report.numbers import counted
 from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import first_clause, headline, render_section, without_full_stop
 from mavdem.report.why import headline_evidence
@@ -379,8 +378,8 @@ def page_lines(assessment: Assessment, columns: int) -> list[str]:
     if assessment.analysis is None:
         return []
     page_events = list(distinct_events(assessment.events))
-    event_count_text = counted(len(page_events), "event")
-    text = f"The page also has plots over time, all {event_count_text}, sensors and parameters."
+    events_text = "the event" if len(page_events) == 1 else f"all {len(page_events)} events"
+    text = f"The page also has plots over time, {events_text}, sensors and parameters."
     return list(wrapped_lines(text, columns))
 
 

@@ -469,6 +469,7 @@ def _environment() -> Environment:
         "battery_messages": _battery_messages,
         "weak_motor_clause": _weak_motor_clause,
         "with_interval": with_interval,
+        "against_mean": against_mean,
         "with_unit": _with_display_unit,
         "without_full_stop": without_full_stop,
         "without_remark": without_remark,
@@ -540,6 +541,17 @@ def with_interval(value: float, half_width: float | None, unit: str = " %") -> s
     if half_width is not None and scale * half_width > SMALLEST_SHOWN_HALF_WIDTH:
         return f"{plus_minus(shown_value, scale * half_width)}{unit}"
     return f"{rounded(shown_value)}{unit}"
+
+
+def against_mean(deviation: float, half_width: float | None) -> str:
+    """Formats how much harder or less hard a motor works than the mean, such as "12 ± 3 % less hard than the mean".
+
+    Args:
+        deviation: the motor's output above the mean of all motors, as a fraction of that mean.
+        half_width: half width of its interval, as a fraction; None if it is not known.
+    """
+    direction = "harder" if deviation > 0 else "less hard"
+    return f"{with_interval(abs(deviation), half_width)} {direction} than the mean"
 
 
 def _recording_advice(least_rate: float) -> str:
