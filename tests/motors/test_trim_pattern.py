@@ -103,7 +103,7 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
         assert (fact.code, fact.level) == (code, level)
         # The figure that decides is written, whatever the pattern.
         assert abs(fact.figures["deviation"]) == approx(yaw)
-        figure = with_interval(fact.figures["deviation"], fact.figures["half"])
+        figure = with_interval(abs(fact.figures["deviation"]), fact.figures["half"])
         assert figure in fact.sentence
     # Steady wind leans the vehicle, and asks for torque too.
     wind = trim((0.0, 0.12, 0.0), lean=(0, -9))
