@@ -995,13 +995,15 @@ def _print_conclusions(
     status_lines = shown_session.status_lines
     for line in _file_lines(written_paths, results, recording):
         status_lines.print_conclusion(escape_unprintable(line), FILE_MARKER)
-    gain_adviser = shown_session.session.gain_adviser
-    advice = None if gain_adviser is None else gain_adviser.facts
+    session = shown_session.session
+    advice = None if session.gain_adviser is None else session.gain_adviser.facts
     is_flight_forbidden = _is_flight_forbidden(results.status)
     file_line = gain_file_line(advice or (), is_flight_forbidden=is_flight_forbidden)
     if file_line:
         status_lines.print_conclusion(escape_unprintable(file_line), FILE_MARKER)
-    gain_line = line_without_gains(advice, results.seconds_by_use)
+    gain_line = line_without_gains(
+        advice, results.seconds_by_use, is_recording_cut=session.intake.is_recording_cut
+    )
     if gain_line:
         status_lines.print_conclusion(escape_unprintable(gain_line))
 

@@ -180,16 +180,24 @@ def gain_file_line(advice: Facts, *, is_flight_forbidden: bool = False) -> str:
     return ""
 
 
-def line_without_gains(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) -> str:
+def line_without_gains(
+    advice: Facts | None,
+    seconds_by_use: Mapping[TimeUse, float],
+    *,
+    is_recording_cut: bool = False,
+) -> str:
     """Returns the line with the reason why a session advises no gains, or none to load yet; empty for neither.
 
     Advice is reported when it comes, with the reasons why axes get no gains: the end of the session does not repeat
     them.
 
     Args:
-        advice: the facts (coded findings) of the latest advice; None where nothing was recorded to compute gains from.
+        advice: the facts (coded findings) of the latest advice; None where no recording has a whole flight.
         seconds_by_use: seconds of the session by what they were spent on, such as learning.
+        is_recording_cut: whether the recording failed, as on a full disk.
     """
+    if advice is None and is_recording_cut:
+        return "No gains: the recording lacks the end of the flight."
     if advice is None:
         return "No gains: they are computed from a recording, --record FILE.tlog."
     if not advice:

@@ -11,7 +11,12 @@ from mavdem.cli.exit_codes import EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.links import refuse_link
 from mavdem.cli.options import NumberRange, WholeNumberRange, jobs_option, json_option
 from mavdem.cli.output import print_blocks, print_json, progress, progress_bar
-from mavdem.cli.streams import print_to_stderr, print_to_stdout, stderr_is_terminal
+from mavdem.cli.streams import (
+    escape_unprintable,
+    print_to_stderr,
+    print_to_stdout,
+    stderr_is_terminal,
+)
 from mavdem.containers import Names
 from mavdem.dem.parallel import available_workers
 from mavdem.extras import missing_extra_fact
@@ -49,6 +54,9 @@ MAX_LIMIT = 1_000_000
 
 More is no limit, so that a mistyped number is refused.
 """
+
+MAX_EQUAL_FILES = 4
+"""Most files with the same log that are named in one line; a choice."""
 
 ROWS_OF_LOG = FunctionByName("mavdem.fleet.rows_of_log", "rows_of_log")
 """Reads a log, in another process: this one does not import what that takes, which is most of mavdem."""
@@ -492,8 +500,27 @@ def _copies_text(copies: Sequence[Names]) -> str:
     Args:
         copies: Paths of each log that several files hold.
     """
-    equal_files = [" = ".join(PurePath(path).name for path in paths) for paths in copies]
+    equal_files = [escape_unprintable(_equal_files_text(paths)) for paths in copies]
     return f" Copies, which count once: {abbreviated_list(equal_files)}." if equal_files else ""
+
+
+def _equal_files_text(paths: Names) -> str:
+    """Returns which files are equal, such as "a.ulg = b.ulg"; those of one name with folders, such as "x/a.ulg = y/a.ulg".
+
+    Args:
+        paths: paths of files that hold the same log, at least two. Beyond ``MAX_EQUAL_FILES`` only their number is
+            stated: "a.ulg (12 files)".
+    """
+    if len(paths) > MAX_EQUAL_FILES:
+        return f"{PurePath(paths[0]).name} ({len(paths)} files)"
+    names = list(paths)
+    parts_of_paths = [PurePath(path).parts for path in paths]
+    for part_count in range(1, max(len(parts) for parts in parts_of_paths)):
+        ends = ["/".join(parts[-part_count:]) for parts in parts_of_paths]
+        if len(set(ends)) == len(ends):
+            names = ends
+            break
+    return " = ".join(names)
 
 
 def _report_index_and_table(folder: Path, index: Path) -> None:

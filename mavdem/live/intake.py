@@ -43,6 +43,7 @@ class LinkIntake:
 
     Attributes:
         recording: recording of the raw stream; None for none, and after it has failed.
+        is_recording_cut: whether it has failed, as on a full disk, so that it ends before the session.
         is_lost: whether the link is lost and not open again yet.
         read_until: everything that arrived before this time has been received, s of the monotonic clock.
         is_link_empty: whether the last :meth:`receive` took all that waited in the link; it takes ``MAX_PIECES`` at
@@ -67,6 +68,7 @@ class LinkIntake:
             first_pieces: frames that the link delivered before this session, which the recording has already.
         """
         self.recording = recording
+        self.is_recording_cut = False
         self.is_lost = False
         self._link = link
         self._frame_reader = frame_reader
@@ -199,6 +201,7 @@ class LinkIntake:
                 self.recording.add(stamp, frames)
         except OSError as error:
             self.recording = None
+            self.is_recording_cut = True
             self._log(failure_fact(LinkFact.STREAM_RECORDING_ENDED, error))
         return stamped_frames
 
@@ -223,5 +226,6 @@ class LinkIntake:
             self.recording.close()
         except OSError as error:
             self.recording = None
+            self.is_recording_cut = True
             fact = failure_fact(LinkFact.STREAM_RECORDING_ENDED, error, finishing=True)
             self._log(fact)

@@ -106,7 +106,8 @@ class LiveSession:
         backlog: what was received and waits for its analysis.
         flight: what is learned and judged of the latest flight; each take-off begins another one.
         history: what happened so far.
-        gain_adviser: advises gains after a landing and at the end; None for no advice.
+        gain_adviser: advises gains after a landing and at the end; None for no advice, also if the recording has ended
+            in flight.
         successor: the vehicle that another session is to follow, since the followed one is silent and this one sends;
             None for none.
     """
@@ -1028,6 +1029,10 @@ class LiveSession:
             is_at_end: whether the session ends. Then a flight without a landing gets advice too, and the call
                 waits for the advice, at most ``MAX_WAIT_SECONDS``; it reports first that it waits.
         """
+        if self.intake.is_recording_cut and self.stream.is_flying:
+            # The recording lacks the end of this flight, or all of it. What it shows is no judgement of the flight, and
+            # its end in the air would be taken for a fault of the vehicle.
+            self.gain_adviser = None
         adviser = self.gain_adviser
         vehicle = self.stream.followed_vehicle
         if adviser is None or vehicle is None:

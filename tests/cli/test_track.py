@@ -64,6 +64,13 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     assert "without the topics of a flight" in capsys.readouterr().out
 
 
+def test_copies_are_named_so_that_they_differ():
+    copies = [("/x/1/a.ulg", "/x/2/a.ulg"), ("/x/b.ulg", "/x/c\x1b.ulg"), ("/x/d.ulg",) * 12]
+    text = cli_track._copies_text(copies)
+    assert "1/a.ulg = 2/a.ulg, b.ulg = c" in text and "d.ulg (12 files)" in text
+    assert "\x1b" not in text
+
+
 @mark.slow
 def test_names_are_given_kept_and_taken_away(tmp_path, capsys, monkeypatch):
     """The user names a vehicle and a flight by --name, and removes the name of the vehicle."""

@@ -474,6 +474,19 @@ def test_the_status_that_is_shown_says_that_the_recording_is_being_judged():
     assert session.shown_status.recording_verdict is None
 
 
+def test_a_recording_that_lacks_the_end_of_the_flight_does_not_judge_it():
+    adviser = Mock(judgement=unjudged(TOO_FEW_SAMPLES), **{"update.return_value": ()})
+    session, _, _ = session_of([], gain_adviser=adviser)
+    session.intake.is_recording_cut = True
+    session.stream = Mock(is_flying=False, flight_number=0)
+    session.report_gain_advice()
+    assert session.flight.judging.judgement is adviser.judgement, "it has the flight before it"
+    session.flight.judging.judgement = None
+    session.stream = Mock(is_flying=True)
+    session.report_gain_advice(is_at_end=True)
+    assert session.flight.judging.judgement is None and session.gain_adviser is None
+
+
 @mark.slow
 @mark.usefixtures("without_learning")
 def test_a_landing_never_replaces_the_last_model_before_it():
@@ -924,7 +937,7 @@ def test_a_recording_that_fails_ends_alone():
     run(session)
     (ended,) = (fact for fact in reported_facts if fact.code is LinkFact.STREAM_RECORDING_ENDED)
     assert ended.figures["error"] == "No space left on device" and not ended.figures["finishing"]
-    assert session.stream.sample_count > 100
+    assert session.stream.sample_count > 100 and session.intake.is_recording_cut
 
 
 SHORT = {"duration": 40.0, "flights": 1, "height": 5.0}
