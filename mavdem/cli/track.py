@@ -505,7 +505,7 @@ def _copies_text(copies: Sequence[Names]) -> str:
 
 
 def _equal_files_text(paths: Names) -> str:
-    """Returns which files are equal, such as "a.ulg = b.ulg"; those of one name with folders, such as "x/a.ulg = y/a.ulg".
+    """Returns which files are equal, such as "a.ulg = b.ulg"; with folders if names are equal: "x/a.ulg = y/a.ulg".
 
     Args:
         paths: paths of files that hold the same log, at least two. Beyond ``MAX_EQUAL_FILES`` only their number is

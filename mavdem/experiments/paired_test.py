@@ -11,7 +11,7 @@ References:
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import ceil, inf, log2, nan
+from math import ceil, inf, log2, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,10 @@ SIGNIFICANCE = 0.05
 
 MIN_PAIRS = ceil(1 - log2(SIGNIFICANCE))
 """Pairs from which a difference can be found at all: the smallest p-value of k pairs is 2¹⁻ᵏ."""
+
+
+MAX_SUFFICIENT_WINDOWS = 1000
+"""Most windows that are stated as enough to show a difference: more are hours of flight; a choice."""
 
 
 class Paired(NamedTuple):
@@ -155,7 +159,8 @@ class TypicalRatio(NamedTuple):
     significant: float
     """ratio from which the test would call ours higher; infinity with fewer than ``MIN_PAIRS`` windows"""
     sufficient_windows: int | None
-    """about how many windows like these would make the measured ratio significant; None if ours is not higher"""
+    """about how many windows like these would make the measured ratio significant; None if ours is not higher, or if
+    that takes more than ``MAX_SUFFICIENT_WINDOWS``"""
 
 
 def typical_ratio(ours: ArrayLike, theirs: ArrayLike) -> TypicalRatio | None:
@@ -188,7 +193,8 @@ def typical_ratio(ours: ArrayLike, theirs: ArrayLike) -> TypicalRatio | None:
     half_width = estimate - lower_end
     # The half width of a confidence interval is inversely proportional to the root of the number of windows.
     sufficient_windows = None
-    if estimate > 0:
+    max_width_ratio = sqrt(MAX_SUFFICIENT_WINDOWS / len(log_ratios))
+    if estimate > 0 and half_width <= max_width_ratio * estimate:
         sufficient_windows = ceil(len(log_ratios) * (half_width / estimate) ** 2)
     return TypicalRatio(float(np.exp(estimate)), float(np.exp(half_width)), sufficient_windows)
 

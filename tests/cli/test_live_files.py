@@ -42,7 +42,9 @@ def test_without_advice_on_gains_the_reason_is_printed():
     """The reasons that advice itself has were reported when it came."""
     flown = NOTHING | {TimeUse.UNSETTLED: 9.0}
     assert "--record FILE.tlog" in line_without_gains(None, NOTHING)
-    assert line_without_gains(None, NOTHING, is_recording_cut=True).endswith("lacks the end of the flight.")
+    assert line_without_gains(None, NOTHING, is_recording_cut=True).endswith(
+        "lacks the end of the flight."
+    )
     assert line_without_gains((), NOTHING) == "No gains: nothing flew."
     assert line_without_gains((), flown).startswith("No gains: too little settled flight")
     left = Fact(GainFact.GAINS_LEFT, reason=Fact(GainFact.LAG_UNRESOLVED, time_step=0.01))

@@ -115,6 +115,8 @@ def test_the_test_is_wilcoxons_on_log_ratios():
         repeated = np.resize(half_way, count)
         assert (paired(repeated, np.ones(count)).p_value < SIGNIFICANCE) is is_significant
     assert typical_ratio(1 / half_way, np.ones(15)).sufficient_windows is None
+    nearly_equal = 1.001 * np.exp(np.linspace(-1, 1, 15))
+    assert typical_ratio(nearly_equal, np.ones(15)).sufficient_windows is None
     assert typical_ratio(ours[:5], theirs[:5]).significant == INF
     assert typical_ratio([1, INF], [1, 1]) is None
 
