@@ -18,6 +18,7 @@ from mavdem.cli.exit_codes import (
     EXIT_PIPE_CLOSED,
     EXIT_UNSUPPORTED,
 )
+from mavdem.cli.help_text import NarrowHelpContext
 from mavdem.cli.links import LINK_PATTERN
 from mavdem.cli.output import report_error
 from mavdem.cli.streams import prepare_streams, print_to_stderr, stderr_is_terminal
@@ -86,6 +87,8 @@ class LazyCommandGroup(click.Group):
     The imports of a command take a second, for which ``mavdem --help`` need not wait.
     """
 
+    context_class = NarrowHelpContext
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes the list of commands into the help, each group under its heading, with one width for all names."""
         name_width = max(len(name) for name in COMMAND_SUMMARIES)
@@ -138,9 +141,10 @@ def load_command(name: str) -> click.Command:
         name: One of ``COMMAND_SUMMARIES``.
 
     Returns:
-        The command, whose options refuse other options as their values.
+        The command, whose options refuse other options as their values, and whose help fits the terminal.
     """
     command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
+    command.context_class = NarrowHelpContext
     for parameter in command.params:
         if parameter.callback is None:
             parameter.callback = _refuse_option_as_value
