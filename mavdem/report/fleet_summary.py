@@ -17,6 +17,7 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Sentence, Table, truncated
 from mavdem.report.fleet import ANOMALOUS_HEALTHS, vehicle_label
+from mavdem.report.flight_lines import FlightLine
 from mavdem.report.heading import listed_headline, listed_next_step
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import (
@@ -62,7 +63,10 @@ FLOWN_LEAD = "Flown:"
 """Lead of the last paragraph on vehicles and flights; remarks on single logs follow it."""
 
 MAX_UNNAMED_LINES = 3
-"""Flights of unnamed vehicles to be watched with a line each; of more, the list of flights has them. A choice."""
+"""Flights of unknown vehicles with a line each, the bad ones on a page and those to be watched; a choice.
+
+Of more, the list of flights has them.
+"""
 
 MAX_FILE_LENGTH = 40
 """Letters of a file's name in a table."""
@@ -98,7 +102,13 @@ def fleet_blocks(
     watched_lines = []
     if not lists_follow:
         watched_lines = _watched_vehicle_lines(labelled_vehicles, names)
-    watched_lines += _lines_on_flights_of_unknown_vehicles(summaries, vehicles_of_headline)
+    watched_flights = flights_of_unknown_vehicles(Level.WATCH, summaries)
+    watched_lines += _lines_on_flights(watched_flights, MAX_UNNAMED_LINES)
+    # A page lists the bad ones of them below.
+    bad_lines = _lines_on_flights(
+        flights_of_unknown_vehicles(Level.BAD, summaries),
+        MAX_UNNAMED_LINES if lists_follow else MAX_VEHICLE_LINES,
+    )
     # What is to be watched comes after the reason and the next step of a single vehicle that needs a look.
     leads = [paragraph.lead for paragraph in paragraphs]
     flown_index = leads.index(FLOWN_LEAD) if FLOWN_LEAD in leads else len(leads)
@@ -106,6 +116,7 @@ def fleet_blocks(
     return [
         headline,
         *urgent_lines,
+        *bad_lines,
         *paragraphs[:flown_index],
         *watched_lines,
         *paragraphs[flown_index:],
@@ -150,17 +161,7 @@ def _sentences_on_fleet(
         names: names that were given to vehicles.
         lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page.
     """
-    vehicles_without_name = {}
-    for name, vehicle in vehicles_with_section(summaries).items():
-        if name not in vehicles_of_headline:
-            vehicles_without_name[name] = vehicle
     counts = _headline_counts(summaries)
-    bad_latest_texts = _bad_latest_flights(vehicles_without_name, names)
-    bad_unnamed_count = _count_unnamed_logs(Level.BAD, summaries, vehicles_of_headline)
-    # Only the latest flight under each shared name is described, and none if several are in a list below.
-    bad_names = abbreviated_list(bad_latest_texts)
-    if lists_follow and bad_unnamed_count > 1:
-        bad_names = ""
     return render_section(
         "fleet",
         health=_health_summary(vehicles_of_headline, names, _shared_names(summaries)),
@@ -171,12 +172,10 @@ def _sentences_on_fleet(
         duplicate_logs=counts.duplicate_logs,
         unjudged=counts.unjudged_vehicles,
         unnamed_flights=counts.unnamed_flights,
-        bad_unnamed_logs=bad_unnamed_count,
-        watched_unnamed_logs=_count_unnamed_logs(Level.WATCH, summaries, vehicles_of_headline),
+        bad_unnamed_logs=len(flights_of_unknown_vehicles(Level.BAD, summaries)),
+        watched_unnamed_logs=len(flights_of_unknown_vehicles(Level.WATCH, summaries)),
         simulated_flights=counts.simulated_flights,
         undecided_flights=_labels_of_possibly_simulated_flights(summaries, names),
-        bad_names=bad_names,
-        are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
 
 
@@ -287,28 +286,44 @@ def _max_vehicle_lines(urgent_count: int, *, lists_follow: bool) -> int:
     return urgent_count if urgent_count <= MAX_LINES_BEFORE_LIST else WORST_LINES
 
 
-def _lines_on_flights_of_unknown_vehicles(
-    summaries: Sequence[VehicleSummary], headline_vehicles: Mapping[str, VehicleFlights]
-) -> list[Sentence]:
-    """Returns a line with file, finding and link for each flight of an unknown vehicle that is to be watched.
+def flights_of_unknown_vehicles(
+    level: Level, summaries: Sequence[VehicleSummary]
+) -> list[FlightLine]:
+    """Returns the flights of a level whose vehicle is not known, the simulated ones left out.
+
+    Logs that do not name their vehicle are grouped by its MAVLink system id, a name that several vehicles may share.
+    Every such flight counts, since a good one that follows may be of another vehicle. The exception is the latest
+    flight under a name whose motors have a fault or drift: the fleet counts and describes that name as a vehicle.
 
     Args:
+        level: the level, bad or to be watched.
         summaries: summary of the flights under each name.
-        headline_vehicles: summary of each vehicle that the headline counts, by name.
 
     Returns:
-        The lines, in the order of the names; none at all if there are more than ``MAX_UNNAMED_LINES``.
+        The lines of these flights in the table of all flights, the newest first and those without a date last.
     """
-    lines = []
+    vehicles = _vehicles_of_headline(summaries)
+    flights: list[FlightLine] = []
     for summary in summaries:
-        if not summary.has_shared_name or summary.name in headline_vehicles:
+        if not summary.has_shared_name:
             continue
-        for flight in summary.lines:
-            if flight.is_watched and not flight.simulated:
-                lead = f"{flight.cell('flight')} ({flight.cell('vehicle')}):"
-                text = f"{as_clause(flight.finding)}."
-                lines.append(Sentence(text, lead, address=flight.link))
-    return lines if len(lines) <= MAX_UNNAMED_LINES else []
+        flown = [line for line in summary.lines if line.is_flight and not line.simulated]
+        if summary.name in vehicles:
+            flown = flown[:-1]
+        flights.extend(line for line in flown if line.level is level)
+    return sorted(flights, key=lambda line: line.seconds or 0.0, reverse=True)
+
+
+def _lines_on_flights(flights: Sequence[FlightLine], max_lines: int) -> list[Sentence]:
+    """Returns a line with file, finding and link for each flight; none at all for more flights than ``max_lines``."""
+    if len(flights) > max_lines:
+        return []
+    lines = []
+    for flight in flights:
+        label = f"{flight.cell('flight')} ({flight.cell('vehicle')})"
+        lead = f"{label}, to watch:" if flight.level is Level.WATCH else f"{label}:"
+        lines.append(Sentence(f"{as_clause(flight.finding)}.", lead, address=flight.link))
+    return lines
 
 
 class _HeadlineCounts(NamedTuple):
@@ -357,53 +372,6 @@ def _headline_counts(summaries: Sequence[VehicleSummary]) -> _HeadlineCounts:
         simulated_flights=simulated_flights,
         duplicate_logs=duplicate_logs,
     )
-
-
-def _bad_latest_flights(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> list[str]:
-    """Returns a text on the latest flight under each shared name where that flight was bad, in the order of the names.
-
-    Args:
-        vehicles: summary of the flights under each name that several vehicles may share.
-        names: names that were given to vehicles.
-    """
-    texts = []
-    for name in sorted(vehicles):
-        last_flight = vehicles[name].last
-        if last_flight.badge_level is Level.BAD:
-            label = vehicle_label(name, last_flight.frame, names, is_shared=True)
-            texts.append(f"{label}: {as_clause(vehicles[name].texts.latest_flight)}")
-    return texts
-
-
-def _count_unnamed_logs(
-    level: Level,
-    summaries: Sequence[VehicleSummary],
-    headline_vehicles: Mapping[str, VehicleFlights],
-) -> int:
-    """Counts the logs of a level whose vehicle is not known, for the headline of a fleet.
-
-    Logs that do not name their vehicle are grouped by its MAVLink system id, a name that several vehicles may share.
-    Every such log under such a name counts, since a good log that follows may be one of another vehicle.
-
-    Args:
-        level: the level, bad or to be watched.
-        summaries: summary of the flights under each name.
-        headline_vehicles: summary of each vehicle that the headline counts, by name. A shared name is among them if the
-            motors of its flights have a fault or drift.
-    """
-    count = 0
-    for summary in summaries:
-        if not summary.has_shared_name:
-            continue
-        log_count = summary.bad_logs
-        if level is Level.WATCH:
-            log_count = summary.watched_logs
-        vehicle = headline_vehicles.get(summary.name)
-        if log_count and vehicle is not None and vehicle.last.badge_level is level:
-            # The headline counts the latest log as a vehicle.
-            log_count -= 1
-        count += log_count
-    return count
 
 
 def vehicles_with_section(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:

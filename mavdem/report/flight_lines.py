@@ -16,6 +16,7 @@ from mavdem.fleet.names import NO_NAMES, content_hash
 from mavdem.fleet.row import SYSTEM_ID_BASIS
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
+    NOT_USED,
     badge,
     is_headline_replaced,
     light_level,
@@ -79,14 +80,24 @@ class FlightLine(NamedTuple):
         return self.cells[[*COLUMNS].index(column)]
 
     @property
-    def finding(self) -> str:
-        """What is wrong in the flight, in few words: its first note, such as "motor 2 is weak"."""
-        return listed_headline(self.cell("notes").split("\n")[0])
+    def headline(self) -> str:
+        """The most serious finding in the flight, such as "Motor 2 is weak.": the first of its notes."""
+        return self.cell("notes").split("\n")[0]
 
     @property
-    def is_watched(self) -> bool:
-        """Whether the flight is to be watched, by its headline or its motors."""
-        return self.cell("health") == Level.WATCH
+    def finding(self) -> str:
+        """What is wrong in the flight, in few words: its shortened headline."""
+        return listed_headline(self.headline)
+
+    @property
+    def is_flight(self) -> bool:
+        """Whether the log has a usable flight."""
+        return self.cell("health") != NOT_USED
+
+    @property
+    def level(self) -> Level:
+        """The level of the flight, by its headline or its motors; unknown for a log without a usable flight."""
+        return Level(self.cell("health")) if self.is_flight else Level.UNKNOWN
 
 
 def flight_line(

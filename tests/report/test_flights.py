@@ -292,15 +292,12 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     # A bad flight under such a name is counted once, as a flight.
     fell = replace(rows[1], headline="It fell.", headline_level="bad")
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
-    assert text.startswith(
-        "1 log of a bad flight whose vehicle is not known needs a look: unnamed PX4"
-    )
-    assert ": unnamed PX4 quadrotor: it fell." in text
+    assert text.startswith("1 log of a bad flight whose vehicle is not known needs a look.")
+    assert "(unnamed PX4 quadrotor): it fell." in text
     bad_rows = [replace(row, headline="It fell.", headline_level="bad") for row in rows]
     text = plain_text(fleet_blocks(bad_rows))
-    assert text.startswith(
-        "2 logs of bad flights whose vehicle is not known need a look: among them unna"
-    )
+    assert text.startswith("2 logs of bad flights whose vehicle is not known need a look.")
+    assert text.count("(unnamed PX4 quadrotor): it fell.") == 2
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert (
@@ -501,17 +498,12 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
         for number in (1, 2)
     ]
     rows.append(replace(rows[0], vehicle="quad 3", headline="Fell 3.", file="fourth.bin"))
-    full, brief = (
-        plain_text(fleet_blocks(rows, lists_follow=lists_follow)).split("\n")[0]
-        for lists_follow in (False, True)
-    )
-    assert full.startswith(
-        "4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle"
-    )
-    assert "unnamed PX4 quadrotor" in full and "quad 0" not in full
-    assert brief == (
-        "4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle is not known."
-    )
+    for lists_follow in (False, True):
+        headline, *lines = fleet_blocks(rows, lists_follow=lists_follow)
+        assert headline.lead == (
+            "4 of 4 vehicles need a look, and so do 2 logs of bad flights whose vehicle is not known."
+        )
+        assert sum("(unnamed PX4 quadrotor):" in line.lead for line in lines) == 2
     # A flight to be watched counts, too, if its vehicle is not known.
     rows.append(
         flight_row("px4-2", 3, vehicle_basis="system id", headline="Low.", headline_level="watch")
@@ -521,10 +513,11 @@ def test_before_a_list_all_of_five_vehicles_in_need_have_a_line_and_the_worst_of
     # Each of up to five vehicles has a line above the list, and so has the flight to be watched, with its page.
     _, *lines = fleet_blocks(rows, lists_follow=True)
     leads = [f"quad {number}:" for number in range(4)]
-    watched = "0003.ulg (unnamed PX4 quadrotor):"
-    assert [line.lead for line in lines[:6]] == [*leads, watched, "Flown:"]
+    bad = [f"000{number}.ulg (unnamed PX4 quadrotor):" for number in (2, 1)]
+    watched = "0003.ulg (unnamed PX4 quadrotor), to watch:"
+    assert [line.lead for line in lines[:8]] == [*leads, *bad, watched, "Flown:"]
     # The list below has the flight and what to do.
-    assert lines[0].text == "fell 0." and lines[4][0::3] == (
+    assert lines[0].text == "fell 0." and lines[6][0::3] == (
         "low.",
         "pages/px4-2-3.html",
     )

@@ -25,7 +25,6 @@ from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, rose_of_flights, wind_dots_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
-    ANOMALOUS_HEALTHS,
     NOT_USED,
     is_serial,
     short_name,
@@ -34,6 +33,7 @@ from mavdem.report.fleet import (
 from mavdem.report.fleet_summary import (
     FLOWN_LEAD,
     fleet_blocks,
+    flights_of_unknown_vehicles,
     flown_time_text,
     vehicles_with_section,
 )
@@ -187,7 +187,7 @@ def _table_of_scripts(
         "rows": rows,
         "urgencies": [line.urgency for line in lines],
         "lights": [line.light_levels for line in lines],
-        "counted": [line.is_counted and not _is_unused(line) for line in lines],
+        "counted": [line.is_counted and line.is_flight for line in lines],
         "findings": [line.finding for line in lines],
         "levels": BADGE_LEVELS,
         # In JSON the keys of an object come in the order of the alphabet, and not in that of urgency.
@@ -198,7 +198,7 @@ def _table_of_scripts(
 
 def _number_of_logs_text(lines: Sequence[FlightLine]) -> str:
     """Returns how many logs the table has, such as "12 logs with flights and 6 not used" or "12 logs"."""
-    unused_count = sum(_is_unused(line) for line in lines)
+    unused_count = sum(not line.is_flight for line in lines)
     if not unused_count:
         return counted(len(lines), "log")
     return f"{counted(len(lines) - unused_count, 'log')} with flights and {unused_count} not used"
@@ -237,11 +237,6 @@ def _parameters_to_search(
         "parameter_sets": set_indices,
         "heights": [line.height for line in lines],
     }
-
-
-def _is_unused(line: FlightLine) -> bool:
-    """Returns whether a line of the fleet's table is of a log that has no usable flight."""
-    return line.cell("health") == NOT_USED
 
 
 def _cells_with_rated_health(cells: Sequence[str]) -> list[str]:
@@ -584,7 +579,7 @@ def _latest_line(summary: VehicleSummary) -> FlightLine | None:
         The line; None without a flight.
     """
     for line in reversed(summary.lines):
-        if not _is_unused(line):
+        if line.is_flight:
             return line
     return None
 
@@ -619,45 +614,19 @@ class UnnamedFlight(NamedTuple):
 
 
 def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
-    """Returns the real flights that went badly, of vehicles whose logs do not name them, the newest flight first.
+    """Returns the real flights that went badly, of vehicles whose logs do not name them, the newest first.
 
-    Such a log is filed under its MAVLink system id, which several vehicles may share. The page lists these flights one
-    by one, since it cannot say which vehicle made them. It leaves out those that it shows elsewhere already.
+    The page lists these flights one by one, since it cannot say which vehicle made them.
 
     Args:
         summaries: summary of the flights under each name, with the line of each flight in the table of all flights.
     """
-    summaries_of_shared_names = [summary for summary in summaries if summary.has_shared_name]
-    lines_shown_elsewhere = _latest_lines_with_motor_anomaly(summaries)
     flights = []
-    for line in _newest_first(summaries_of_shared_names):
-        cells = dict(zip(COLUMNS, line.cells, strict=True))
-        is_bad = BADGE_LEVELS[cells["health"]] is Level.BAD
-        if is_bad and not line.simulated and line not in lines_shown_elsewhere:
-            # The first note on a flight is its headline, the most serious finding.
-            headline = cells["notes"].split("\n")[0]
-            flights.append(UnnamedFlight(line.link, cells["flight"], cells["date"], headline))
+    for line in flights_of_unknown_vehicles(Level.BAD, summaries):
+        flights.append(
+            UnnamedFlight(line.link, line.cell("flight"), line.cell("date"), line.headline)
+        )
     return flights
-
-
-def _latest_lines_with_motor_anomaly(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
-    """Returns the latest flight under each shared name with a fault or drift of its motors.
-
-    The page has a section about each of these names, which shows that flight.
-
-    Args:
-        summaries: summary of the flights under each name. A shared name is a MAVLink system id.
-    """
-    vehicles = vehicles_with_section(summaries)
-    latest_lines = []
-    for summary in summaries:
-        vehicle = vehicles.get(summary.name) if summary.has_shared_name else None
-        if vehicle is None or vehicle.health not in ANOMALOUS_HEALTHS:
-            continue
-        latest_line = _latest_line(summary)
-        if latest_line is not None:
-            latest_lines.append(latest_line)
-    return latest_lines
 
 
 def _labels_of_serial_numbers(
@@ -745,7 +714,7 @@ def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Leve
     health_column = list(COLUMNS).index("health")
     counts = defaultdict[date, Counter[Level]](Counter)
     for line in lines:
-        if line.seconds is not None and line.is_counted and not _is_unused(line):
+        if line.seconds is not None and line.is_counted and line.is_flight:
             day = datetime.fromtimestamp(line.seconds, UTC).date()
             level = BADGE_LEVELS[line.cells[health_column]]
             counts[day][level] += 1
