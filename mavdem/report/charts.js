@@ -346,15 +346,16 @@
     const free = PAPER_DASHES.filter(dashes => dashes !== DASHES || !lines.some(isSecondary));
     return free[lines.filter(other => other.kind === "line" && !isSecondary(other)).indexOf(line) % free.length];
   };
-  // The dashes as the background of the line's mark in the legend.
+  // The dashes as the background of the line's mark in the legend, which is less than 48 pixels wide. Each dash is a layer:
+  // Chromium's viewer of PDF, in which sheets are looked at before they are printed, leaves out gradients with gaps.
   const dashedBackground = (dashes, colour) => {
-    const stops = [];
-    let end = 0;
-    dashes.forEach((length, i) => {
-      const tint = i % 2 ? "transparent" : colour;
-      stops.push(`${tint} ${end}px`, `${tint} ${end += length}px`);
-    });
-    return dashes.length ? `repeating-linear-gradient(to right, ${stops.join(", ")})` : colour;
+    const layers = [];
+    for (let i = 0, start = 0; dashes.length && start < 48; i += 1) {
+      const length = dashes[i % dashes.length];
+      if (i % 2 === 0) layers.push(`linear-gradient(${colour}, ${colour}) ${start}px 0 / ${length}px 100% no-repeat`);
+      start += length;
+    }
+    return layers.join(", ") || colour;
   };
   const isDashedOnPaper = (line, lines) => lines.length > 1 && (line.kind === "line" || line.kind === "dashes");
 
