@@ -500,7 +500,9 @@ const result = {
       && chart.axes[0]._values.filter(text => text).length < 3
   ).length,
   // Chromium's viewer of PDF leaves out gradients with gaps.
-  marksWithGaps: [...document.querySelectorAll(".legend i")].filter(mark => mark.style.cssText.includes("transparent")).length,
+  marksWithGaps: [...document.querySelectorAll(".legend i")].filter(
+    mark => mark.style.cssText.includes("transparent")
+  ).length,
   breaks: ["#flight .charts", "#flight figure.chart"].map(
     name => getComputedStyle(document.querySelector(name)).breakInside
   ),
