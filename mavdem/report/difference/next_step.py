@@ -40,7 +40,8 @@ def next_step_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
     3. The states are of two vehicles: no step, since their differences are no faults.
     4. The later flight differs by its motors from other flights of the vehicle: the step of its own page.
     5. A light warns of a motor that the later log does not show to be mended: to inspect it.
-    6. A motor was bad in the earlier log and the motors are good in the later one: whether it was repaired.
+    6. A motor was bad in the earlier log and the motors are good in the later one: whether it was repaired; and the step
+       of the later log, if that warns of another part.
     7. A quantity changed that new gains do not explain: to check the part that this points to.
     8. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
        motors together does not exclude, and to fly again.
@@ -51,7 +52,7 @@ def next_step_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed: comparison of two states, beside the reviews of both logs.
 
     Returns:
-        A list with one sentence, two if both logs have a bad light, or an empty one.
+        A list with one sentence, two if both logs have a bad light or in the sixth case, or an empty one.
     """
     difference = reviewed.difference
     if difference.is_of_same_flight:
@@ -242,7 +243,8 @@ def _step_of_mended_motor(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed: comparison of the two states, with the reviews of both logs.
 
     Returns:
-        A list with one sentence; empty unless the motors are bad in the earlier log and good in the later one.
+        A list with this step and, if a light of the later log is "watch", the step of that log; empty unless the motors
+        are bad in the earlier log and good in the later one.
     """
     lights_by_side = lights_of_both(reviewed.reviews).get(Light.MOTORS)
     if lights_by_side is None:
@@ -256,7 +258,11 @@ def _step_of_mended_motor(reviewed: ReviewedDifference) -> list[Sentence]:
     )
     if number is None or not is_mended:
         return []
-    return render_section("difference_mended_motor", motor=f"motor {number}")
+    steps = render_section("difference_mended_motor", motor=f"motor {number}")
+    lights_of_later_log = value_at(reviewed.reviews[later], "lights") or {}
+    if any(light["level"] == Level.WATCH for light in lights_of_later_log.values()):
+        steps += _step_of_later_log(reviewed.reviews)
+    return steps
 
 
 def _step_of_unexplained_changes(

@@ -509,6 +509,10 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
     mended = alike | {"lights": {"motors": good}}
     (step,) = next_step_sentences(reviewed_difference(unchanged(), reviews | {"B": mended}))
     assert step.text.startswith("Unless motor 3 or its propeller was repaired between A and B")
+    # What else the later log warns of has its step, too.
+    mended["lights"]["vibration"] = shaken
+    steps = next_step_sentences(reviewed_difference(unchanged(), reviews | {"B": mended}))
+    assert [step.text for step in steps[1:]] == ["Balance the propellers."]
 
 
 @pytest.mark.parametrize("level", ["bad", "watch"])
