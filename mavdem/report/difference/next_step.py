@@ -40,8 +40,8 @@ def next_step_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
     3. The states are of two vehicles: no step, since their differences are no faults.
     4. The later flight differs by its motors from other flights of the vehicle: the step of its own page.
     5. A light warns of a motor that the later log does not show to be mended: to inspect it.
-    6. A motor was bad in the earlier log and the motors are good in the later one: whether it was repaired; and the step
-       of the later log, if that warns of another part.
+    6. A motor was bad in the earlier log and the motors are good in the later one: whether it was repaired; also
+       the step of the later log, if that warns of another part.
     7. A quantity changed that new gains do not explain: to check the part that this points to.
     8. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
        motors together does not exclude, and to fly again.
