@@ -92,8 +92,11 @@ def _log_mean_wind(
     """
     # A wind's direction is where it blows from; the arrow points where the air moves to.
     angle = radians(wind.direction)
-    velocity = -wind.speed * np.array([[np.cos(angle), np.sin(angle), 0.0]])
-    log_wind(recording, np.array([start_time]), velocity, arm)
+    velocity = -wind.mean_speed * np.array([[np.cos(angle), np.sin(angle), 0.0]])
+    # The reports state the mean speed and its interval, which is wide if the drag is not known.
+    low, high = wind.mean_speed_interval
+    label = f"wind {low:.1f} to {high:.1f} m/s"
+    log_wind(recording, np.array([start_time]), velocity, arm, [label])
 
 
 def _view_of_path(path: Array, extent: float, title: str) -> rrb.View:

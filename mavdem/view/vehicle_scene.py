@@ -3,6 +3,8 @@
 Axes of the world are north, east, down; axes of the body forward, right, down. All lengths are in m.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 
@@ -126,7 +128,13 @@ def log_body(recording: rr.RecordingStream, rotors: Array) -> None:
         recording.log(f"{VEHICLE_FRAME}/{name}", shape, static=True)
 
 
-def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float) -> None:
+def log_wind(
+    recording: rr.RecordingStream,
+    time: Array,
+    wind: Array,
+    arm: float,
+    labels: Sequence[str] | None = None,
+) -> None:
     """Draws an arrow of the wind that ends before the vehicle, labelled with the speed.
 
     The arrow moves with the vehicle but does not turn with it. It points where the air moves to, is
@@ -137,6 +145,7 @@ def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float
         time: (N,) s on the boot clock.
         wind: (N, 3) velocity of the air, north, east and down, m/s.
         arm: length of an arm, m.
+        labels: the N labels; None for the speeds.
     """
     speed = np.linalg.norm(wind, axis=1, keepdims=True)
     # The arrow is upwind of the vehicle, with its head at a fixed distance from it.
@@ -145,7 +154,8 @@ def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float
     colour = palette.channels(palette.DISTURBANCE)
     style = rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[colour], show_labels=True)
     recording.log(f"{POSITION_FRAME}/wind", style, static=True)
-    labels = [f"wind {sample_speed:.1f} m/s" for sample_speed in speed[:, 0]]
+    if labels is None:
+        labels = [f"wind {sample_speed:.1f} m/s" for sample_speed in speed[:, 0]]
     columns = rr.Arrows3D.columns(vectors=vectors, origins=heads - vectors, labels=labels)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=time)]
     recording.send_columns(f"{POSITION_FRAME}/wind", index, columns)

@@ -1,6 +1,7 @@
 """Recordings of learned and of simulated flights: what is drawn is what was flown, learned and forecast."""
 
 from dataclasses import fields, replace
+from unittest.mock import Mock
 
 import numpy as np
 from made_up_motion import made_up_motion
@@ -185,3 +186,19 @@ def test_the_vehicle_moves_along_its_path_in_3d_with_its_attitude(assessed, tmp_
     rolls = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x**2 + y**2))
     assert rolls == approx(measured.values[::7], abs=1e-3)
     assert {"world/path", "world/north", "world/here/vehicle/body"} <= entities
+    # The arrow of the wind has the mean speed of the reports, with its interval.
+    wind = Mock(
+        mean_speed=1.8,
+        mean_speed_interval=(0.6, 3.3),
+        speed=1.5,
+        direction=90.0,
+        speed_identifiable=True,
+        direction_identifiable=True,
+    )
+    with recording_to_file(tmp_path / "wind.rrd", "wind") as stream:
+        flight_scene(stream, replace(history, position=position), wind)
+    labels = []
+    for _, _, batch in chunks(tmp_path / "wind.rrd"):
+        if "Arrows3D:labels" in batch.schema.names:
+            labels += batch.column("Arrows3D:labels").to_pylist()
+    assert labels == [["wind 0.6 to 3.3 m/s"]]
