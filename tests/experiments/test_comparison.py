@@ -19,6 +19,7 @@ from mavdem.facts.forecasts import ForecastFact
 from mavdem.report.blocks import Table, plain_text
 from mavdem.report.charts.forecast_errors import forecast_error_chart
 from mavdem.report.comparison import comparison_report, plan_report
+from mavdem.report.pages.methods_page import methods_page
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
 WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
@@ -216,6 +217,11 @@ def test_predictions_are_compared_of_the_methods_that_make_them(compared):
     text = plain_text(comparison_report(compare(WINDOWS[:2], [SUBSPACE, MEAN, LAST])))
     assert "subspace needs the inputs." in text
     assert "\nconstant mean *" in text and "\nsubspace *" in text
+    # Where only a constant makes them, there is nothing to draw.
+    with_constant = compare(WINDOWS[:1], [SUBSPACE, MEAN])
+    assert "<h2>Forecasts without the inputs" not in methods_page(with_constant)
+    short_text = plain_text(comparison_report(with_constant, verbose=False))
+    assert "1 independent window; significant" in short_text.replace("\n", " ")
 
 
 @fixture(scope="module")

@@ -1,5 +1,7 @@
 """Charts of a comparison of methods: error ratios over the horizon, which show how far forecasts serve."""
 
+from itertools import cycle
+
 import numpy as np
 
 from mavdem.experiments.comparison import Comparison
@@ -50,7 +52,7 @@ def forecast_error_chart(comparison: Comparison, kind: ForecastKind) -> Chart:
         kind: kind of forecast, by the data that it may use.
     """
     lines = []
-    other_colours = iter(2 * OTHER_COLOURS)
+    other_colours = cycle(OTHER_COLOURS)
     for summary in comparison.over_flights(kind):
         method = str(summary["method"])
         if method in HIDDEN_METHODS:

@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.held_out import HOLD_LAST
+from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS
 from mavdem.facts.forecasts import MethodName
 from mavdem.report.blocks import Blocks, Table
 from mavdem.report.charts.chart import Group
@@ -51,13 +52,20 @@ def methods_page(
     for block in comparison_report(comparison, planned_windows, excluded):
         if block not in result:
             details.append(block)
-    kinds = compared_kinds(comparison)
-    charts = [forecast_error_chart(comparison, kind) for kind in kinds]
-    picture = ResultPicture(Group.side_by_side(charts[:1], CAPTION), position=1)
-    chapters = [
-        Chapter("Forecasts without the inputs", groups=[Group.side_by_side(charts[1:])]),
-        Chapter("All figures", details),
-    ]
+    groups = {}
+    for kind in compared_kinds(comparison):
+        chart = forecast_error_chart(comparison, kind)
+        # The constants have no lines.
+        if chart.lines:
+            caption = CAPTION if kind == KNOWN_INPUTS else ""
+            groups[kind] = Group.side_by_side([chart], caption)
+    picture = None
+    if KNOWN_INPUTS in groups:
+        picture = ResultPicture(groups[KNOWN_INPUTS], position=1)
+    chapters = [Chapter("All figures", details)]
+    if UNKNOWN_INPUTS in groups:
+        without_inputs = Chapter("Forecasts without the inputs", groups=[groups[UNKNOWN_INPUTS]])
+        chapters.insert(0, without_inputs)
     title = listed(comparison.flights)
     return render_document(
         title, SUBTITLE, result, chapters, key=_colour_key(comparison), picture=picture
