@@ -371,7 +371,10 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     attitude_score = margin_scores(target, loop.attitude)[ESTIMATE]
     weaker_name = "rate"
     weaker_loop: OpenLoop = loop.rate
-    if attitude_score < rate_score:
+    # The peak of a rate loop that is close to an oscillation may lift the gain of the attitude loop above 1 once more.
+    # The margins there are none of the attitude: it is the rate loop that lacks margin.
+    is_peak_of_rate = rate_score < 1 and not loop.attitude.has_one_crossover
+    if attitude_score < rate_score and not is_peak_of_rate:
         weaker_name = "attitude"
         weaker_loop = loop.attitude
     scores = margin_scores(target, loop.rate, loop.attitude)
@@ -396,7 +399,8 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         lacking=min(ratios, key=lambda margin: ratios[margin][ESTIMATE]),
         share=max(scores[ESTIMATE], LOWEST_SCORE),
         phase_margin=weaker_loop.phase_margin,
-        phase_margin_interval=weaker_loop.phase_margin_interval,
+        # Of unstable loops a margin may be minus infinity, and of a gain that never reaches 1 infinity.
+        phase_margin_interval=np.clip(weaker_loop.phase_margin_interval, -180.0, 180.0),
         gain_margin=weaker_loop.gain_margin if isfinite(weaker_loop.gain_margin) else None,
         gain_margin_interval=gain_margin_interval,
         ms=weaker_loop.ms,

@@ -43,6 +43,7 @@ from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.immutable import ReadOnlyDict
 from mavdem.live.gain_advice import facts_of_tuning
 from mavdem.loops.advice import advise
+from mavdem.loops.axis_loops import margin_rating
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop
@@ -492,6 +493,10 @@ def test_attitude_margins_are_dashes_only_where_the_rate_loops_peak_gives_them()
         )
     [_, attitude] = margin_tables(columns)
     assert {row[1] for row in attitude.rows[1:]} == {"-"}
+    # What the table leaves out is no headline either: the rate loop lacks the margin.
+    ratings = [margin_rating(column) for column in columns.values()]
+    assert [rating.subject for rating in ratings] == ["rate", "attitude"]
+    assert np.isfinite(ratings[0].figures["phase_margin_interval"]).all()
     [slow_phase_margin] = [row[2] for row in attitude.rows if row[0].startswith("phase margin")]
     assert slow_phase_margin.startswith("29 (")
 
