@@ -43,6 +43,7 @@ from mavdem.report.pages.tune_page import (
     rate_disagreement_sentences,
 )
 from mavdem.report.templates import Medium, render_section, sentences_for
+from mavdem.report.tuning.advice import is_stated
 from mavdem.report.tuning.goal import _goal_prospect, sentences_on_reached_goal
 from mavdem.report.tuning.outcomes import outcome_by_axis, outcome_sentences
 from mavdem.report.tuning.reasons import sentences_without_gains, tune_blocks
@@ -718,3 +719,10 @@ def test_steps_to_the_goal_say_at_which_thrust_it_is_to_hold():
     assert next_step.sentence.startswith(
         "Load these gains on trial (step 1 of at most 4), hover low"
     )
+
+
+def test_a_headline_with_what_to_do_states_its_fact():
+    peak = Fact(MarginsLight.RATE_STANDS_OUT, axis="roll", ratio=5.9)
+    headline = peak.replace(action=Fact(LoopAction.HOVER_WITH_LOWER_GAINS, axis="roll"))
+    assert is_stated(peak, [headline])
+    assert not is_stated(peak.replace(axis="pitch"), [headline])

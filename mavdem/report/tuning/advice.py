@@ -1,6 +1,6 @@
 """What a tuning says about the gains of an axis: to load or to keep them, and why they are no others."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.containers import group_by
@@ -109,7 +109,23 @@ def reasons_not_stated(conclusion: Fact, stated_facts: Collection[Fact]) -> Fact
     for reason in conclusion.figures.get("reasons", (conclusion,)):
         # One headline names all axes that oscillate, and so is not equal to the fact on a single axis.
         is_oscillation = reason.code is MarginsLight.OSCILLATES
-        is_stated = reason in stated_facts or (is_oscillation and oscillation_is_stated)
-        if not is_stated:
+        is_oscillation_above = is_oscillation and oscillation_is_stated
+        if not is_oscillation_above and not is_stated(reason, stated_facts):
             reasons.append(reason)
     return tuple(reasons)
+
+
+def is_stated(fact: Fact, stated_facts: Iterable[Fact]) -> bool:
+    """Returns whether a fact is among those that a report has stated; as a headline it may have further figures.
+
+    Args:
+        fact: the fact (a coded finding), such as that the roll rate has a peak.
+        stated_facts: the stated facts, such as that one with what to do about it as ``action``.
+    """
+    return any(stated.replace(**fact.figures) == stated for stated in _alike(fact, stated_facts))
+
+
+def _alike(fact: Fact, others: Iterable[Fact]) -> list[Fact]:
+    """Returns those facts that have code, subject and time of another one, whatever their figures are."""
+    key = (fact.code, fact.subject, fact.time)
+    return [other for other in others if (other.code, other.subject, other.time) == key]

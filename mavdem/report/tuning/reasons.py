@@ -17,6 +17,7 @@ from mavdem.report.templates import render_section, sentences_by_axes
 from mavdem.report.tuning.advice import (
     axes_with_same_conclusion,
     facts_on_new_gains,
+    is_stated,
     reasons_not_stated,
 )
 from mavdem.report.tuning.cautions import caution_sentences, shared_cautions
@@ -381,7 +382,7 @@ def _faults_in_flight(
         decision = tuning.judgement.loop_decisions.get(axis)
         if decision is None or not decision.reason.is_watch_or_bad:
             continue
-        if decision.reason not in stated_facts:
+        if not is_stated(decision.reason, stated_facts):
             faults[axis] = decision
     next_step = tuning.judgement.next_step.sentence
     return decision_sentences(faults, next_step, lead_end=" in flight:")
