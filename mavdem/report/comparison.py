@@ -1,6 +1,7 @@
 """Comparisons in sentences and tables: of forecasting methods by paired tests, and of model orders by free energy."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from math import isclose, isfinite, sqrt
 from statistics import median
 from types import MappingProxyType
@@ -17,6 +18,11 @@ from mavdem.experiments.compared_methods import (
 )
 from mavdem.experiments.comparison import HORIZON_TOLERANCE, Comparison
 from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
+from mavdem.experiments.horizon_differences import (
+    HorizonDifference,
+    horizon_differences,
+    shown_differences,
+)
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
 from mavdem.experiments.run_time import RunTimeEstimate
 from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
@@ -49,6 +55,9 @@ TRIVIAL_METHODS = (HOLD_LAST, CONSTANT_MEAN, "zero")
 MAX_LISTED_FLIGHTS = 2
 """Largest number of flights whose errors are listed one by one in a sentence; of more it has the range."""
 
+MIN_LISTED_RATIO = 1.05
+"""Ratio of two methods' errors from which the report says how many windows would show it: it is not printed as 1."""
+
 STANDARD_ORDER = 3
 """Order of the model of ``mavdem learn``: angle, rate, and the lag of the motors."""
 
@@ -58,9 +67,6 @@ class _MethodRank(NamedTuple):
 
     method: str
     """Name of the method."""
-
-    has_failed: bool
-    """Whether it made no forecast in any window; then it is not compared."""
 
     error_ratio: str
     """Its error ratio, as in the table."""
@@ -74,14 +80,24 @@ class _MethodRank(NamedTuple):
     losses: list[str]
     """Methods with a significantly smaller error, each with its error ratio and the p-value of the paired test."""
 
-    smaller: list[str]
-    """Further methods with a smaller error ratio in the table, which is not significant, each with that ratio."""
-
-    wins: list[str]
-    """Methods with a significantly larger error, each with its error ratio."""
+    wins: int
+    """Number of methods with a significantly larger error."""
 
     best_smaller: str
-    """Name of the first of ``smaller``; empty without one."""
+    """Method with the smallest error in the table of those that are smaller, but not significantly; or empty."""
+
+
+class _HorizonRun(NamedTuple):
+    """Horizons in a row at which the errors of DEM's model differ from the first method's, all in one direction."""
+
+    is_larger: bool
+    """Whether the errors of DEM's model are the larger ones."""
+
+    to: str
+    """The longest of the horizons, with its unit."""
+
+    ratios: str
+    """The ratio of the squared errors in the median window, such as "1.3 to 1.9", over these horizons."""
 
 
 class _UselessHorizon(NamedTuple):
@@ -185,22 +201,26 @@ def comparison_report(
         verbose: whether all kinds, the definitions of the figures and the errors at all horizons are reported.
     """
     kinds = compared_kinds(comparison) if verbose else [KNOWN_INPUTS]
-    ranks_of_kinds = {kind: _method_ranks(comparison, kind) for kind in kinds}
     yield from render_section(
         "comparison_stopped", windows=len(comparison.windows), planned_windows=planned_windows
     )
-    for kind, ranks in ranks_of_kinds.items():
-        yield headline_sentence(_ranking_text(comparison, kind, ranks))
+    for kind in kinds:
+        headline, *ranking = _headline_sentences(comparison, kind, are_both_kinds=verbose)
+        yield headline_sentence(headline.text)
+        yield from ranking
     yield from _useful_horizon_sentences(comparison, kinds)
-    for kind, ranks in ranks_of_kinds.items():
-        yield from _insignificance_sentences(comparison, kind, ranks)
+    for kind in kinds:
+        yield from _insignificance_sentences(comparison, kind)
         yield from _worse_window_sentences(comparison, kind)
     for source, error in excluded.items():
         yield from render_section("comparison_left_out", source=source, reason=str(error))
     if verbose:
         yield _figure_definitions("comparison_legend", comparison)
     for kind in kinds:
-        yield _summary_table(comparison, kind)
+        # A single kind needs no name in its tables.
+        prefix = f"inputs {kind}: " if verbose else ""
+        yield from horizon_difference_tables(comparison, kind, prefix)
+        yield _summary_table(comparison, kind, prefix)
     if verbose:
         yield from _detail_blocks(comparison, kinds)
     else:
@@ -211,6 +231,7 @@ def comparison_report(
             are_flights_pairs=comparison.are_flights_pairs,
             significance=SIGNIFICANCE,
             can_predict=bool(comparison.methods_of(UNKNOWN_INPUTS)),
+            are_horizons_tested=bool(_differences_by_horizon(comparison, KNOWN_INPUTS)),
         )
     for kind in kinds:
         yield from _band_cautions(comparison, kind)
@@ -263,6 +284,7 @@ def _figure_definitions(section: str, comparison: Comparison) -> Table:
         several=len(comparison.flights) > 1,
         significance=SIGNIFICANCE,
         is_use_stated=has_ranked_model,
+        are_horizons_tested=bool(_differences_by_horizon(comparison, KNOWN_INPUTS)),
         has_hold=HOLD_LAST in comparison.methods,
         better_share=f"{1 - MAX_WORSE_SHARE:.0%}".replace("%", " %"),
         max_ratio=MAX_USEFUL_RATIO,
@@ -313,29 +335,144 @@ def _advice_on_pairs(windows: Sequence[Window]) -> list[Sentence]:
     )
 
 
-def _ranking_text(comparison: Comparison, kind: ForecastKind, ranks: Sequence[_MethodRank]) -> str:
-    """Returns in one paragraph which methods have smaller errors than DEM and than the first method, losses first.
+def _headline_sentences(
+    comparison: Comparison, kind: ForecastKind, *, are_both_kinds: bool
+) -> list[Sentence]:
+    """Returns in two paragraphs up to which horizon DEM's model loses to the first method, and how all methods rank.
 
     Args:
         comparison: errors and tests of all methods.
         kind: kind of forecast, by the data that it may use.
-        ranks: how DEM's model and the first method compare with the others (:func:`_method_ranks`).
+        are_both_kinds: whether both kinds are reported, so that the sentences name their own.
+
+    Returns:
+        Both paragraphs; the second alone if DEM's model is not compared with another first method.
     """
     methods = comparison.methods_of(kind)
-    (paragraph,) = render_section(
-        "comparison_ranking",
-        forecasts=_forecasts_text(comparison, kind),
-        ranks=ranks,
-        model=MethodName.PLANT,
-        constant=CONSTANT_MEAN,
-        default=DEFAULT_METHOD,
+    failed_methods = _failed_methods(comparison, kind)
+    forecasting_methods = [method for method in methods if method not in failed_methods]
+    ranks = []
+    for method in _ranked_methods(comparison, kind):
+        if method in forecasting_methods:
+            ranks.append(_method_rank(comparison, method, kind))
+    best = None
+    if len(forecasting_methods) > 1:
+        best = _best_rank(comparison, kind, ranks)
+    differences = _differences_by_horizon(comparison, kind)
+    shown = shown_differences(differences)
+    return render_section(
+        "comparison_headline",
+        kind=kind,
+        are_both_kinds=are_both_kinds,
+        model=str(MethodName.PLANT),
+        reference=methods[0],
+        default=str(DEFAULT_METHOD),
+        constant=str(CONSTANT_MEAN),
+        runs=_horizon_runs(shown),
+        is_difference_lost=len(shown) < len(differences),
+        is_pair_compared=bool(differences),
+        is_tested=_pair_count(comparison) >= MIN_PAIRS,
         pair_count=_pair_count(comparison),
         min_pairs=MIN_PAIRS,
-        has_result=not all(rank.has_failed for rank in ranks),
-        other_count=len(methods) - 1,
+        failed_methods=[
+            method for method in _ranked_methods(comparison, kind) if method in failed_methods
+        ],
+        seconds=_test_length(comparison),
+        best=best,
+        others=[rank for rank in ranks if best is not None and rank.method != best.method],
+        method_count=len(forecasting_methods),
         absent_methods=[method for method in comparison.methods if method not in methods],
     )
-    return paragraph.text
+
+
+def _failed_methods(comparison: Comparison, kind: ForecastKind) -> list[str]:
+    """Returns the methods that made no forecast in any window.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+    """
+    failed_methods = []
+    for summary in comparison.over_flights(kind):
+        if summary["failed"] == summary["windows"]:
+            failed_methods.append(summary["method"])
+    return failed_methods
+
+
+def _differences_by_horizon(comparison: Comparison, kind: ForecastKind) -> list[HorizonDifference]:
+    """Returns at which horizons the errors of DEM's model differ from the first method's.
+
+    Args:
+        comparison: errors of all methods.
+        kind: kind of forecast, by the data that it may use.
+
+    Returns:
+        One entry for each horizon; empty if DEM's model is not compared with another first method, or one of the two
+        made no forecast.
+    """
+    ranked = _ranked_methods(comparison, kind)
+    failed_methods = _failed_methods(comparison, kind)
+    if len(ranked) < 2 or any(method in failed_methods for method in ranked):
+        return []
+    learned_model, first_method = ranked
+    return horizon_differences(comparison, learned_model, first_method, kind)
+
+
+def _horizon_runs(differences: Sequence[HorizonDifference]) -> list[_HorizonRun]:
+    """Groups horizons in a row at which the errors of DEM's model are larger, or smaller, than the first method's.
+
+    Args:
+        differences: horizons that show a difference, the shortest first.
+    """
+    runs = []
+    for is_larger, group in groupby(differences, key=lambda difference: difference.test.ratio > 1):
+        run = list(group)
+        ratios = [difference.test.ratio for difference in run]
+        least, most = _short_number(min(ratios)), _short_number(max(ratios))
+        range_text = least if least == most else f"{least} to {most}"
+        runs.append(_HorizonRun(is_larger, _seconds_text(run[-1].seconds), range_text))
+    return runs
+
+
+def horizon_difference_tables(
+    comparison: Comparison, kind: ForecastKind, prefix: str = ""
+) -> list[Table]:
+    """Returns a table of how DEM's model and the first method differ at each horizon; none if both are not compared.
+
+    Args:
+        comparison: errors and tests of all methods.
+        kind: kind of forecast, by the data that it may use.
+        prefix: what the header of the first column begins with, such as "inputs known: "; may be empty.
+    """
+    differences = _differences_by_horizon(comparison, kind)
+    if not differences:
+        return []
+    learned_model, first_method = _ranked_methods(comparison, kind)
+    rows = []
+    for difference in differences:
+        test = difference.test
+        result = "not shown"
+        if difference.is_shown:
+            result = "worse" if test.ratio > 1 else "better"
+        rows.append(
+            [
+                _seconds_text(difference.seconds),
+                _short_number(difference.error_ratio),
+                _short_number(difference.other_error_ratio),
+                f"{test.tested_less} of {test.tested}",
+                _short_number(test.p_value),
+                result,
+            ]
+        )
+    header = [
+        f"{prefix}error ratio to",
+        learned_model,
+        f"{first_method} *",
+        "better in",
+        "p",
+        f"{learned_model} is",
+    ]
+    return [Table(header, rows)]
 
 
 def _ranked_methods(comparison: Comparison, kind: ForecastKind) -> list[str]:
@@ -356,18 +493,28 @@ def _ranked_methods(comparison: Comparison, kind: ForecastKind) -> list[str]:
     return [first_method]
 
 
-def _method_ranks(comparison: Comparison, kind: ForecastKind) -> list[_MethodRank]:
-    """Returns how DEM's model and the first method compare with all others, by their errors over the whole test parts.
+def _best_rank(
+    comparison: Comparison, kind: ForecastKind, ranks: Sequence[_MethodRank]
+) -> _MethodRank:
+    """Returns the rank of the method with the smallest error ratio over the whole test parts.
+
+    Of methods that the tables show as equal, one of ``ranks`` is preferred, and the first method to DEM's model.
 
     Args:
         comparison: errors and tests of all methods.
         kind: kind of forecast, by the data that it may use.
+        ranks: ranks of DEM's model and of the first method.
     """
-    return [_method_rank(comparison, name, kind) for name in _ranked_methods(comparison, kind)]
+    best_summary, *_ = comparison.over_flights(kind)
+    best_ratio = _short_number(best_summary["relative"])
+    for rank in reversed(ranks):
+        if rank.error_ratio == best_ratio:
+            return rank
+    return _method_rank(comparison, best_summary["method"], kind)
 
 
 def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRank:
-    """Returns which other methods have a smaller error than one method, and which have a larger one.
+    """Returns which other methods have a smaller error than one method, and how many have a larger one.
 
     Args:
         comparison: errors of all methods.
@@ -376,13 +523,9 @@ def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _Me
     """
     summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
     error_ratios = {name: summary["relative"] for name, summary in summaries.items()}
-    failed_methods = []
-    for name, summary in summaries.items():
-        if summary["failed"] == summary["windows"]:
-            failed_methods.append(name)
+    failed_methods = _failed_methods(comparison, kind)
     losses = []
-    smaller = []
-    wins = []
+    wins = 0
     best_smaller = ""
     # The paired test of this method against each other one.
     tests = comparison.with_reference(method).tests(kind)
@@ -390,30 +533,26 @@ def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _Me
     # The method with the smallest error comes first.
     for other in sorted(compared_methods, key=lambda name: error_ratios[name]):
         test = tests[other]
-        error_ratio = _short_number(error_ratios[other])
         if test.result is TestResult.HIGHER:
-            losses.append(f"{other} ({error_ratio}, p {_p_value_text(test)})")
+            losses.append(
+                f"{other} ({_short_number(error_ratios[other])}, p {_p_value_text(test)})"
+            )
         elif test.result is TestResult.LOWER:
-            wins.append(f"{other} ({error_ratio})")
-        elif _is_shown_smaller(error_ratios[other], error_ratios[method]):
-            smaller.append(f"{other} ({error_ratio})")
-            best_smaller = best_smaller or other
+            wins += 1
+        elif not best_smaller and _is_shown_smaller(error_ratios[other], error_ratios[method]):
+            best_smaller = other
     return _MethodRank(
         method,
-        has_failed=method in failed_methods,
         error_ratio=_short_number(error_ratios[method]),
         worse_than_constant=summaries[method]["worse_than_constant"],
         windows=summaries[method]["windows"],
         losses=losses,
-        smaller=smaller,
         wins=wins,
         best_smaller=best_smaller,
     )
 
 
-def _insignificance_sentences(
-    comparison: Comparison, kind: ForecastKind, ranks: Sequence[_MethodRank]
-) -> list[Sentence]:
+def _insignificance_sentences(comparison: Comparison, kind: ForecastKind) -> list[Sentence]:
     """Returns a sentence on what the paired test could have found, if a smaller error is not significant.
 
     Without it "not significantly" would read as "equal". It is on the first ranked method that has a larger error than
@@ -422,16 +561,21 @@ def _insignificance_sentences(
     Args:
         comparison: errors of all methods.
         kind: kind of forecast, by the data that it may use.
-        ranks: how DEM's model and the first method compare with the others.
     """
-    for rank in ranks:
+    failed_methods = _failed_methods(comparison, kind)
+    for method in _ranked_methods(comparison, kind):
+        if method in failed_methods:
+            continue
+        rank = _method_rank(comparison, method, kind)
         if not rank.best_smaller:
             continue
         ratio = comparison.typical_ratio(rank.method, rank.best_smaller, kind)
-        if ratio is not None and isfinite(ratio.significant):
+        # A ratio that is printed as 1 is no difference to look for.
+        if ratio is not None and isfinite(ratio.significant) and ratio.measured > MIN_LISTED_RATIO:
             return render_section(
                 "comparison_insignificance",
                 kind=kind,
+                seconds=_test_length(comparison),
                 method=rank.method,
                 better=rank.best_smaller,
                 measured_ratio=_short_number(ratio.measured),
@@ -471,7 +615,7 @@ def _p_value_text(test: Paired) -> str:
     return f"< {MIN_DECIMAL:g}" if test.p_value < MIN_DECIMAL else f"= {test.p_value:.2g}"
 
 
-def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
+def _summary_table(comparison: Comparison, kind: ForecastKind, prefix: str) -> Table:
     """Returns a table of the methods, the best first: RMSE at three horizons, error ratio, and p-value of the test.
 
     The horizons are 0.1 and 0.5 s, in which a controller acts, and the whole test part. A star marks the method against
@@ -480,6 +624,7 @@ def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
     Args:
         comparison: errors and tests of all methods; the first method is the one that the others are compared with.
         kind: kind of forecast, by the data that it may use.
+        prefix: what the header of the first column begins with, such as "inputs known: "; may be empty.
     """
     reference = comparison.methods_of(kind)[0]
     tests = comparison.tests(kind)
@@ -497,7 +642,7 @@ def _summary_table(comparison: Comparison, kind: ForecastKind) -> Table:
         row.append(_short_number(tests[method].p_value) if method in tests else "")
         rows.append(row)
     rmse_headers = _rmse_headers(train, horizons)
-    return Table([f"inputs {kind}: RMSE to (s)", *rmse_headers, "error ratio", "p"], rows)
+    return Table([f"{prefix}RMSE to (s)", *rmse_headers, "error ratio", "p"], rows)
 
 
 def _rmse_headers(flight: Flight, horizons: Sequence[_Horizon]) -> list[str]:
@@ -681,16 +826,6 @@ def _better_at_shorter_horizons(comparison: Comparison, kind: ForecastKind) -> d
         if _is_shown_smaller(error_ratios[best_method], error_ratios[reference]):
             horizons_by_method.setdefault(best_method, []).append(_seconds_text(seconds))
     return horizons_by_method
-
-
-def _forecasts_text(comparison: Comparison, kind: ForecastKind) -> str:
-    """Returns what forecasts of a kind are called, with their length: "Forecasts of 1.5 s, inputs known".
-
-    Args:
-        comparison: outcomes of all methods on windows of one flight or several.
-        kind: kind of forecast, by the data that it may use.
-    """
-    return f"Forecasts of {_test_length(comparison)} s, inputs {kind}"
 
 
 def _test_length(comparison: Comparison) -> str:

@@ -7,7 +7,6 @@ import numpy as np
 from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
 from mavdem.experiments.scores import ForecastKind
-from mavdem.experiments.useful_horizons import MAX_USEFUL_RATIO
 from mavdem.facts.forecasts import MethodName
 from mavdem.report.charts.chart import Axis, Chart, Line, LineStyle
 from mavdem.report.palette import BASELINE, BOUND, DISTINCT, PREDICTED, TRUTH
@@ -15,13 +14,13 @@ from mavdem.report.palette import BASELINE, BOUND, DISTINCT, PREDICTED, TRUTH
 HORIZON = Axis("horizon (s)", is_logarithmic=True)
 """Time from the first step of a forecast to its last."""
 
-DRAWN_MINIMA = (1e-3, 0.1)
+DRAWN_MINIMA = (1e-4, 0.1)
 """The lowest error ratio that is drawn is the smallest of the lines, within these limits; a choice.
 
 Below the first a forecast is as good as exact; up to the second the chart shows what is better than useful.
 """
 
-DRAWN_MAXIMA = (2.0, 10.0)
+DRAWN_MAXIMA = (3.0, 10.0)
 """The highest error ratio that is drawn is the largest of the lines, within these limits; a choice.
 
 There is room for the constant mean at 1, and no more than shows that a method diverges.
@@ -44,8 +43,7 @@ HIDDEN_METHODS = (str(CONSTANT_MEAN), "zero")
 def forecast_error_chart(comparison: Comparison, kind: ForecastKind) -> Chart:
     """Returns a chart of each method's error ratio over the horizon, with the constant mean as the level 1.
 
-    The line of a method ends where its error is infinite. Below the second level a forecast explains half of the
-    variance, as a useful one does.
+    The line of a method ends where its error is infinite.
 
     Args:
         comparison: errors of all methods.
@@ -59,6 +57,8 @@ def forecast_error_chart(comparison: Comparison, kind: ForecastKind) -> Chart:
             continue
         colour = OWN_COLOURS.get(method) or next(other_colours)
         lines.append(_error_line(method, colour, summary["horizon_seconds"], summary["horizons"]))
+    # Lines that readers look for first are drawn over the others.
+    lines.sort(key=lambda line: line.name in OWN_COLOURS)
     ratios = np.concatenate([line.y for line in lines] or [np.ones(1)])
     limits = (
         float(np.clip(np.nanmin(ratios, initial=1.0), *DRAWN_MINIMA)),
@@ -69,8 +69,8 @@ def forecast_error_chart(comparison: Comparison, kind: ForecastKind) -> Chart:
         HORIZON,
         Axis("error ratio", is_logarithmic=True, limits=limits),
         tuple(lines),
-        levels=(1.0, MAX_USEFUL_RATIO),
-        level_names=("constant mean", "useful below"),
+        levels=(1.0,),
+        level_names=("constant mean",),
         group=f"horizon {kind}",
     )
 

@@ -10,9 +10,9 @@ from mavdem.facts.forecasts import MethodName
 from mavdem.report.blocks import Blocks, Table
 from mavdem.report.charts.chart import Group
 from mavdem.report.charts.forecast_errors import OWN_COLOURS, forecast_error_chart
-from mavdem.report.comparison import compared_kinds, comparison_report
+from mavdem.report.comparison import compared_kinds, comparison_report, horizon_difference_tables
 from mavdem.report.numbers import listed
-from mavdem.report.pages.page import Chapter, KeyEntry, ResultPicture, render_document
+from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 
 SUBTITLE = "Forecasts of mavdem and of other methods, compared on the same windows of flight."
 """What stands below the title."""
@@ -21,6 +21,12 @@ CAPTION = """\
 A lower line is better. Where a line crosses that of the constant mean, the forecast is worse than the mean of the \
 training data. At horizons below the whole the forecast starts anew from the data after each."""
 """What stands below the charts."""
+
+CHART_TITLES = {
+    KNOWN_INPUTS: "Error by horizon",
+    UNKNOWN_INPUTS: "Forecasts without the inputs",
+}
+"""Titles of the chapters with the charts, by the kind of forecast."""
 
 DESCRIPTIONS = {
     str(MethodName.PLANT): "DEM's model alone",
@@ -35,7 +41,7 @@ def methods_page(
     planned_windows: int | None = None,
     excluded: Mapping[str, Exception] = MappingProxyType({}),
 ) -> str:
-    """Renders the page of ``mavdem compare`` as HTML: the result beside a chart of errors, then all tables.
+    """Renders the page of ``mavdem compare`` as HTML: the result, charts of errors by horizon, then all tables.
 
     Args:
         comparison: errors and paired tests of all methods.
@@ -52,24 +58,18 @@ def methods_page(
     for block in comparison_report(comparison, planned_windows, excluded):
         if block not in result:
             details.append(block)
-    groups = {}
+    charts = []
     for kind in compared_kinds(comparison):
         chart = forecast_error_chart(comparison, kind)
         # The constants have no lines.
         if chart.lines:
             caption = CAPTION if kind == KNOWN_INPUTS else ""
-            groups[kind] = Group.side_by_side([chart], caption)
-    picture = None
-    if KNOWN_INPUTS in groups:
-        picture = ResultPicture(groups[KNOWN_INPUTS], position=1)
-    chapters = [Chapter("All figures", details)]
-    if UNKNOWN_INPUTS in groups:
-        without_inputs = Chapter("Forecasts without the inputs", groups=[groups[UNKNOWN_INPUTS]])
-        chapters.insert(0, without_inputs)
+            group = Group.side_by_side([chart], caption)
+            tables = horizon_difference_tables(comparison, kind)
+            charts.append(Chapter(CHART_TITLES[kind], tables, groups=[group]))
     title = listed(comparison.flights)
-    return render_document(
-        title, SUBTITLE, result, chapters, key=_colour_key(comparison), picture=picture
-    )
+    chapters = [*charts, Chapter("All figures", details)]
+    return render_document(title, SUBTITLE, result, chapters, key=_colour_key(comparison))
 
 
 def _colour_key(comparison: Comparison) -> list[KeyEntry]:
