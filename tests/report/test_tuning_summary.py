@@ -726,3 +726,12 @@ def test_a_headline_with_what_to_do_states_its_fact():
     headline = peak.replace(action=Fact(LoopAction.HOVER_WITH_LOWER_GAINS, axis="roll"))
     assert is_stated(peak, [headline])
     assert not is_stated(peak.replace(axis="pitch"), [headline])
+
+
+def test_the_unknown_mixer_of_a_hexarotor_is_stated_once_for_all_axes():
+    mixer = Fact(ControllerFact.MIXER_UNKNOWN, autopilot=None, motors=6, has_demand=False)
+    faults = dict.fromkeys(("roll", "pitch"), mixer)
+    tuning = tuning_of(NOT_STEERED, NOT_STEERED, {}, controller_faults=faults)
+    tuning = tuning._replace(axes=faults)
+    assert plain_text(outcome_sentences(tuning)).startswith("No gains: the mixer of 6 motors")
+    assert tune_blocks(tuning, is_full=False) == []

@@ -60,11 +60,11 @@ def outcome_sentences(tuning: Tuning) -> list[Sentence]:
         outcomes=[*GainOutcome],
         has_outcomes=bool(outcomes_with_margins),
         sluggish_axes=_sluggish_axes(tuning),
-        mixer_fault=_mixer_fault(tuning),
+        mixer_fault=mixer_fault(tuning),
     )
 
 
-def _mixer_fault(tuning: Tuning) -> Fact | None:
+def mixer_fault(tuning: Tuning) -> Fact | None:
     """Returns the fact (coded finding) that the mixer of the vehicle's motors is not known; None if it is."""
     for fault in tuning.controller_faults.values():
         if fault.code is ControllerFact.MIXER_UNKNOWN:

@@ -24,7 +24,12 @@ from mavdem.report.tuning.cautions import caution_sentences, shared_cautions
 from mavdem.report.tuning.decisions import decision_sentences
 from mavdem.report.tuning.details import axis_details
 from mavdem.report.tuning.goal import warning_of_unchecked_effects
-from mavdem.report.tuning.outcomes import GainOutcome, gain_outcome, has_doubtful_margins
+from mavdem.report.tuning.outcomes import (
+    GainOutcome,
+    gain_outcome,
+    has_doubtful_margins,
+    mixer_fault,
+)
 from mavdem.report.tuning.remedies import (
     remedies_besides_summary,
     remedies_besides_tuning,
@@ -195,6 +200,9 @@ def _sentences_without_loop(
     # The axes were grouped by this fact.
     assert isinstance(conclusion, Fact)
     reasons = reasons_not_stated(conclusion, stated_facts)
+    if mixer_fault(tuning) in reasons:
+        # The sentence on all axes above has it (:func:`outcome_sentences`), and no gains follow without the mixer.
+        return _faults_in_flight(tuning, axes, [*stated_facts, *reasons])
     if not reasons:
         # Axes whose gains are lowered have these above.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
