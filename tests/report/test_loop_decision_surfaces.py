@@ -55,7 +55,11 @@ from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.review import review_screen
 from mavdem.report.tuning.outcomes import outcome_sentences
-from mavdem.report.tuning.overview import margin_overview, tune_overview
+from mavdem.report.tuning.overview import (
+    margin_overview,
+    terminal_margin_overview,
+    tune_overview,
+)
 from mavdem.report.tuning.reasons import tune_blocks
 from mavdem.report.tuning.result import is_about_loops, level_of_summary, tuning_result
 from mavdem.report.tuning.summary import tune_summary
@@ -519,27 +523,31 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     (_, caution) = tune_blocks(tuning, is_full=False)
     assert caution.text == fast.sentence_and_remedy
     outcome, overview = tune_overview(tuning, tuning_result(tuning))
-    assert outcome.lead == "Roll: new gains." and overview.header[0] == "now → new"
-    assert [row[0] for row in overview.rows] == ["goal", "roll rate", "  attitude"]
+    assert outcome.lead == "Roll: new gains." and overview.header[0] == "now"
+    # On a terminal the margins with new gains have a row of their own, and all have their intervals.
+    names = ["goal", "roll rate", "  new gains", "roll attitude", "  new gains"]
+    assert [row[0] for row in overview.rows] == names
     assert overview.rows[0] == ["goal", "≥ 45", "≥ 6", "≤ 2", ""]
-    phase_margin = overview.rows[1][1]
-    assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+", phase_margin)
+    phase_margins = [row[1] for row in overview.rows[1:3]]
+    assert all(re.fullmatch(r"\d+ \(.+ to .+\)", cell) for cell in phase_margins)
+    (kept_rows, tried_rows) = (
+        [row[0] for row in table.rows] for table in terminal_margin_overview(tunings["sound"])
+    )
+    assert "  tried gains" in tried_rows and "  tried gains" not in kept_rows
     # A page has the same tables, a phone with the intervals below, and without spaces.
-    kept, tried = margin_overview(tunings["sound"], names_axis=True)
+    kept, tried = margin_overview(tunings["sound"])
     assert tried.header[0] == "now → tried" and tried.rows[1][0] == "pitch rate"
     assert kept.header[0] == "now" and kept.rows[2][0] == "roll attitude"
-    [expected] = margin_overview(tuning, names_axis=True)
-    # It has room for the interval with the new gains, too.
-    assert re.fullmatch(r"\d+ \(.+ to .+\) → \d+ \(.+ to .+\)", expected.rows[1][1])
-    assert [row[3:] for row in expected.rows] == [row[3:] for row in overview.rows]
+    [expected] = margin_overview(tuning)
+    assert expected.header[0] == "now → new" and expected.rows[1][1] == " → ".join(phase_margins)
     [on_phone] = expected.phone_tables
     assert on_phone.rows[0] == ["goal", "≥45", "≥6", "≤2", ""]
     assert re.fullmatch(r"\d+→\d+", on_phone.rows[1][1])
     interval, _, new_interval = on_phone.rows[1][1].detail.partition("\n")
-    assert interval in phase_margin and re.fullmatch(r"\(\d+ to \d+\)", new_interval)
-    assert not margin_overview(tuning._replace(axes={"roll": NOT_STEERED}), names_axis=True)
+    assert interval in phase_margins[0] and re.fullmatch(r"\(\d+ to \d+\)", new_interval)
+    assert not margin_overview(tuning._replace(axes={"roll": NOT_STEERED}))
     doubted = tuning._replace(doubtful_axes=frozenset(["roll"]))
-    [doubtful] = margin_overview(doubted, names_axis=True)
+    [doubtful] = margin_overview(doubted)
     assert doubtful.header[0] == "doubtful" and doubtful.rows == expected.rows
 
 
@@ -553,7 +561,7 @@ def test_margins_of_a_vehicle_to_be_repaired_are_as_sure_as_those_of_any_other(t
     )
     judgement = replace(tuning.judgement, loop_decisions=ReadOnlyDict({"roll": decision}))
     tuning = tuning._replace(axes={"roll": advice}, judgement=judgement)
-    [overview] = margin_overview(tuning, names_axis=False)
+    [overview] = margin_overview(tuning)
     assert overview.header[0] == "as flown"
     [outcome] = outcome_sentences(tuning)
     assert outcome.lead == "Roll: no gains before the repair."
@@ -562,7 +570,7 @@ def test_margins_of_a_vehicle_to_be_repaired_are_as_sure_as_those_of_any_other(t
     # A reason on the loop itself makes its margins doubtful.
     contradicted = replace(advice, refusals=(weak, Fact(GainFact.LOOP_UNSTABLE)))
     tuning = tuning._replace(axes={"roll": contradicted})
-    [overview] = margin_overview(tuning, names_axis=False)
+    [overview] = margin_overview(tuning)
     assert overview.header[0] == "doubtful"
     # Only that reason is stated where the headline has the repair.
     [report, *_] = tune_blocks(tuning, is_full=False, headline_above=weak)

@@ -137,7 +137,7 @@ def _render_tune_page(
     ]
     chapters = [chapter for chapter in chapters if not _repeats_headline(chapter, tuning)]
     summary: Blocks = [*tune_summary(tuning, result)]
-    blocks_beside_gains: Blocks = [*margin_overview(tuning, names_axis=True)]
+    blocks_beside_gains: Blocks = [*margin_overview(tuning)]
     blocks_beside_gains += goal_reached_sentences(tuning)
     blocks_beside_gains += field_sentences(tuning)
     blocks_beside_gains += later_flight_sentences(tuning)

@@ -1,4 +1,4 @@
-"""Tables of the margins of each axis now and with new gains, such as "29 (23 to 35) → 44", at the top of a tuning."""
+"""Tables of the margins of each axis now and with new gains, at the top of a tuning, for a page and for a terminal."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.facts import Fact
 from mavdem.loops.advice import Advice
-from mavdem.loops.axis_loops import LOOP_NAMES, MarginTarget
+from mavdem.loops.axis_loops import LOOP_NAMES, Loop, MarginTarget
 from mavdem.report.blocks import Blocks, Detailed, Table
 from mavdem.report.tuning.figures import TUNED_FIGURES, figure_text, value_text
 from mavdem.report.tuning.outcomes import (
@@ -18,7 +18,7 @@ from mavdem.report.tuning.outcomes import (
 from mavdem.report.tuning.result import is_headline_of_tuning
 
 FIGURES_WITH_INTERVAL = ("phase_margin", "gain_margin")
-"""Figures of ``TUNED_FIGURES`` whose 90 % interval the overview of a tuning shows; a terminal has no room for all."""
+"""Figures of ``TUNED_FIGURES`` whose 90 % interval the overview of a tuning shows; there is no room for all."""
 
 
 OVERVIEW_HEADERS = {
@@ -38,18 +38,54 @@ INTERVAL_IN_CELL = re.compile(r"\([^()]+ to [^()]+\)")
 """An interval of a figure in a cell, such as "(23 to 35)"."""
 
 
-def margin_overview(tuning: Tuning, *, names_axis: bool) -> list[Table]:
-    """Returns tables of the margins now and with new gains, such as "29 (23 to 35) → 44", below a row with their goal.
+NEW_GAINS_LABEL = "  new gains"
+"""Name of the row of a terminal's table with the margins that new gains give, below that with the present margins."""
+
+
+def margin_overview(tuning: Tuning) -> list[Table]:
+    """Returns a page's tables of margins, such as "29 (23 to 35) → 44 (38 to 51)", below a row with their goal.
 
     Each loop of an axis has a row, with a second line for its intervals on a phone. Axes whose gains are treated alike,
     such as those with gains to load, share a table (:func:`_margins_header`); doubtful margins come last.
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
-        names_axis: whether both rows of an axis name it, as on a page, whose rows may be read alone.
 
     Returns:
         The tables; empty if no loop is known.
+    """
+    tables = []
+    for header, advice_of_axes in _advice_by_header(tuning).items():
+        tables.append(_margins_table(header, advice_of_axes))
+    return tables
+
+
+def terminal_margin_overview(tuning: Tuning) -> list[Table]:
+    """Returns the same tables for a terminal of 80 columns, with the margins of new gains in a row of their own.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
+
+    Returns:
+        The tables; empty if no loop is known.
+    """
+    tables = []
+    for header, advice_of_axes in _advice_by_header(tuning).items():
+        present, _, changed = header.partition(" → ")
+        # Of gains that are not to be loaded the row says so: "tried gains", or "stage 2 gains".
+        new_gains_label = f"  {changed} gains" if changed else NEW_GAINS_LABEL
+        rows = [_goal_row(advice_of_axes[0].target)]
+        for advice in advice_of_axes:
+            rows += _terminal_rows(advice, new_gains_label)
+        tables.append(Table(_headers(present), rows))
+    return tables
+
+
+def _advice_by_header(tuning: Tuning) -> dict[str, list[Advice]]:
+    """Groups the axes whose loop is known by the header of their table, doubtful margins last.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
     """
     advice_by_header = dict[str, list[Advice]]()
     for axis, advice in tuning.axes.items():
@@ -58,33 +94,32 @@ def margin_overview(tuning: Tuning, *, names_axis: bool) -> list[Table]:
     doubtful_advice = advice_by_header.pop(DOUBTFUL_HEADER, None)
     if doubtful_advice is not None:
         advice_by_header[DOUBTFUL_HEADER] = doubtful_advice
-    tables = []
-    for header, advice_of_axes in advice_by_header.items():
-        tables.append(_margins_table(header, advice_of_axes, names_axis=names_axis))
-    return tables
+    return advice_by_header
 
 
-def _margins_table(
-    first_header: str, advice_of_axes: Sequence[Advice], *, names_axis: bool
-) -> Table:
-    """Returns a table of the margins of some axes, with a row for each loop, and a narrower one for a phone.
+def _headers(first_header: str) -> list[str]:
+    """Returns the headers of a table of margins, the first of them given, such as "now → new"."""
+    return [first_header, *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
+
+
+def _margins_table(first_header: str, advice_of_axes: Sequence[Advice]) -> Table:
+    """Returns a page's table of the margins of some axes, with a row for each loop, and a narrower one for a phone.
 
     Args:
         first_header: header of the first column, such as "now → new".
         advice_of_axes: advice on each axis, with its identified loops; all have the same goal.
-        names_axis: whether both rows of an axis name it.
     """
     goal = _goal_row(advice_of_axes[0].target)
     rows = [goal]
     # Without its space no goal breaks in the narrow columns of a phone.
     rows_on_phone = [[cell.replace(" ", "") for cell in goal]]
     for advice in advice_of_axes:
-        rows_with_intervals = _overview_rows(advice, names_axis=names_axis)
-        values = _overview_rows(advice, has_intervals=False, names_axis=True)
+        rows_with_intervals = _overview_rows(advice, has_intervals=True)
+        values = _overview_rows(advice, has_intervals=False)
         rows += rows_with_intervals
         for row, row_of_values in zip(rows_with_intervals, values, strict=True):
             rows_on_phone.append(_cells_on_phone(row, row_of_values))
-    headers = [first_header, *[OVERVIEW_HEADERS[figure_name] for figure_name in TUNED_FIGURES]]
+    headers = _headers(first_header)
     return Table(headers, rows, phone_tables=[Table(headers, rows_on_phone)])
 
 
@@ -149,65 +184,85 @@ def _margins_header(tuning: Tuning, axis: str) -> str:
     return "now → new" if GainOutcome.NEW in outcomes else "now"
 
 
-def _overview_rows(
-    advice: Advice, *, has_intervals: bool = True, names_axis: bool = False
-) -> list[list[str]]:
-    """Returns the rows of the overview's table for the rate loop and the attitude loop of one axis.
+def _overview_rows(advice: Advice, *, has_intervals: bool) -> list[list[str]]:
+    """Returns the rows of a page's table for the rate loop and the attitude loop of one axis.
 
     Args:
         advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
-        has_intervals: whether ``FIGURES_WITH_INTERVAL`` have their intervals.
-        names_axis: whether the row of the attitude names the axis, too, as on a page, whose rows may be read alone.
+        has_intervals: whether ``FIGURES_WITH_INTERVAL`` have their 90 % intervals.
 
     Returns:
-        For each loop its name and a cell for each of ``TUNED_FIGURES`` (:func:`_overview_cell`).
+        For each loop its name and a cell for each of ``TUNED_FIGURES``: the figure now and, if new gains change it,
+        with these: "29 (23 to 35) → 44 (38 to 51)".
     """
     rows = []
     for loop_name in LOOP_NAMES:
-        has_axis = names_axis or loop_name == "rate"
-        first_cell = f"{advice.before.axis} {loop_name}" if has_axis else f"  {loop_name}"
-        row = [first_cell]
+        row = [f"{advice.before.axis} {loop_name}"]
         for figure_name in TUNED_FIGURES:
             has_interval = has_intervals and figure_name in FIGURES_WITH_INTERVAL
-            cell = _overview_cell(
-                advice,
-                loop_name,
-                figure_name,
-                has_interval=has_interval,
-                # A terminal of 80 columns has no room for these.
-                has_new_interval=has_interval and names_axis,
-            )
+            cell = _cell(advice.before, loop_name, figure_name, has_interval=has_interval)
+            if _is_changed(advice, loop_name, figure_name):
+                new = _cell(advice.after, loop_name, figure_name, has_interval=has_interval)
+                cell = f"{cell} → {new}"
             row.append(cell)
         rows.append(row)
     return rows
 
 
-def _overview_cell(
-    advice: Advice, loop_name: str, figure_name: str, *, has_interval: bool, has_new_interval: bool
-) -> str:
-    """Returns a figure of a loop now and, if it changes, with new gains, such as "29 (23 to 35) → 44 (38 to 51)".
+def _terminal_rows(advice: Advice, new_gains_label: str) -> list[list[str]]:
+    """Returns the rows of a terminal's table for the rate loop and the attitude loop of one axis.
+
+    Args:
+        advice: advice on the axis: its identified loops with the gains that flew and with new ones, if there are any.
+        new_gains_label: name of the row with the margins that new gains give; a loop that they leave as it is has none.
+
+    Returns:
+        For each loop a row with its name and a cell for each of ``TUNED_FIGURES``, and one with new gains.
+    """
+    rows = []
+    for loop_name in LOOP_NAMES:
+        row = [f"{advice.before.axis} {loop_name}"]
+        new_row = [new_gains_label]
+        for figure_name in TUNED_FIGURES:
+            has_interval = figure_name in FIGURES_WITH_INTERVAL
+            row.append(_cell(advice.before, loop_name, figure_name, has_interval=has_interval))
+            new_row.append(_cell(advice.after, loop_name, figure_name, has_interval=has_interval))
+        rows.append(row)
+        if any(_is_changed(advice, loop_name, figure_name) for figure_name in TUNED_FIGURES):
+            rows.append(new_row)
+    return rows
+
+
+def _is_changed(advice: Advice, loop_name: str, figure_name: str) -> bool:
+    """Returns whether new gains change a figure of a loop, as it is printed.
 
     Args:
         advice: advice on an axis: its identified loops with the gains that flew and with new ones, if there are any.
         loop_name: "rate" or "attitude".
         figure_name: one of ``TUNED_FIGURES``, such as "phase_margin".
-        has_interval: whether the figure now has its 90 % interval.
-        has_new_interval: whether the figure with new gains has one.
     """
-    value_now = value_text(advice.before, loop_name, figure_name)
-    text_now = figure_text(advice.before, loop_name, figure_name) if has_interval else value_now
     if not advice.parameters:
-        return text_now
-    new_text = value_text(advice.after, loop_name, figure_name)
-    if new_text == value_now:
-        return text_now
-    if has_new_interval:
-        new_text = figure_text(advice.after, loop_name, figure_name)
-    return f"{text_now} → {new_text}"
+        return False
+    value_now = value_text(advice.before, loop_name, figure_name)
+    return value_text(advice.after, loop_name, figure_name) != value_now
+
+
+def _cell(loops: Loop, loop_name: str, figure_name: str, *, has_interval: bool) -> str:
+    """Returns a figure of a loop, with or without its 90 % interval: "29 (23 to 35)".
+
+    Args:
+        loops: the loops of an axis with some gains.
+        loop_name: "rate" or "attitude".
+        figure_name: one of ``TUNED_FIGURES``, such as "phase_margin".
+        has_interval: whether it has its interval.
+    """
+    if has_interval:
+        return figure_text(loops, loop_name, figure_name)
+    return value_text(loops, loop_name, figure_name)
 
 
 def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
-    """Returns what becomes of each axis at a glance: in a sentence, and in tables (:func:`margin_overview`).
+    """Returns what becomes of each axis at a glance: in a sentence, and in tables (:func:`terminal_margin_overview`).
 
     Args:
         tuning: advice on the gains of each axis, or the fact (coded finding) that says why its loop is not known.
@@ -217,7 +272,7 @@ def tune_overview(tuning: Tuning, result: Fact) -> Blocks:
     Returns:
         The sentence and the tables; empty if no loop is known.
     """
-    tables = margin_overview(tuning, names_axis=False)
+    tables = terminal_margin_overview(tuning)
     if not tables or not is_headline_of_tuning(tuning, result):
         return [*tables]
     return [*outcome_sentences(tuning), *tables]
