@@ -742,7 +742,8 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
     monkeypatch.setattr(RawRecording, fails, full)
     live = begin()
     until(lambda: warned)
-    assert warned[0].code is RefusalReason.SESSION_FAILED and "No space left" in warned[0].sentence
+    assert warned[0].code is RefusalReason.SESSION_FAILED
+    assert "not watched" in warned[0].sentence and "No space left on device." in warned[0].sentence
     assert come and library.find("1", [], 10)[1] == 1
     monkeypatch.setattr(live, "start", lambda: None)
     with serving(tmp_path / "other", monitor=live) as server:
