@@ -381,9 +381,10 @@ def _candidates_for_main_chart(
     """Yields the charts that may show what the heading of the page states, the best first.
 
     1. The output of the motor with the worst warning.
-    2. The trims, if those of a motor changed, if the motors are judged differently, or of fleets.
+    2. The trims, if those of a motor changed, or of fleets.
     3. A step response of an axis whose gains or margins changed, and then the spectra of the gyro.
-    4. The mean motor output, and then the spectra.
+    4. The trims, if the motors are judged differently for another reason than their trims.
+    5. The mean motor output, and then the spectra.
 
     Args:
         reviewed: comparison of both flights.
@@ -394,8 +395,7 @@ def _candidates_for_main_chart(
         for (chart,) in group.columns:
             if isinstance(chart, Chart) and chart.title == title_of_worst_motor:
                 yield chart
-    has_other_motors = _has_changed_motor(reviewed.difference) or reviewed.motors.differs
-    if has_other_motors or reviewed.fleet_sides:
+    if _has_changed_motor(reviewed.difference) or reviewed.fleet_sides:
         yield pictures.trims
     changed_axes = _axes_with_loop_changes(reviewed.difference)
     for axis in AXES:
@@ -403,6 +403,8 @@ def _candidates_for_main_chart(
             yield from _step_charts(reviewed.reviews, pictures.legend, axis)
     if changed_axes:
         yield pictures.spectra
+    if reviewed.motors.differs:
+        yield pictures.trims
     if pictures.mean_motor_output is not None:
         yield pictures.mean_motor_output
     yield pictures.spectra
