@@ -200,10 +200,18 @@ class LinkIntake:
             for stamp, frames in stamped_frames:
                 self.recording.add(stamp, frames)
         except OSError as error:
-            self.recording = None
-            self.is_recording_cut = True
-            self._log(failure_fact(LinkFact.STREAM_RECORDING_ENDED, error))
+            self.stop_recording(error)
         return stamped_frames
+
+    def stop_recording(self, error: Exception) -> None:
+        """Ends the recording before the session, and reports that; the file stays as it is.
+
+        Args:
+            error: why it ends, such as a full disk.
+        """
+        self.recording = None
+        self.is_recording_cut = True
+        self._log(failure_fact(LinkFact.STREAM_RECORDING_ENDED, error))
 
     def send(self, frames: list[bytes]) -> None:
         """Sends encoded MAVLink frames; if the link is lost meanwhile, that is reported, and the rest is not sent."""

@@ -211,13 +211,14 @@ class _FlightState:
         has_landed: whether the latest flight has ended with a landing.
         has_restarted: whether the vehicle has restarted on the ground since, so that the flight is over and the next
             one gets a session of its own.
+        is_in_air: whether the vehicle has taken off, and has not landed since.
     """
 
     def __init__(self) -> None:
         """Begins before the first take-off."""
         self.has_landed = False
         self.has_restarted = False
-        self._is_in_air = False
+        self.is_in_air = False
         # Whether the vehicle was in the air when it was received last before its latest restart. While its link was
         # lost it may have landed, and restarted on the ground.
         self._was_in_air_before_restart = False
@@ -235,7 +236,7 @@ class _FlightState:
         """
         if fact.code is ReportedEvent.OFF_GROUND:
             self.has_landed = False
-            self._is_in_air = True
+            self.is_in_air = True
             if self._was_in_air_before_restart:
                 # A vehicle that takes off after its restart was on the ground.
                 self.has_restarted = True
@@ -243,11 +244,11 @@ class _FlightState:
         elif fact.code is ReportedEvent.ON_GROUND:
             # If it restarted in the air, it has flown on until this landing, which ends the flight as usual.
             self.has_landed = True
-            self._is_in_air = False
+            self.is_in_air = False
             self._was_in_air_before_restart = False
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
             self.has_restarted = self.has_landed
-            self._was_in_air_before_restart = self._is_in_air
+            self._was_in_air_before_restart = self.is_in_air
             self._is_armed_since_restart = False
         elif fact.code is ReportedEvent.MOTORS_ARMED:
             self._is_armed_since_restart = True
@@ -393,6 +394,9 @@ class LinkMonitor:
         self._next_recording: _IncomingRecording | None = None
         # Whether the vehicle of the running session has landed or restarted.
         self._flight = _FlightState()
+        # Why the recording of the running session has ended in flight, which ends the session after the landing; None
+        # while it goes on.
+        self._recording_problem: Exception | None = None
         # For how long that vehicle has been silent.
         self._silence = _Silence()
         # Set when the server ends.
@@ -504,6 +508,8 @@ class LinkMonitor:
             successor = self._finish_session(session)
         finally:
             session.end()
+        if self._recording_problem is not None:
+            raise self._recording_problem
         vehicle = session.stream.followed_vehicle
         if successor is not None and vehicle is not None:
             restart = session.stream.latest_restart if self._flight.has_restarted else None
@@ -800,11 +806,15 @@ class LinkMonitor:
             event: event that the session reports.
 
         Raises:
-            OSError: the event is the failure of the recording. This error ends the session.
+            OSError: the event is the failure of the recording on the ground. This error ends the session.
         """
         fact = event.fact
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
-            raise OSError(fact.figures["error"])
+            problem = OSError(fact.figures["error"])
+            if not self._flight.is_in_air:
+                raise problem
+            # The pilot of a vehicle that flies needs the alarms more than the recording.
+            self._recording_problem = self._recording_problem or problem
         self._flight.update(fact)
         if self._finished_page and fact.code is RowsFact.NOTHING_RECEIVED:
             # A link that waits for the next vehicle is as it should be after a flight.
@@ -829,9 +839,12 @@ class LinkMonitor:
     def _is_over(self) -> bool:
         """Returns whether the session is to end, whatever else is received on its link.
 
-        It is if the server stops, if the vehicle has restarted after a flight, or if it has been silent for long.
+        It is if the server stops, if the vehicle has restarted after a flight, or if it has been silent for long. A
+        session whose recording has ended in flight, as on a full disk, goes on until the landing.
         """
         if self._is_stopping.is_set() or self._flight.has_restarted:
+            return True
+        if self._recording_problem is not None and not self._flight.is_in_air:
             return True
         return self._silence.is_too_long(has_landed=self._flight.has_landed)
 
@@ -879,10 +892,18 @@ class LinkMonitor:
             session: the running session, which records what it receives.
 
         Raises:
-            Refusal: the disk is nearly full, so that the session must end while its recording can still be kept.
+            Refusal: the disk is nearly full, so that the session must end while its recording can still be kept. In
+                flight the recording alone ends.
         """
         self._update_time = clock.monotonic()
-        self._library.check_space(0)
+        if self._recording_problem is None:
+            try:
+                self._library.check_space(0)
+            except Refusal as refusal:
+                if not self._flight.is_in_air:
+                    raise
+                self._recording_problem = refusal
+                session.intake.stop_recording(refusal)
         self._silence.count_page(session)
         is_lost_for_long = self._silence.is_in_air and self._silence.page_count >= MAX_SILENT_PAGES
         if is_lost_for_long and self._stored_part is None:
@@ -1340,7 +1361,7 @@ def _received_frames(session: LiveSession) -> int:
         # Frames of another vehicle on the same link do not count: it has its turn once the followed one is silent.
         return vehicle.frame_count
     recording = session.intake.recording
-    # If writing the recording fails, the session ends before its next page.
+    # If writing the recording fails before a vehicle flies, the session ends before its next page.
     assert recording is not None
     return recording.frame_count
 

@@ -22,6 +22,7 @@ from serving import serving
 from take_over import record_take_over, systems_in
 
 from mavdem.cli.serve import serve_command
+from mavdem.errors import Refusal
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event as HappenedEvent
@@ -702,10 +703,28 @@ def test_the_terminal_has_the_events_of_a_session_its_status_and_where_the_fligh
     (saved,) = told[3:]
     assert saved.sentence == "Flight saved: http://127.0.0.1:8600/f/abc"
     assert moment_text(saved).count(":") == 2
+    full_disk = HappenedEvent(1.0, Fact(LinkFact.STREAM_RECORDING_ENDED, error="no space"))
     with raises(OSError, match="no space"):
-        live._take_event(
-            HappenedEvent(1.0, Fact(LinkFact.STREAM_RECORDING_ENDED, error="no space"))
-        )
+        live._take_event(full_disk)
+
+
+def test_a_vehicle_in_flight_is_watched_until_its_landing_without_a_recording(idle, monkeypatch):
+    live, told = idle
+    session = Mock(status=SessionStatus())
+    session.stream.followed_vehicle.frame_count = 100
+    monkeypatch.setattr(live, "_render_page", Mock())
+    monkeypatch.setattr(
+        live._library, "check_space", Mock(side_effect=Refusal(RefusalReason.DISK_FULL))
+    )
+    with raises(Refusal):
+        live._update_page(session)
+    live._take_event(HappenedEvent(1.0, Fact(ReportedEvent.OFF_GROUND)))
+    live._update_page(session)
+    assert session.intake.stop_recording.called
+    live._take_event(HappenedEvent(2.0, Fact(LinkFact.STREAM_RECORDING_ENDED, error="no space")))
+    assert told[-1].fact.code is LinkFact.STREAM_RECORDING_ENDED and not live._is_over()
+    live._take_event(HappenedEvent(3.0, Fact(ReportedEvent.ON_GROUND)))
+    assert live._is_over() and isinstance(live._recording_problem, Refusal)
 
 
 @mark.parametrize("code", [RowsFact.NO_LIVE_ATTITUDE, RowsFact.LIVE_RATES_TOO_LOW])
