@@ -180,6 +180,7 @@ def change_plan(
     evidence: Collection[QuantityChange] = (),
     *,
     are_two_vehicles: bool = False,
+    changes: Sequence[QuantityChange] | None = None,
 ) -> Plan | None:
     """Draws how much each quantity changed, with its 90 % interval, as a forest plot with a row for each quantity.
 
@@ -189,11 +190,13 @@ def change_plan(
         difference: changes of a vehicle between two states, quantity by quantity.
         evidence: changes that agree with a weak motor, which a light of one side names.
         are_two_vehicles: whether the states are of two vehicles, of which neither is the better or worse one.
+        changes: those of the changes that are drawn; None for :func:`drawn_changes`.
 
     Returns:
-        The drawing of :func:`drawn_changes`; None if nothing was compared.
+        The drawing; None without a change to draw.
     """
-    changes = drawn_changes(difference)
+    if changes is None:
+        changes = drawn_changes(difference)
     if not changes:
         return None
     changes_by_kind = group_by(changes, lambda change: change.quantity.kind)

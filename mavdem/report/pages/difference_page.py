@@ -485,6 +485,7 @@ def _chapters(
     return [
         _change_chapter(reviewed),
         *[chapter._replace(is_closed_on_phone=True) for chapter in closed_chapters],
+        *_chapters_on_uncertain_changes(reviewed),
         *chapters_by_difference.alike,
         _autopilot_parameter_chapter(reviewed),
         _single_side_chapter(pictures.series_charts),
@@ -760,15 +761,11 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
         reviewed: comparison of both flights.
     """
     difference = reviewed.difference
-    evidence = reviewed.motors.evidence
     if not difference.changes:
         return Chapter("What changed", sentences_on_missing_quantities(difference))
-    drawing = change_plan(difference, evidence, are_two_vehicles=reviewed.are_two_vehicles)
     changes_in_drawing = drawn_changes(difference)
-    groups = []
-    if drawing is not None:
-        caption = _changes_caption(changes_in_drawing, evidence)
-        groups.append(Group.side_by_side([drawing], caption))
+    shown, _ = _certain_and_uncertain_changes(reviewed)
+    groups = _change_groups(reviewed, shown)
     blocks = Blocks()
     if not difference.is_of_same_flight:
         blocks += explained_bounds(reviewed)
@@ -781,6 +778,64 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     if not difference.changes_with(QuantityOutcome.CHANGED):
         title = "Compared figures: no certain difference"
     return Chapter(title, blocks, groups)
+
+
+def _chapters_on_uncertain_changes(reviewed: ReviewedDifference) -> list[Chapter]:
+    """Returns a closed chapter with the drawing of changes that are too uncertain to tell; none if all are in one.
+
+    Args:
+        reviewed: comparison of both flights.
+    """
+    _, uncertain = _certain_and_uncertain_changes(reviewed)
+    if not uncertain:
+        return []
+    title = f"Too uncertain to tell: {counted(len(uncertain), 'figure')}"
+    return [Chapter(title, groups=_change_groups(reviewed, uncertain), folded=True)]
+
+
+def _certain_and_uncertain_changes(
+    reviewed: ReviewedDifference,
+) -> tuple[list[QuantityChange], list[QuantityChange]]:
+    """Parts the drawn changes into those that the page shows at once, and those that it shows when asked for.
+
+    A few changes are drawn together. Of more, those that are too uncertain would push all else from the screen.
+
+    Args:
+        reviewed: comparison of both flights.
+
+    Returns:
+        The changes that are shown, and the uncertain ones; the second list is empty if all are shown.
+    """
+    changes = drawn_changes(reviewed.difference)
+    certain = []
+    uncertain = []
+    for change in changes:
+        if change.outcome is QuantityOutcome.CHANGED or change in reviewed.motors.evidence:
+            certain.append(change)
+        else:
+            uncertain.append(change)
+    if not certain or len(changes) <= MAX_CHANGES_AT_TOP:
+        return changes, []
+    return certain, uncertain
+
+
+def _change_groups(reviewed: ReviewedDifference, changes: Sequence[QuantityChange]) -> list[Group]:
+    """Returns the drawing of some changes with its caption; empty without a change.
+
+    Args:
+        reviewed: comparison of both flights.
+        changes: the changes to draw.
+    """
+    evidence = reviewed.motors.evidence
+    drawing = change_plan(
+        reviewed.difference,
+        evidence,
+        are_two_vehicles=reviewed.are_two_vehicles,
+        changes=changes,
+    )
+    if drawing is None:
+        return []
+    return [Group.side_by_side([drawing], _changes_caption(changes, evidence))]
 
 
 def _changes_caption(
