@@ -232,6 +232,8 @@ class StatusLines:
         # The next step that was printed last, and its sentence.
         self._printed_next_step: Fact | None = None
         self._printed_next_text = ""
+        # The headline that was printed last as the reason of a next step; empty before any.
+        self._printed_reason = ""
         # The next step at the latest look, without its numbers.
         self._latest_next_step: Hashable = None
         # What the latest alarm, warning or other event advised, and when it was printed, s of the monotonic clock.
@@ -711,7 +713,26 @@ class StatusLines:
         self._printed_next_step = next_step
         self._printed_next_text = text
         if text and not is_same_text and not self._was_just_advised(next_step):
+            self._print_reason_of_next_step(status)
             self._print_now(f"{NEXT_MARKER} {text}", status)
+
+    def _print_reason_of_next_step(self, status: SessionStatus) -> None:
+        """Prints the headline as a warning if it is the reason of the next step, and no other line states it.
+
+        In flight, alarms have lines of their own. On the ground, so have the landing and the verdict.
+
+        Args:
+            status: State of the live session.
+        """
+        headline = status.session_judgement.headline
+        if not status.is_in_flight or not headline.is_watch_or_bad or status.alarms:
+            return
+        text = escape_unprintable(headline_text(headline))
+        # The line on the fault of an earlier flight, and that of a lost link, state what the headline does.
+        is_stated = text in self._printed_fault_of_earlier_flight or self._is_link_warned
+        if not is_stated and text != self._printed_reason:
+            self._printed_reason = text
+            self._print_now(f"{WARNING_MARKER} {text}", status)
 
     def _is_next_step_settled(self, status: SessionStatus) -> bool:
         """Returns whether the next step can be printed now, since it will hardly change in the next seconds.

@@ -1401,6 +1401,15 @@ def test_each_new_next_step_is_printed_once_and_a_link_that_is_just_lost(capsys,
         line for line in capsys.readouterr().out.splitlines() if "VERDICT" in line or "NEXT" in line
     ]
     assert f"VERDICT {headline_text(small)}" in verdict and "NEXT" in step
+    # In flight a light that warns without an alarm is stated as the reason of the step, once.
+    warned = replace(sound, worst_lights={Light.MOTORS: small})
+    lines = StatusLines(None)
+    for status in (sound, warned, warned):
+        lines.show_status(status)
+    reason, step = [
+        line for line in capsys.readouterr().out.splitlines() if "WARNING" in line or "NEXT" in line
+    ]
+    assert reason.endswith(f"WARNING {headline_text(small)}") and "NEXT" in step
     lines.show_status(sound)
     lines.show_status(sound)
     capsys.readouterr()
