@@ -15,6 +15,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.extras import EXTRAS_OF_ENDINGS, missing_modules, require_extra_of_file
 from mavdem.files import reporting_write_errors, writable_target
 from mavdem.ingest import read_log
+from mavdem.report.templates import as_clause
 
 if TYPE_CHECKING:
     from mavdem.view import Target
@@ -45,15 +46,27 @@ RESULT_FILES = (MODEL_FILE, REPORT_FILE, PAGE_FILE, *RECORDINGS)
 def result_files(assessment: Assessment, recordings: Names = ()) -> Names:
     """Returns the names of those ``RESULT_FILES`` that are to be written for an assessment.
 
-    Without a model there are only the document and the page.
+    Without a model there are only the document, the page and, if there is a flight to show, the dashboard.
 
     Args:
         assessment: All results on a vehicle of a log: events, status lights, model, loops and wind.
         recordings: The requested ones of ``RECORDINGS``.
     """
-    if assessment.model is None:
-        return (REPORT_FILE, PAGE_FILE)
-    return (MODEL_FILE, REPORT_FILE, PAGE_FILE, *recordings)
+    if assessment.model is not None:
+        return (MODEL_FILE, REPORT_FILE, PAGE_FILE, *recordings)
+    if RECORDING_FILE in recordings and _has_flight_to_show(assessment):
+        return (REPORT_FILE, PAGE_FILE, RECORDING_FILE)
+    return (REPORT_FILE, PAGE_FILE)
+
+
+def _has_flight_to_show(assessment: Assessment) -> bool:
+    """Returns whether a log has signals over time for a dashboard: a vehicle was analysed, and has an attitude."""
+    evidence = assessment.evidence
+    return (
+        assessment.analysis is not None
+        and evidence is not None
+        and evidence.time_history is not None
+    )
 
 
 def possible_recordings() -> Names:
@@ -64,7 +77,7 @@ def possible_recordings() -> Names:
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
-    """Writes the result files of an assessment: document and page and, if there is a model, the model and recordings.
+    """Writes the result files of an assessment: document, page, recordings and, if there is one, the model.
 
     Args:
         paths: Path to write to, for each name that :func:`result_files` returns.
@@ -78,25 +91,24 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
     # The page may contain the name of a file, which need not be valid Unicode.
     paths[PAGE_FILE].write_text(review_page(assessment), "utf-8", "replace")
     analysis = assessment.analysis
-    if analysis is None or analysis.learned is None or analysis.held_out is None:
-        # Without a model there is nothing else to write.
-        return
-    paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n", "utf-8")
+    if MODEL_FILE in paths and analysis is not None and analysis.learned is not None:
+        paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n", "utf-8")
     write_recordings(paths, assessment)
 
 
 def write_recordings(paths: Mapping[str, Path], assessment: Assessment) -> None:
-    """Writes the recordings of an assessment; without a model there are none.
+    """Writes the recordings of an assessment, as far as there is something to record.
 
     Args:
-        paths: Path to write to, for each of the ``RECORDINGS`` that is wanted.
+        paths: Path to write to, for each of the ``RECORDINGS`` that is wanted. The dashboard needs a flight, the
+            channels a model: without it their file is not written.
         assessment: All results on a vehicle of a log: events, status lights, model, loops and wind.
     """
+    if RECORDING_FILE in paths and _has_flight_to_show(assessment):
+        write_dashboard(paths[RECORDING_FILE], assessment)
     analysis = assessment.analysis
     if analysis is None or analysis.learned is None or analysis.held_out is None:
         return
-    if RECORDING_FILE in paths:
-        write_dashboard(paths[RECORDING_FILE], assessment)
     if CHANNELS_FILE in paths:
         from mavdem.export.mcap_channels import write_channels
 
@@ -114,18 +126,20 @@ def convert_to_recording(
 ) -> JsonValues:
     """Learns a model from a log, and writes it with the flight as a recording for Rerun or for Foxglove.
 
+    Rerun's recording shows a flight without a model, too.
+
     Args:
         source: The log.
         out: The file to write, .rrd or .mcap, which appears whole or not at all.
         axis, vehicle, inputs: As for :func:`mavdem.read_flight`.
 
     Returns:
-        Plain JSON values of the document of ``mavdem convert``: samples from which the model was learned, their step
-        and first and last time, s.
+        Plain JSON values of the document of ``mavdem convert``: samples from which the model was learned, or without
+        one those of the attitude, their step (None without a model) and first and last time, s.
 
     Raises:
         Unreadable: The log cannot be read, or ``out`` cannot be written.
-        NotLearnable: No model can be learned from the log.
+        NotLearnable: No model can be learned from the log, and Rerun's recording has no flight to show.
         MissingExtra: The format of ``out`` needs a package that is not installed.
         ValueError: ``out`` is the source.
     """
@@ -139,11 +153,14 @@ def convert_to_recording(
         log = read_log(source)
         signals = Signals(choose_vehicle(log.vehicles, vehicle))
         assessment = assess_signals(log, signals, axis, Options(inputs=inputs))
-        analysis = assessment.analysis
-        if analysis is None or assessment.model is None:
-            raise assessment.refusal
         file_name = CHANNELS_FILE if ending == Path(CHANNELS_FILE).suffix else RECORDING_FILE
+        if file_name not in result_files(assessment, (file_name,)):
+            raise assessment.refusal
         write_recordings({file_name: out}, assessment)
+    analysis = assessment.analysis
+    assert analysis is not None
+    if assessment.model is None:
+        return _document_without_model(source, out, assessment)
     flights = analysis.flights
     return {
         "source": str(source),
@@ -157,8 +174,32 @@ def convert_to_recording(
     }
 
 
+def _document_without_model(source: Path, out: Path, assessment: Assessment) -> JsonValues:
+    """Returns the document of ``mavdem convert`` for a recording of a flight without a model.
+
+    Args:
+        source: The log.
+        out: The recording.
+        assessment: All results on a vehicle of the log, with its signals over time.
+    """
+    evidence = assessment.evidence
+    assert evidence is not None and evidence.time_history is not None
+    history = evidence.time_history
+    angles = [axis.angle.measured for axis in history.axes.values() if axis and axis.angle]
+    return {
+        "source": str(source),
+        "out": str(out),
+        "samples": max((len(angle.time) for angle in angles if angle is not None), default=0),
+        "dt": None,
+        "start": history.segment.start,
+        "end": history.segment.end,
+        "learnable": False,
+        "cautions": [f"No model was learned: {as_clause(assessment.refusal.reason)}."],
+    }
+
+
 def write_dashboard(target: Target, assessment: Assessment) -> None:
-    """Writes the Rerun recording of an assessment that has a model.
+    """Writes the Rerun recording of an assessment: of the flight and, if one was learned, its model.
 
     Args:
         target: Path of an .rrd file, or a recording that is streamed to a viewer.

@@ -23,14 +23,14 @@ def convert_command(
 ) -> None:
     """Converts a log to another file format.
 
-    The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time;
-    an .mcap also every message as JSON. .rrd receives the plots of the flight and of its model for `rerun`, and an
-    .mcap of a log without frames (.bin, .log, .ulg) their series for Foxglove and PlotJuggler. .csv and .parquet
-    receive the longest settled flight of one vehicle as a table (--axis, --vehicle, --inputs), with the wind in m/s
-    where it is known (north and east that the air moves to, and half widths of 90 %); tables are not read again. If no
-    model can be learned from the log, the table has what there is of attitude and inputs, with a caution. Times in .csv
-    are rounded to microseconds, other numbers to float32; .parquet keeps float64. .kml and .geojson receive the flown
-    path of one vehicle, for maps.
+    The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive
+    time; an .mcap also every message as JSON. .rrd receives the plots of the flight and, if one can be learned, of
+    its model for `rerun`, and an .mcap of a log without frames (.bin, .log, .ulg) their series for Foxglove and
+    PlotJuggler. .csv and .parquet receive the longest settled flight of one vehicle as a table (--axis, --vehicle,
+    --inputs), with the wind in m/s where it is known (north and east that the air moves to, and half widths of 90
+    %); tables are not read again. If no model can be learned from the log, the table has what there is of attitude
+    and inputs, with a caution. Times in .csv are rounded to microseconds, other numbers to float32; .parquet keeps
+    float64. .kml and .geojson receive the flown path of one vehicle, for maps.
 
     \b
     Examples:

@@ -22,7 +22,6 @@ from mavdem.extras import MissingExtra, missing_extra_fact, require_extra
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Sentence
-from mavdem.report.screen import analysis_blocks
 from mavdem.results import RECORDING_FILE, write_dashboard
 
 if TYPE_CHECKING:
@@ -45,7 +44,8 @@ def open_command(
 ) -> None:
     """Learns from a log, and shows the dashboard at once.
 
-    The folder is that of `mavdem learn`, named after the log. A log dropped into the Rerun Viewer,
+    Of a log from which no model can be learned it shows the flight: its path in 3D, attitude,
+    motors and wind. The folder is that of `mavdem learn`, named after the log. A log dropped into the Rerun Viewer,
     or given to `rerun`, opens in the same way.
     """
     require_extra("view", "`mavdem open`")
@@ -58,12 +58,18 @@ def open_command(
         args.append("--json")
     # After "--" a log whose name begins with a hyphen is no option.
     args += ["--", source]
+    exit_code = EXIT_DONE
     with learn_command.make_context("learn", args, context) as learn_context:
-        learn_command.invoke(learn_context)
-    # Rerun takes a second to import, and is not needed where nothing can be learned.
+        try:
+            learn_command.invoke(learn_context)
+        except click.exceptions.Exit as no_model:
+            exit_code = no_model.exit_code
+    recording = default_result_folder(source) / RECORDING_FILE
+    if exit_code != EXIT_DONE and not recording.is_file():
+        raise click.exceptions.Exit(exit_code)
+    # Rerun takes a second to import, and is not needed where there is nothing to show.
     from mavdem.view import show
 
-    recording = default_result_folder(source) / RECORDING_FILE
     # The reason why no viewer was opened; empty if one was.
     problem = show(recording)
     if problem:
@@ -73,7 +79,7 @@ def open_command(
 def load(arguments: list[str]) -> int:
     """Writes the dashboard of a log to standard output: the data loader that the Rerun Viewer calls for any file.
 
-    The viewer first shows that a model is being learned. If none can be learned, it then shows the reason.
+    The viewer first shows that a model is being learned. If none can be learned, it then shows the flight alone.
 
     Args:
         arguments: Path of the file, and options of the viewer, of which --application-id is used
@@ -126,8 +132,8 @@ def _application_id(arguments: list[str]) -> str | None:
 def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
     """Learns a model of roll and writes its dashboard into a recording.
 
-    If no model can be learned, the recording gets sentences instead: the error of an unreadable log, or the results of
-    the flight that need no model. The viewer shows only the recording, so every outcome must be written to it.
+    Without a model it has the flight. Of a log without a flight the recording gets sentences instead, as on the error
+    of an unreadable log. The viewer shows only the recording, so every outcome must be written to it.
 
     Args:
         recording: Recording that is streamed to the viewer.
@@ -144,7 +150,4 @@ def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
     except (NotLearnable, Unreadable) as error:
         write_words(recording, name, [Sentence(f"{error.reason} {error.remedy}")])
         return
-    if assessment.model is None:
-        write_words(recording, name, analysis_blocks(assessment))
-    else:
-        write_dashboard(recording, assessment)
+    write_dashboard(recording, assessment)

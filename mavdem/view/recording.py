@@ -24,6 +24,7 @@ from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.charts.timeline import Timeline, assessment_timeline
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import TORQUE_UNIT, display_unit
+from mavdem.report.review import review_title
 from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title, motor_blocks
 from mavdem.report.series import (
     FREE_ENERGY,
@@ -69,43 +70,29 @@ SENSITIVITY_FREQUENCIES = np.linspace(0.5, 30.0, 60)
 
 
 def write_recording(target: Target, assessment: Assessment) -> None:
-    """Writes all plots of a flight and its learned model as a recording, which the Rerun viewer shows.
+    """Writes all plots of a flight and of its learned model as a recording, which the Rerun viewer shows.
 
     The recording contains its layout, a row of tabs. The first one has the same plots as the first tab of a live
     session. The others are motion, space, vehicle, wind, loops, free energy, forecasts, learning, and the report as
-    text. Angles are in degrees. Alarms are marked in every plot.
+    text; without a model there is nothing to show of free energy, forecasts and learning. Angles are in degrees. Alarms
+    are marked in every plot.
 
     Args:
         target: a file, which appears completely or not at all, or a stream.
-        assessment: assessment of a log from which a model was learned.
+        assessment: assessment of a log. Without a model it has at least a flight to draw over time; a log without even
+            that is reported in words alone.
 
     Raises:
         OSError: the file cannot be written.
     """
-    analysis = assessment.analysis
     timeline = assessment_timeline(assessment)
-    assert analysis is not None and timeline is not None
-    learned = analysis.learned
-    held_out = analysis.held_out
-    assert learned is not None and held_out is not None
     log_name = Path(assessment.log.source).name
+    if timeline is None:
+        write_words(target, log_name, analysis_blocks(assessment))
+        return
     with recording_to_file(target, log_name) as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
-        series = recording_series(analysis.flights, learned)
-        title = flight_title(analysis.flights, assessment.simulated)
-        report = [title, *analysis_blocks(assessment)]
-        views: list[rrb.Container | rrb.View] = [
-            tabs.flight(learned, held_out, series),
-            tabs.motion(),
-            *tabs.space(),
-            *tabs.vehicle(),
-            *tabs.wind(learned, series[OUTPUTS].time),
-            *tabs.loops(),
-            tabs.free_energy(learned, series),
-            tabs.forecasts(learned, held_out, series),
-            tabs.learning(learned),
-            log_text(recording, "report", "Report", report),
-        ]
+        views = tabs.all()
         for event in timeline.events:
             # An event that began before the record has no finite time, and is listed at the start.
             time = event.seconds if event.has_time else timeline.span[0]
@@ -156,6 +143,44 @@ class RecordingTabs:
             if event.is_alarm and start_time < event.seconds < end_time
         ]
 
+    def all(self) -> list[rrb.Container | rrb.View]:
+        """Draws all tabs, those on the model if one was learned; the report comes last."""
+        analysis = self._assessment.analysis
+        # A log that has charts over time was analysed.
+        assert analysis is not None
+        learned = analysis.learned
+        held_out = analysis.held_out
+        if learned is None or held_out is None:
+            report = [review_title(self._assessment), *analysis_blocks(self._assessment)]
+            return [
+                self.flight_without_model(),
+                self.motion(),
+                *self.space(),
+                *self.vehicle(),
+                *self.wind(),
+                *self.loops(),
+                log_text(self._recording, "report", "Report", report),
+            ]
+        series = recording_series(analysis.flights, learned)
+        title = flight_title(analysis.flights, self._assessment.simulated)
+        wind_torque = learned.resolved_wind_torque
+        gusts = wind_torque.gusts if wind_torque else ()
+        gust_times = [float(series[OUTPUTS].time[gust.sample]) for gust in gusts]
+        return [
+            self.flight(learned, held_out, series),
+            self.motion(),
+            *self.space(),
+            *self.vehicle(),
+            *self.wind(gust_times),
+            *self.loops(),
+            self.free_energy(learned, series),
+            self.forecasts(learned, held_out, series),
+            self.learning(learned),
+            log_text(
+                self._recording, "report", "Report", [title, *analysis_blocks(self._assessment)]
+            ),
+        ]
+
     def flight(
         self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
     ) -> rrb.Container:
@@ -169,9 +194,6 @@ class RecordingTabs:
         Returns:
             The tab.
         """
-        summary = self.summary()
-        events = log_text(self._recording, "events", "", events_text(self._timeline.events))
-
         energy = series[FREE_ENERGY]
         unusual = unusual_samples(energy.values[:, 0], learned.dt)
         surprises = EventMarks("surprise", palette.LIMITED, energy.time[unusual].tolist())
@@ -186,21 +208,44 @@ class RecordingTabs:
             "wind": _chart_with_label(self._timeline.wind_charts, "Wind, m/s"),
             "torque": torque_chart(learned),
         }
+        titled_charts = {}
+        for name, chart in charts.items():
+            titled_charts[name] = chart._replace(y=chart.y._replace(label=titles[name]))
+        return self._first_tab(titled_charts, surprises)
+
+    def flight_without_model(self) -> rrb.Container:
+        """Draws the first tab of a flight without a model: roll with its setpoint, the motors and the wind."""
+        angle_lines = self._angle_and_setpoint(axis="roll")
+        charts = {
+            "angle": over_time("Roll", "°", angle_lines),
+            "motors": _chart_with_label(self._timeline.flight_charts, "Motors, %"),
+            "wind": _chart_with_label(self._timeline.wind_charts, "Wind, m/s"),
+        }
+        return self._first_tab(charts, EventMarks("surprise", palette.LIMITED, []))
+
+    def _first_tab(self, charts: Mapping[str, Chart], surprises: EventMarks) -> rrb.Container:
+        """Draws the plots of the first tab, with headline, lights and events beside them.
+
+        Args:
+            charts: charts by the keys of ``PLOT_HEIGHTS``; those without lines are left out.
+            surprises: times at which the model is surprised, which are marked in the plot of the angle.
+        """
+        summary = self.summary()
+        events = log_text(self._recording, "events", "", events_text(self._timeline.events))
         alarms = EventMarks("alarm", palette.BAD, self._alarm_times)
         drawn_charts = {name: chart for name, chart in charts.items() if chart.lines}
         shares = height_shares(drawn_charts)
         plots = {}
         for name, chart in drawn_charts.items():
-            marks = (surprises, alarms) if name == "angle" else (alarms,)
-            view = draw_chart(
+            marks = (surprises, alarms) if name == "angle" and surprises.times else (alarms,)
+            plots[name] = draw_chart(
                 self._recording,
                 f"flight/{name}",
-                chart._replace(y=chart.y._replace(label=titles[name])),
+                chart,
                 self._timeline.span,
                 shares[name],
                 marks,
             )
-            plots[name] = view
         return first_tab(plots, SideTexts([summary, events], [60, 40]))
 
     def summary(self) -> rrb.View:
@@ -293,24 +338,22 @@ class RecordingTabs:
         views = self._draw_charts("vehicle", self._timeline.flight_charts)
         return [rrb.Vertical(*views, name="Vehicle")]
 
-    def wind(self, learned: Learned, sample_times: Array) -> list[rrb.Container]:
+    def wind(self, gust_times: Sequence[float] = ()) -> list[rrb.Container]:
         """Draws the wind, m/s, and the torque that it exerts on the vehicle, °/s², with marks where gusts begin.
 
         Args:
-            learned: the linear model that was learned from a flight, with its training data.
-            sample_times: (T,) times of the samples that it was trained on, s.
+            gust_times: times at which gusts begin, s; empty without a model, which shows them.
 
         Returns:
             A list with the tab "Wind"; empty if neither is known.
         """
         if not self._timeline.wind_charts:
             return []
-        wind_torque = learned.resolved_wind_torque
-        gusts = wind_torque.gusts if wind_torque else ()
-        gust_starts = [float(sample_times[gust.sample]) for gust in gusts]
-        gust_marks = EventMarks(f"gust ({len(gust_starts)})", palette.GUST, gust_starts)
+        marks = []
+        if gust_times:
+            marks.append(EventMarks(f"gust ({len(gust_times)})", palette.GUST, list(gust_times)))
         # A live session stores its wind under the same path.
-        views = self._draw_charts("air", self._timeline.wind_charts, gust_marks)
+        views = self._draw_charts("air", self._timeline.wind_charts, *marks)
         return [rrb.Vertical(*views, name="Wind")]
 
     def loops(self) -> list[rrb.Container]:

@@ -9,7 +9,6 @@ from pytest import mark
 from recorded_flights import FLIGHT, SLOW, short_flight
 
 from mavdem import read_flight
-from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.results import convert_to_recording
 
 
@@ -70,10 +69,18 @@ def test_recordings_hold_the_flight_of_the_model(tmp_path, capsys):
 
 
 @mark.slow
-def test_a_log_without_a_model_has_no_recording(tmp_path, capsys):
+def test_a_log_without_a_model_has_a_recording_of_its_flight(tmp_path, capsys):
     out = tmp_path / "flight.rrd"
-    assert run("convert", SLOW, out) == EXIT_UNSUPPORTED
-    assert capsys.readouterr().err and not out.exists()
+    assert run("convert", SLOW, out, "--json") == 0
+    document = strict_json(capsys.readouterr().out)
+    assert document["learnable"] is False and document["samples"] > 2 and out.stat().st_size > 1000
+    [caution] = document["cautions"]
+    assert caution.startswith("No model was learned: ")
+    # A log without a vehicle has nothing to show.
+    empty = tmp_path / "empty.log"
+    empty.write_text("FMT, 9, 23, PARM, Nf, Name,Value\nPARM, SYSID_THISMAV, 1\n")
+    assert run("convert", empty, tmp_path / "none.rrd") != 0
+    assert not (tmp_path / "none.rrd").exists()
 
 
 @mark.parametrize("how", ["itself", "by a link", "by a hard link"])

@@ -41,7 +41,7 @@ from mavdem.report.pages.library_page import (
     vehicle_id_on_page,
 )
 from mavdem.report.pages.page import PageLink, render_document
-from mavdem.results import PAGE_FILE, REPORT_FILE
+from mavdem.results import PAGE_FILE, RECORDING_FILE, REPORT_FILE
 from mavdem.serve.compared_motors import entry_compared_with_fleet, order_sql
 from mavdem.serve.index import (
     LibraryEntry,
@@ -889,7 +889,9 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
     outcome = outcome_of(Job(str(library.log_path(entry))), read_for_library)
     library.finish_reading(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)
-    assert entry.file_names == [PAGE_FILE, REPORT_FILE, "vehicle_2_1.html"]
+    # The dashboard, which is made when it is asked for, has the flight alone.
+    files_in_order = [RECORDING_FILE, PAGE_FILE, REPORT_FILE, "vehicle_2_1.html"]
+    assert entry.file_names == files_in_order
     assert entry.headline and entry.lights["log"] == "watch" and entry.next_step
     assert entry.flight_time == sum(flight.duration for flight in entry.flown_flights) > 10
     rows = library.flight_rows([entry])

@@ -7,7 +7,7 @@ import numpy as np
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
-from recorded_flights import short_flight
+from recorded_flights import SLOW, short_flight
 from rerun.chunk import RrdReader
 from rerun_file import chunks, drawn, views
 
@@ -160,6 +160,18 @@ def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
     pose = Pose(**(columns | still | {"wind": 0 * flown.wind, "rotors": rotors}))
     write_pose(tmp_path / "still.rrd", "\udcff", pose)
     assert (tmp_path / "still.rrd").stat().st_size > 1000
+
+
+def test_a_flight_without_a_model_is_shown_without_what_a_model_shows(tmp_path):
+    path = tmp_path / "flight.rrd"
+    write_recording(path, assess(read_log(SLOW), axis="roll"))
+    drawn_views = views(path)
+    assert {"flight/angle", "flight/motors", "report"} <= set(drawn_views)
+    assert not any(
+        view.startswith(("free_energy", "forecast", "flight/torque")) for view in drawn_views
+    )
+    [(times, _)] = [line for name, line in drawn(path).items() if name.startswith("flight/angle")]
+    assert len(times) > 100
 
 
 def test_the_vehicle_moves_along_its_path_in_3d_with_its_attitude(assessed, tmp_path):
