@@ -254,12 +254,15 @@ def test_after_a_repair_doublets_are_flown_if_another_flight_can_show_the_gains(
     tuning = tuning_of(LIMITED, LIMITED, {}, flight_for_gains=flight)
     *_, last_sentence = tune_summary(tuning, LIMITED)
     assert last_sentence.lead == "To tune then:"
-    assert last_sentence.text.startswith("Fly ten quick doublets about pitch")
+    # The repair changes the loops: they may have less margin than those that flew.
+    assert last_sentence.text.startswith(
+        "Hover low for a minute, ready to land; if nothing shakes or swings, fly ten quick doublets"
+    )
     # The same log settings are advised as for a vehicle that needs no repair.
     slow_log = {"parameters": {"LOG_BITMASK": 126.0}, "attitude_rate": 10.0}
     flight = flight_of({"pitch": LIMITED}, is_after_repair=True, **slow_log)
     assert flight.sentence.startswith("LOG_BITMASK is 126 in this log: set it to 127")
-    assert "Then fly ten quick doublets about pitch" in flight.sentence
+    assert "fly ten quick doublets about pitch" in flight.sentence
 
 
 def test_a_vehicle_that_oscillates_hovers_with_lower_gains_before_it_is_tuned():

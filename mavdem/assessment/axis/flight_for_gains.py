@@ -83,6 +83,7 @@ def flight_for_gains(
         The fact ``FLY_FOR_GAINS`` with these figures; None if no axis needs such a flight:
 
         - ``axes``: the axes about which doublets are to be flown;
+        - ``is_after_repair``: as given; a repaired vehicle hovers first, since its loops may have less margin;
         - ``also``: facts with what to set before the flight, so that it is logged fast enough;
         - ``names`` and ``rates``, Hz, of messages that came too slowly, if the log shows no setting to change;
         - ``least_rate``, Hz, that the loops of these axes need of the log, if it was too slow for one; otherwise None.
@@ -106,6 +107,7 @@ def flight_for_gains(
     return Fact(
         NextStep.FLY_FOR_GAINS,
         axes=tuple(reasons_by_axis),
+        is_after_repair=is_after_repair,
         also=logging_steps,
         names=() if slowest is None else slowest.figures["names"],
         rates=() if slowest is None else slowest.figures["rates"],
