@@ -14,6 +14,7 @@ from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.live.headline_from_lights import (
     judgement_from_headline,
     judgement_with_bad_lights,
@@ -207,12 +208,29 @@ def _combined_lights(
         light_in_flight = lights_in_flight.get(part)
         if light_in_flight is None:
             continue
-        if session.is_recording_judged:
+        if _is_only_new_loss_excluded(session, light_in_flight):
+            combined_light = light_by_model
+        elif session.is_recording_judged:
             combined_light = light_after_recording(light_by_model, light_in_flight)
         else:
             combined_light = worst_fact([light_in_flight, light_by_model])
         combined_lights[part] = combined_light
     return combined_lights
+
+
+def _is_only_new_loss_excluded(session: SessionState, light_in_flight: Fact) -> bool:
+    """Returns whether the motors are only known not to have lost thrust since the watch of their balance began.
+
+    A motor may have lost thrust before, as by a propeller that chipped in the climb. The first model is judged with the
+    headroom of each motor, which shows that. Until it is, the motors are not good.
+
+    Args:
+        session: what the session has received and found until now.
+        light_in_flight: the light of a part by the checks in flight.
+    """
+    is_model_awaited = session.model_judgement is None and session.no_model_reason is None
+    is_no_loss = light_in_flight.code is MotorWatchFact.NO_LOSS_FOUND
+    return is_no_loss and is_model_awaited and session.is_flying
 
 
 def lights_by_checks(session: SessionState) -> dict[str, Fact]:

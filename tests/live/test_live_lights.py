@@ -826,13 +826,22 @@ def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound()
         Light.MOTORS: Fact(MotorWatchFact.NO_LOSS_FOUND, clock=10.0),
         Light.TRACKING: Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD),
     }
-    status = SessionStatus("1:1", is_flying=True, worst_lights=lights, active_alarms=(oscillation,))
+    status = SessionStatus(
+        "1:1",
+        is_flying=True,
+        worst_lights=lights,
+        active_alarms=(oscillation,),
+        no_model_reason=SLOW,
+    )
     for name in (Light.MOTORS, Light.TRACKING):
         light = status.overall_judgement.lights[name]
         assert light.level is Level.UNKNOWN and light.figures["reason"] == oscillation
         # Once that is over, what was judged before counts again.
         calm = replace(status, active_alarms=())
         assert calm.overall_judgement.lights[name].is_good
+    # A loss from before the watch began shows in the headroom, which is judged with the first model.
+    awaited = replace(status, active_alarms=(), no_model_reason=None)
+    assert awaited.overall_judgement.lights[Light.MOTORS].level is Level.UNKNOWN
     [motors] = [row for row in light_rows(status) if row.name == Light.MOTORS]
     assert motors.figure == "it oscillates"
     assert live_alarm(status) == "⚠ Roll and pitch: land now"
