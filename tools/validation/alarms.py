@@ -95,6 +95,9 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
     if kind == SOUND:
         # Three flights of a log, with take-offs between them.
         values |= {"duration": 200.0, "flights": 3}
+    if kind == SECOND:
+        # The vehicle lands in the last ten seconds; the second fault is to come well before.
+        values |= {"duration": 70.0}
     if kind != HOVER:
         values |= draw_values(TABLES["alarms_in_disturbed_flight"], rng)
     _add_fault(values, kind, rng)
