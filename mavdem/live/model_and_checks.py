@@ -15,6 +15,7 @@ from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.session import SessionFact
 from mavdem.live.headline_from_lights import (
     judgement_from_headline,
     judgement_with_bad_lights,
@@ -221,16 +222,23 @@ def _combined_lights(
 def _is_only_new_loss_excluded(session: SessionState, light_in_flight: Fact) -> bool:
     """Returns whether the motors are only known not to have lost thrust since the watch of their balance began.
 
-    A motor may have lost thrust before, as by a propeller that chipped in the climb. The first model is judged with the
-    headroom of each motor, which shows that. Until it is, the motors are not good.
+    A motor may have lost thrust before, as by a propeller that chipped in the climb. The headroom of each motor shows
+    that, which is judged with the first model, and after the landing by the recording. Until then, the motors are not
+    good.
 
     Args:
         session: what the session has received and found until now.
         light_in_flight: the light of a part by the checks in flight.
     """
-    is_model_awaited = session.model_judgement is None and session.no_model_reason is None
     is_no_loss = light_in_flight.code is MotorWatchFact.NO_LOSS_FOUND
-    return is_no_loss and is_model_awaited and session.is_flying
+    if not is_no_loss or session.model_judgement is not None:
+        return False
+    if session.is_flying:
+        is_model_awaited = session.no_model_reason is None
+        return is_model_awaited
+    verdict = session.recording_verdict
+    is_recording_judged = verdict is not None and verdict.code is SessionFact.RECORDING_JUDGED
+    return session.is_latest_flight_over and session.is_recorded and not is_recording_judged
 
 
 def lights_by_checks(session: SessionState) -> dict[str, Fact]:

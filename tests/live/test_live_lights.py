@@ -324,6 +324,9 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
         "Good in flight: no motor has lost thrust since 63 s, when the watch of its balance began. "
         f"The recording does not confirm it. {unknown}"
     )
+    # Before the recording is judged, a loss from before the watch began may be there.
+    unjudged = replace(landed, worst_lights={Light.MOTORS: even}).overall_judgement
+    assert unjudged.lights[Light.MOTORS].level is Level.UNKNOWN
     for light_in_flight, text in ((even, withdrawn), (weak.replace(Level.WATCH), unknown)):
         unlike = replace(landed, worst_lights={Light.MOTORS: light_in_flight})
         shown = replace(unlike, recording_verdict=unsure)
