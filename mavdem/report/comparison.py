@@ -514,12 +514,17 @@ def _best_rank(
 
 
 def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _MethodRank:
-    """Returns which other methods have a smaller error than one method, and how many have a larger one.
+    """Compares the error of one method with that of each other method, by a paired test.
 
     Args:
-        comparison: errors of all methods.
-        method: name of the method.
+        comparison: errors of all methods in all windows.
+        method: name of the method, which made a forecast in at least one window.
         kind: kind of forecast, by the data that it may use.
+
+    Returns:
+        The methods with a significantly smaller error, the number of those with a significantly larger one, and the
+        best of those whose smaller error is not significant. The error is the error ratio over the whole test part:
+        mean squared error over that of a constant mean (NMSE).
     """
     summaries = {summary["method"]: summary for summary in comparison.over_flights(kind)}
     error_ratios = {name: summary["relative"] for name, summary in summaries.items()}
@@ -527,10 +532,10 @@ def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _Me
     losses = []
     wins = 0
     best_smaller = ""
-    # The paired test of this method against each other one.
+    # Tests compare all methods with the reference. Their result says whether the reference has the higher error.
     tests = comparison.with_reference(method).tests(kind)
     compared_methods = [name for name in tests if name not in failed_methods]
-    # The method with the smallest error comes first.
+    # In order of error, so that the first method with a smaller error is the best one.
     for other in sorted(compared_methods, key=lambda name: error_ratios[name]):
         test = tests[other]
         if test.result is TestResult.HIGHER:

@@ -696,21 +696,28 @@ def _step_after_landing(next_step: Fact) -> Fact | None:
     """
     if not _is_landing(next_step):
         return next_step
+    # The figure "reason" of an urgent landing is its alarm, and that of other advice to land the step on the ground.
     name_of_figure = "next_step" if next_step.code is NextStep.LAND_NOW else "reason"
     step_after_landing: Fact | None = next_step.figures.get(name_of_figure)
     return step_after_landing
 
 
 def _with_steps_after_landing(landing: Fact, steps: str) -> Fact:
-    """Returns the next step to land with other steps after it.
+    """Returns the advice to land and then what to do on the ground: "Let it land. After landing: Check motor 3.".
 
     Args:
-        landing: the next step, which is to land.
-        steps: the sentences on what to do after the landing; empty for none.
+        landing: the advice to land (a coded finding). Whatever it says to do on the ground is replaced.
+        steps: the sentences on what to do on the ground, for all flights of the session. If they are empty, an urgent
+            landing keeps its own step on the ground, and other advice to land ends with the landing.
     """
-    if landing.code is not NextStep.LAND_NOW:
+    is_urgent = landing.code is NextStep.LAND_NOW
+    if not is_urgent:
+        # The figure "reason" of such advice is what to do on the ground; an empty one is not printed.
         return landing.replace(reason=steps)
-    return landing.replace(next_step=steps) if steps else landing
+    if not steps:
+        return landing
+    # The figure "reason" of an urgent landing is its alarm, so that the step on the ground is a figure of its own.
+    return landing.replace(next_step=steps)
 
 
 def moment_text(event: Event) -> str:

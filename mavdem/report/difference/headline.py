@@ -272,43 +272,62 @@ def headline_in_two_sizes(
     for sentence in headline:
         # Leads such as "Changed:" introduce a difference. One that is a sentence itself says that there is none.
         states_difference = sentence.lead.endswith(":")
-        # The cause of a light without a heading is stated above.
-        heading = headings.get(sentence.lead, sentence.lead)
         is_important = is_first_difference or (states_difference and not reviewed.are_two_vehicles)
-        if sentence in cautions or not is_important or not heading:
+        # A light has an empty heading if an earlier heading states its cause.
+        is_cause_stated = headings.get(sentence.lead) == ""
+        if sentence in cautions or not is_important or is_cause_stated or not sentence.lead:
             # A sentence that is a lead alone would be in large letters.
             blocks.append(sentence if sentence.text else Sentence(sentence.lead))
             continue
-        if sentence in watched_lights:
-            if is_first_difference:
-                lights_by_side = lights_of_both(reviewed.reviews)[_light_name(sentence.lead)]
-                blocks.append(headline_sentence(watched_light_heading(lights_by_side)))
-                sentence = _details_of_watched_light(sentence, lights_by_side)
+        if sentence in watched_lights and is_first_difference:
+            blocks += _watched_light_below_heading(sentence, reviewed)
+        elif sentence in watched_lights:
             blocks.append(sentence)
         elif sentence.lead in headings:
-            blocks += [headline_sentence(heading), _sentence_below_heading(sentence, reviewed)]
+            heading = headline_sentence(headings[sentence.lead])
+            blocks += [heading, _sentence_below_heading(sentence, reviewed)]
         else:
             blocks += _large_sentence(sentence)
         is_first_difference = False
     return blocks
 
 
-def _sentence_below_heading(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
-    """Shortens the sentence on a light to what its heading, which stands above it, does not say.
+def _watched_light_below_heading(
+    sentence: Sentence, reviewed: ReviewedDifference
+) -> list[Sentence]:
+    """Returns the heading on a light that is to be watched, and below it the sentence on the light.
 
     Args:
-        sentence: the sentence with the reasons in both logs; its lead names the light, such as "Motors:".
+        sentence: the sentence on the light (the judgement of one subject); its lead names it, such as "Vibration:".
+        reviewed: comparison of two states, with the reviews of their logs.
+    """
+    lights_by_side = lights_of_both(reviewed.reviews)[_light_name(sentence.lead)]
+    heading = headline_sentence(watched_light_heading(lights_by_side))
+    return [heading, _details_of_watched_light(sentence, lights_by_side)]
+
+
+def _sentence_below_heading(sentence: Sentence, reviewed: ReviewedDifference) -> Sentence:
+    """Returns the sentence on a status light without what the heading above it states.
+
+    For example, below the heading "In B: motor 1 is weak." the reason "Motor 1 is weak; it works 27 % harder." becomes
+    "It works 27 % harder.". A status light is the judgement of one subject, such as the motors.
+
+    Args:
+        sentence: the sentence, with the reasons of the light's levels in A and B; its lead names the light, such as
+            "Motors:".
         reviewed: comparison of two states, with the reviews of their logs.
     """
     text = sentence.text
-    name = _light_name(sentence.lead)
-    lights_by_side = lights_of_both(reviewed.reviews)[name]
+    lights_by_side = lights_of_both(reviewed.reviews)[_light_name(sentence.lead)]
+    # The heading states the reason of the worse level only, so that the reason of the other state stays whole.
     for side, light in lights_of_worst_level(lights_by_side).items():
-        details = details_below_heading(light["sentence"])
-        reason_of_side = LightReason(side, light["sentence"]).text
-        # Without details, "In B:" would introduce nothing: the reason is then kept.
-        if details or reason_of_side not in text:
-            text = text.replace(light["sentence"], details)
+        reason = light["sentence"]
+        details = details_below_heading(reason)
+        is_introduced_by_side = LightReason(side, reason).text in text
+        if is_introduced_by_side and not details:
+            # The text has the side before the reason, as in "B: …", and nothing would follow it: the reason stays.
+            continue
+        text = text.replace(reason, details)
     return sentence._replace(text=text.strip())
 
 
@@ -472,20 +491,25 @@ def _effects_of_gains(
 
 
 def _uncertain_margins_by_axis(difference: VehicleDifference) -> dict[str, list[str]]:
-    """Returns margins of rate loops with other gains or filters that need not differ, such as "phase margin 29 → 54°".
+    """Returns the stability margins that are too uncertain to tell whether changed gains or filters changed them.
 
     Args:
-        difference: comparison of the two states.
+        difference: comparison of two states of a vehicle, with the outcome of the test on each quantity.
 
     Returns:
-        Phase margin and Ms in both states, by axis; empty if the margins surely differ, or surely are the same.
+        Texts such as "phase margin 29 → 54°" by axis, on the phase margin, in degrees, and the maximum sensitivity Ms
+        of the rate loop in both states. Axes whose gains and filters are the same, or whose margins are known well
+        enough, are left out.
     """
     margins_by_axis = dict[str, list[str]]()
     for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
-        kind = change.quantity.kind
-        if kind in (PHASE_MARGIN, MAX_SENSITIVITY) and difference.follows_from_gains(change):
-            margin = f"{SHOWN_QUANTITIES[kind].name} {values_of_both_states(change)}"
-            margins_by_axis.setdefault(change.quantity.axis, []).append(margin)
+        quantity = change.quantity
+        is_margin = quantity.kind in (PHASE_MARGIN, MAX_SENSITIVITY)
+        # Only a loop with other gains or filters is expected to have other margins.
+        if not is_margin or not difference.follows_from_gains(change):
+            continue
+        margin = f"{SHOWN_QUANTITIES[quantity.kind].name} {values_of_both_states(change)}"
+        margins_by_axis.setdefault(quantity.axis, []).append(margin)
     return margins_by_axis
 
 

@@ -518,16 +518,25 @@ def _vehicle_section(
     """
     is_shared = summary.has_shared_name
     label = vehicle_label(summary.name, vehicle.last.frame, names, is_shared=is_shared)
+    # In the place of a system id that vehicles may share, the table of flights has the label.
+    name_in_table = label if is_shared else names.vehicle(summary.name)
+    link_of_latest_flight = ""
+    name_of_latest_flight = ""
     latest_line = _latest_line(summary)
-    flown = summary.really_flown if summary.really_flown.logs else summary.flown
+    if latest_line is not None:
+        link_of_latest_flight = latest_line.link
+        name_of_latest_flight = _flight_name(latest_line, names)
+    # Simulated flights are counted only of a vehicle that has no others.
+    has_real_flights = summary.really_flown.logs > 0
+    flown = summary.really_flown if has_real_flights else summary.flown
     return VehicleSection(
         name=summary.name,
         label=label,
         serial=_identification(summary.name, names, is_shared=is_shared),
-        searched=label if is_shared else names.vehicle(summary.name),
+        searched=name_in_table,
         last=vehicle.last,
-        link="" if latest_line is None else latest_line.link,
-        file="" if latest_line is None else _flight_name(latest_line, names),
+        link=link_of_latest_flight,
+        file=name_of_latest_flight,
         other_lights=_other_lights(vehicle.last),
         flights=flown.flights,
         air_time=flown_time_text(flown.air_seconds) if flown.air_seconds else "",

@@ -81,31 +81,35 @@ def _sentences_on_filter_lag(tuning: Tuning) -> list[Sentence]:
 
 
 def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> list[Sentence]:
-    """Returns a sentence that advises a flight with doublets, whose log gives gains for more axes.
+    """Returns the sentence on the next flight whose log leads to gains for more axes.
 
-    A vehicle that oscillates hovers with lower gains first. Otherwise the sentence is needed only where the next step
-    does not advise this flight already.
+    This is a flight with doublets (short steps of the stick to both sides), which excite a control loop enough to
+    identify it. A vehicle that oscillates only hovers, with lower gains.
 
     Args:
-        tuning: the advised flight (``Tuning.flight_for_gains``, a coded finding), and the judgement with the next step.
+        tuning: both flights as coded findings (``Tuning.hover_to_tune`` and ``Tuning.flight_for_gains``), of which each
+            is None if it is not advised, and the judgement with the next step.
         is_after_repair: whether the next step, such as a repair, comes before this flight.
 
     Returns:
-        A list with the sentence. It says only what to log if the next step is a flight with doublets. It is empty if
-        nothing is left to say, or if no such flight is needed.
+        A list with the sentence; empty if no flight is needed, or if the next step states it completely.
     """
-    if tuning.hover_to_tune is not None:
-        return [Sentence(tuning.hover_to_tune.sentence, "To tune then:")]
+    hover = tuning.hover_to_tune
+    if hover is not None:
+        return [Sentence(hover.sentence, "To tune then:")]
     flight = tuning.flight_for_gains
     next_step = tuning.judgement.next_step
-    if flight is None or next_step.code is NextStep.FLY_FOR_GAINS:
+    is_next_step = next_step.code is NextStep.FLY_FOR_GAINS
+    if flight is None or is_next_step:
         return []
-    lead = f"For margins of {listed(flight.figures['axes'])}:"
-    if is_after_repair:
-        lead = "To tune then:"
     if next_step.code in STEPS_WITH_DOUBLETS:
+        # The next step names the doublets already, so that only what to log and what to set before is left to say.
         flight = flight.replace(is_flight_stated=True)
-    return [Sentence(flight.sentence, lead)] if flight.sentence else []
+    if not flight.sentence:
+        return []
+    axes = listed(flight.figures["axes"])
+    lead = "To tune then:" if is_after_repair else f"For margins of {axes}:"
+    return [Sentence(flight.sentence, lead)]
 
 
 def _sentences_towards_gains(
