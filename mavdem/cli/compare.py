@@ -173,6 +173,10 @@ def compare_command(
         print_to_stderr(f"{sentence.lead} {sentence.text}")
     run = _compare_until_stopped(windows, methods)
     comparison = comparison_of_outcomes(windows, methods, run.outcomes)
+    left_out: dict[str, Exception] = {**flights.excluded}
+    for name, source in sources_by_flight_name(sources).items():
+        if name in flights.results and name not in comparison.flights:
+            left_out[source] = RuntimeError("the run was stopped before this log was reached.")
     seconds = round(perf_counter() - start_time, 3)
     compared_sources = {
         name: source
@@ -185,13 +189,13 @@ def compare_command(
         "sources": compared_sources,
         "seconds": seconds,
         "planned_windows": len(windows),
-        "left_out": {source: str(error) for source, error in flights.excluded.items()},
+        "left_out": {source: str(error) for source, error in left_out.items()},
     }
     is_complete = len(run.outcomes) == len(windows)
     planned_windows = None if is_complete else len(windows)
     if out is not None:
-        write_texts(out, {PAGE_FILE: methods_page(comparison, planned_windows, flights.excluded)})
-    report = comparison_report(comparison, planned_windows, flights.excluded, verbose=verbose)
+        write_texts(out, {PAGE_FILE: methods_page(comparison, planned_windows, left_out)})
+    report = comparison_report(comparison, planned_windows, left_out, verbose=verbose)
     print_result(document, report, as_json=as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")
     if out is not None:

@@ -56,6 +56,30 @@ class Paired(NamedTuple):
         return TestResult.LOWER if self.ratio < 1 else TestResult.HIGHER
 
 
+def are_significant_together(p_values: Sequence[float]) -> list[bool]:
+    """Returns which of several tests are significant together, by Holm's correction.
+
+    A wrong finding among all of them then has at most the probability ``SIGNIFICANCE``.
+
+    Args:
+        p_values: p-values of the tests.
+
+    Returns:
+        Whether each test is significant, in the same order.
+
+    References:
+        S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Stat. 6 (1979) 65-70.
+    """
+    are_significant = [False] * len(p_values)
+    remaining_tests = len(p_values)
+    for index in sorted(range(len(p_values)), key=lambda index: p_values[index]):
+        if not p_values[index] * remaining_tests < SIGNIFICANCE:
+            break
+        are_significant[index] = True
+        remaining_tests -= 1
+    return are_significant
+
+
 def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None = None) -> Paired:
     """Compares the errors of two methods on the same windows, by the median ratio and Wilcoxon's signed-rank test.
 

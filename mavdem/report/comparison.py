@@ -23,7 +23,12 @@ from mavdem.experiments.horizon_differences import (
     horizon_differences,
     shown_differences,
 )
-from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
+from mavdem.experiments.paired_test import (
+    MIN_PAIRS,
+    SIGNIFICANCE,
+    Paired,
+    are_significant_together,
+)
 from mavdem.experiments.run_time import RunTimeEstimate
 from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
 from mavdem.experiments.useful_horizons import (
@@ -81,7 +86,7 @@ class _MethodRank(NamedTuple):
     """Methods with a significantly smaller error, each with its error ratio and the p-value of the paired test."""
 
     wins: int
-    """Number of methods with a significantly larger error."""
+    """Number of methods with a significantly larger error, by Holm's correction for all tests of this method."""
 
     best_smaller: str
     """Method with the smallest error in the table of those that are smaller, but not significantly; or empty."""
@@ -530,7 +535,6 @@ def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _Me
     error_ratios = {name: summary["relative"] for name, summary in summaries.items()}
     failed_methods = _failed_methods(comparison, kind)
     losses = []
-    wins = 0
     best_smaller = ""
     # Tests compare all methods with the reference. Their result says whether the reference has the higher error.
     tests = comparison.with_reference(method).tests(kind)
@@ -543,9 +547,14 @@ def _method_rank(comparison: Comparison, method: str, kind: ForecastKind) -> _Me
                 f"{other} ({_short_number(error_ratios[other])}, p {_p_value_text(test)})"
             )
         elif test.result is TestResult.LOWER:
-            wins += 1
+            continue
         elif not best_smaller and _is_shown_smaller(error_ratios[other], error_ratios[method]):
             best_smaller = other
+    # A loss is stated by its own test. Wins over several methods count only if they are significant together.
+    are_significant = are_significant_together([tests[name].p_value for name in compared_methods])
+    wins = 0
+    for other, is_significant in zip(compared_methods, are_significant, strict=True):
+        wins += is_significant and tests[other].ratio < 1
     return _MethodRank(
         method,
         error_ratio=_short_number(error_ratios[method]),
@@ -724,6 +733,7 @@ def _useful_horizon_sentences(
             is_range=len(comparison.flights) > MAX_LISTED_FLIGHTS,
             reference=comparison.methods_of(kind)[0],
             best_at_horizons=_better_at_shorter_horizons(comparison, kind),
+            few_pairs=_pair_count(comparison) if _pair_count(comparison) < MIN_PAIRS else None,
         )
     return sentences
 

@@ -14,7 +14,7 @@ from mavdem.report.palette import BASELINE, BOUND, DISTINCT, PREDICTED, TRUTH
 HORIZON = Axis("horizon (s)", is_logarithmic=True)
 """Time from the first step of a forecast to its last."""
 
-DRAWN_MINIMA = (1e-4, 0.1)
+DRAWN_MINIMA = (1e-6, 0.1)
 """The lowest error ratio that is drawn is the smallest of the lines, within these limits; a choice.
 
 Below the first a forecast is as good as exact; up to the second the chart shows what is better than useful.
