@@ -92,35 +92,40 @@ class ClockSpeed:
     def update(self, now: float, vehicle_time: float) -> None:
         """Takes the present readings of both clocks, and measures the speed if the vehicle's clock has advanced.
 
-        After a jump of the vehicle's clock, as at a reboot, and after a silence, the measurement begins again. A
-        simulator that was paused sends the next time of its clock after the silence, as if it had run slowly.
+        The seconds of the vehicle's clock so far (:meth:`elapsed_seconds`) advance by the step of the clock. If the
+        clock has jumped, they advance by the measured speed instead.
 
         Args:
             now: s of this computer's monotonic clock.
             vehicle_time: latest time of the vehicle's boot clock, s; NaN before any.
         """
         if self._advance_time is None:
-            # The seconds are counted from any number on; this one is as good as another.
+            # Only differences of these seconds have a meaning, so that they may begin with any number.
             self._elapsed_seconds = now
             self._advance_time = now
         former_reading = self._latest
         stands_still = former_reading is not None and vehicle_time == former_reading.vehicle_time
         if isnan(vehicle_time) or stands_still:
             return
+        reading = _ClockReading(now, vehicle_time)
+        # Where the clock has jumped, or was not read before, its step is unknown.
         elapsed_seconds = self.elapsed_seconds(now)
         if former_reading is not None:
             step = vehicle_time - former_reading.vehicle_time
             has_jumped = step <= 0 or step >= SPEED_WINDOW_SECONDS
-            was_silent = now - former_reading.arrival_time >= SPEED_WINDOW_SECONDS
-            if has_jumped or was_silent:
-                self._readings.clear()
-                self._slow_since = None
+            if has_jumped or _is_after_silence(reading, former_reading):
+                self._restart_measurement()
             if not has_jumped:
                 elapsed_seconds = self._elapsed_seconds + step
         self._elapsed_seconds = elapsed_seconds
         self._advance_time = now
-        self._latest = _ClockReading(now, vehicle_time)
-        self._measure_speed(self._latest)
+        self._latest = reading
+        self._measure_speed(reading)
+
+    def _restart_measurement(self) -> None:
+        """Forgets the readings so far; the last measured speed stays until there is another one."""
+        self._readings.clear()
+        self._slow_since = None
 
     def _measure_speed(self, reading: _ClockReading) -> None:
         """Measures the speed between a reading about ``SPEED_WINDOW_SECONDS`` ago and the latest one.
@@ -159,3 +164,11 @@ class ClockSpeed:
         if not self._is_reported and now - self._slow_since >= SLOW_SECONDS:
             self._is_reported = True
             self._log(Fact(RateFact.VEHICLE_CLOCK_SLOW, clock_speed=self.speed))
+
+
+def _is_after_silence(reading: _ClockReading, former_reading: _ClockReading) -> bool:
+    """Returns whether so long a silence lay between two successive readings that they measure no speed.
+
+    A simulator that was paused goes on with the next time of its clock, as if the clock had run slowly meanwhile.
+    """
+    return reading.arrival_time - former_reading.arrival_time >= SPEED_WINDOW_SECONDS

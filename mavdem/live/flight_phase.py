@@ -214,16 +214,18 @@ class FlightPhase:
         signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
         # If no message says whether the vehicle is armed, it counts as armed all the time.
         armed = flight_states.armed_intervals(signals, boot)
-        is_arming_reported = armed != [(-inf, inf)]
-        shows_phase = landed_state is not None or collective is not None
-        self._is_flying_known = shows_phase or is_arming_reported
-        if vehicle.vehicle not in POSSIBLE_MULTIROTORS:
-            # Other vehicles fly while they are armed.
-            shows_phase = is_arming_reported
         is_armed = _interval_at(now, armed) is not None
-        if is_armed and not shows_phase:
-            # After a silence of the link neither outputs nor reports of the landed state have come yet. A missing
-            # message is neither a landing nor a take-off, so that the phase stays what it was.
+        is_arming_reported = armed != [(-inf, inf)]
+        has_outputs_or_reports = landed_state is not None or collective is not None
+        self._is_flying_known = has_outputs_or_reports or is_arming_reported
+        is_phase_shown = has_outputs_or_reports
+        if vehicle.vehicle not in POSSIBLE_MULTIROTORS:
+            # The motors of other vehicles do not show whether they fly: a plane may glide. Their arming does.
+            is_phase_shown = is_arming_reported
+        if is_armed and not is_phase_shown:
+            # After a silence of the link, the messages that show the phase have not come yet. A missing message is
+            # neither a landing nor a take-off, so that the phase stays what it was. A vehicle that is not armed does
+            # not fly, whatever else is missing.
             self._review_time = now
             return
         self._update_airborne(now, flight_states.airborne_intervals(signals, boot))
@@ -308,18 +310,16 @@ class FlightPhase:
         if present_flight is not None:
             self.landing_time = None
         elif self.is_flying:
-            landing_times = [end for _, end in airborne if end < now]
-            # Without an interval that has ended, the time of this review is the best that is known.
-            self.landing_time = max(landing_times, default=now)
+            self.landing_time = _latest_end(airborne, now)
             # The caller corrects this if the landing was a disarming.
             self.is_armed_since_landing = True
         self.is_flying = present_flight is not None
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
-        """Decides whether the vehicle is in the air, and since when; and since when it is in settled flight.
+        """Updates whether the vehicle is in the air and since when, and since when its flight is settled.
 
-        The time of a take-off follows from the mean output of the motors around it, and is certain only half of the
-        averaging window later. Until then each review corrects it.
+        The time of a take-off follows from the mean output of the motors around it. The later half of that averaging
+        window must have passed before the time is certain. Until then each review corrects it.
 
         Args:
             now: time of the review, s of the boot clock.
@@ -330,15 +330,14 @@ class FlightPhase:
         takeoff_time = nan
         if present_flight is not None:
             takeoff_time, _ = present_flight
-        # Another flight may have begun since the last review.
-        has_former_flight_ended = present_flight is None or takeoff_time > self._review_time
-        if self.is_in_air and has_former_flight_ended:
-            touchdown_times = [end for _, end in flights if end < now]
-            self._end_flight(max(touchdown_times, default=now))
+        # The vehicle may have landed and taken off again since the last review.
+        has_taken_off_again = takeoff_time > self._review_time
+        if self.is_in_air and (present_flight is None or has_taken_off_again):
+            self._end_flight(_latest_end(flights, now))
         if present_flight is not None:
-            # Later the last seconds no longer contain the take-off.
-            is_just_begun = now < self._in_air_start + AVERAGING_SECONDS
-            is_correction = isfinite(takeoff_time) and is_just_begun
+            # The take-off is among the reviewed seconds only for a while. After that, the interval begins with them.
+            has_just_taken_off = now < self._in_air_start + AVERAGING_SECONDS
+            is_correction = isfinite(takeoff_time) and has_just_taken_off
             if not self.is_in_air or is_correction:
                 self._in_air_start = takeoff_time
             self.is_in_air = True
@@ -466,6 +465,14 @@ def _interval_at(time: float, intervals: Intervals) -> TimeInterval | None:
         if start < time <= end:
             return start, end
     return None
+
+
+def _latest_end(intervals: Intervals, now: float) -> float:
+    """Returns when the latest of the intervals that are over ended, s; ``now``, the time of a review, if none is over.
+
+    If the interval in which a flight ended is not among them, the review that finds the end is the best known time.
+    """
+    return max([end for _, end in intervals if end < now], default=now)
 
 
 def _between(series: TimeSeries, start_time: float, end_time: float) -> TimeSeries:

@@ -277,19 +277,25 @@ def _state_needed_duration(
 
 
 def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:
-    """Returns why the loop with the smallest margins was not identified by its setpoints; None if it was.
+    """Returns why the plant of the loop with the smallest margins was not identified from its setpoints.
 
-    The plant of a loop (the response to the motors) is best identified in the closed loop, if the setpoints moved the
-    vehicle enough. If they did not, it was identified in another way, and has the reason as its ``refusal``.
+    The plant is the response of the body rate to the motors. If the setpoints moved the vehicle enough, the plant is
+    identified from them, in the closed loop. Otherwise it is identified from motor outputs and motion alone, and its
+    ``refusal`` is the fact that says why, for example that the flight is too short.
 
     Args:
         assessment: the assessment of the log.
-        margins: its fact on the margins, whose figure ``axis`` names the loop with the smallest ones.
+        margins: its fact on the margins.
+
+    Returns:
+        That fact. None if the plant was identified from the setpoints, or if no loop gave the margins.
     """
-    if assessment.evidence is None or margins.code is not MarginsLight.LOOP_MARGINS:
+    is_margin_of_loop = margins.code is MarginsLight.LOOP_MARGINS
+    if assessment.evidence is None or not is_margin_of_loop:
         return None
-    # An axis without a loop has the fact that says why in its place.
-    loop = assessment.evidence.loops[margins.figures["axis"]]
+    axis_with_smallest_margins = margins.figures["axis"]
+    loop = assessment.evidence.loops[axis_with_smallest_margins]
+    # An axis whose loop was not identified has a fact in the place of the loop, which says why.
     if not isinstance(loop, Loop):
         return None
     return loop.plant.refusal
@@ -361,16 +367,20 @@ class MarginReview:
         reason = margins.figures.get("reason")
         if reason is None or reason.code is not LoopFact.LOOP_TOO_SHORT:
             return margins
-        settled = reason.figures["settled"]
+        # Seconds of settled flight until the review, and when that was, s of the boot clock.
+        settled_seconds = reason.figures["settled"]
         review_time = reason.figures["clock"]
-        if settled is None:
-            # The review could not say how long it was. Then all of the settled flight that goes on now is counted, as
-            # if the review had been before it.
-            settled = 0.0
+        if settled_seconds is None:
+            # The review refused the log before it measured this. Then the settled flight that goes on now is counted
+            # from its beginning, as if no review had counted any of it.
+            settled_seconds = 0.0
             review_time = -inf
+        is_settled = settled_start is not None
         if settled_start is not None and review_time is not None:
-            settled += max(0.0, now - max(review_time, settled_start))
-        present_reason = reason.replace(settled=settled, is_settled=settled_start is not None)
+            # The review has counted the settled flight until then already.
+            uncounted_start = max(review_time, settled_start)
+            settled_seconds += max(0.0, now - uncounted_start)
+        present_reason = reason.replace(settled=settled_seconds, is_settled=is_settled)
         return margins.replace(reason=present_reason)
 
     def add_messages(

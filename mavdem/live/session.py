@@ -1029,7 +1029,8 @@ class LiveSession:
             is_at_end: whether the session ends. Then a flight without a landing gets advice too, and the call
                 waits for the advice, at most ``MAX_WAIT_SECONDS``; it reports first that it waits.
         """
-        if self.intake.is_recording_cut and self.stream.is_flying:
+        is_flying = self.stream.is_flying
+        if self.intake.is_recording_cut and is_flying:
             # The recording lacks the end of this flight, or all of it. What it shows is no judgement of the flight, and
             # its end in the air would be taken for a fault of the vehicle.
             self.gain_adviser = None
@@ -1037,8 +1038,9 @@ class LiveSession:
         vehicle = self.stream.followed_vehicle
         if adviser is None or vehicle is None:
             return
-        if adviser.is_due and self.stream.is_flying and not is_at_end:
-            # The recording would end in the air, before the landing is complete: the advice has to wait.
+        if adviser.is_due and is_flying and not is_at_end:
+            # The vehicle has taken off again before the computation began. The recording would now end in the air, so
+            # that the advice has to wait for the next landing.
             return
         if is_at_end:
             self._announce_final_advice(adviser)
@@ -1056,17 +1058,21 @@ class LiveSession:
         self._log_advice(advice, adviser.judgement)
         # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight
         # it is about an earlier flight, and must not hide what the model shows of this one.
-        is_flight_over = is_at_end or not self.stream.is_flying
+        is_flight_over = is_at_end or not is_flying
         if adviser.judgement is not None and is_flight_over:
             self.flight.judging.use_judgement_of_recording(adviser.judgement)
 
     def _request_gain_advice(self, adviser: GainAdviser) -> None:
-        """Requests advice on gains, which is computed together with a judgement of the recording of the latest flight.
+        """Requests advice on gains from the recording of the latest flight.
+
+        The request only notes that advice is due. The computation, which also judges the recording, begins when
+        :meth:`report_gain_advice` is called the next time on the ground, or at the end of the session.
 
         Args:
-            adviser: computes both, the next time that :meth:`report_gain_advice` is called on the ground.
+            adviser: computes the advice.
         """
         adviser.is_due = True
+        # If another flight begins before the result is there, this number shows that it is about an earlier flight.
         self._recorded_flight = self.stream.flight_number
 
     def _announce_final_advice(self, adviser: GainAdviser) -> None:

@@ -392,19 +392,17 @@ class SessionState(ImmutableResult):
         A weak motor shows by its commands, compared with those of some earlier seconds of hover. Only one
         wait is shown at a time: while ``is_oscillation_unjudged``, this is False.
         """
-        watch_fact = self.watch_states.get(WatchedQuantity.MOTORS)
-        if watch_fact is None or not self.is_flying or self.is_oscillation_unjudged:
+        if not self.is_flying or self.is_oscillation_unjudged:
             return False
-        reason = watch_fact.figures.get("reason")
+        reason = self._reason_for_not_watching(WatchedQuantity.MOTORS)
         return reason is not None and reason.code is WatchFact.REFERENCE_SHORT
 
     @property
     def is_oscillation_unjudged(self) -> bool:
         """Whether the vehicle has flown for too short a time to judge whether it oscillates."""
-        watch_fact = self.watch_states.get(WatchedQuantity.OSCILLATION)
-        if watch_fact is None or not self.is_flying:
+        if not self.is_flying:
             return False
-        reason = watch_fact.figures.get("reason")
+        reason = self._reason_for_not_watching(WatchedQuantity.OSCILLATION)
         # At the take-off the list of what is watched may still be that of the ground.
         return reason is not None and reason.code in (
             WatchFact.OSCILLATION_AWAITED,
@@ -429,17 +427,26 @@ class SessionState(ImmutableResult):
 
     @property
     def unmeasured_quantities(self) -> tuple[str, ...]:
-        """Names of the quantities with a light that nothing measures, such as "vibration" where no VIBRATION comes."""
-        names = []
+        """Names of the quantities with a status light that nothing measures on this vehicle.
+
+        One is "vibration" if the message VIBRATION never comes. A quantity whose message comes too slowly, or that is
+        not watched yet because the vehicle is on the ground, is not among them.
+        """
+        unmeasured_names = []
         for quantity in QUANTITIES_OF_SETTLED_FLIGHT.values():
-            watch_fact = self.watch_states.get(quantity)
-            reason = None if watch_fact is None else watch_fact.figures.get("reason")
+            reason = self._reason_for_not_watching(quantity)
             if reason is None:
                 continue
-            is_not_judged = reason.code is WatchFact.BATTERY_NOT_JUDGED
-            if is_not_judged or states_missing_message(reason):
-                names.append(str(quantity))
-        return tuple(names)
+            # The battery's message comes, but no connected sensor measures its voltage.
+            is_battery_unknown = reason.code is WatchFact.BATTERY_NOT_JUDGED
+            if is_battery_unknown or states_missing_message(reason):
+                unmeasured_names.append(str(quantity))
+        return tuple(unmeasured_names)
+
+    def _reason_for_not_watching(self, quantity: WatchedQuantity) -> Fact | None:
+        """Returns why a quantity of the followed vehicle is not watched for faults; None if it is, or if not known."""
+        watch_fact = self.watch_states.get(quantity)
+        return None if watch_fact is None else watch_fact.figures.get("reason")
 
     @property
     def watched_names(self) -> tuple[str, ...]:
@@ -477,7 +484,9 @@ class SessionState(ImmutableResult):
     def is_silent_after_flight(self) -> bool:
         """Whether nothing has been received since the end of a flight, as if the vehicle was switched off."""
         is_silent = self.no_model_reason is not None and self.no_model_reason.code in SILENT_LINK
-        return is_silent and not self.is_flying and bool(self.worst_lights)
+        # The lights are judged in flight and kept after it, so that there are none before the first flight.
+        has_judged_flight = bool(self.worst_lights)
+        return is_silent and not self.is_flying and has_judged_flight
 
     @property
     def reason_without_model(self) -> Fact:
@@ -485,27 +494,31 @@ class SessionState(ImmutableResult):
 
         The first of these that applies:
 
-        1. After a flight, its rates were too low to learn from: the pilot can change them for the next flight.
-        2. Nothing is received since the end of a flight: the flight is over.
-        3. The reason that the session has for learning no model, such as a loss of the vehicle.
-        4. In flight, a model is being learned; on the ground, the vehicle does not fly.
+        1. After a flight, that messages of the flight came too slowly to learn from them: the pilot can raise their
+           rates for the next flight.
+        2. If nothing has been received since the end of a flight, that the flight is over.
+        3. The reason that the session has for learning no model now (``no_model_reason``), such as a lost vehicle.
+        4. In flight, that a model is being learned; on the ground, that the vehicle does not fly.
         """
-        reason = self.no_model_reason
-        is_flight_over = self.is_silent_after_flight or (
-            reason is not None and reason.code is SessionFact.FLIGHT_OVER
-        )
-        # Why less was learned of the flight than could be; None if nothing was missing.
-        shortfall = self.shortfall
-        if is_flight_over and shortfall is not None:
-            had_low_rates = shortfall.code is RowsFact.LIVE_RATES_TOO_LOW
-            if had_low_rates:
-                return shortfall
+        if self._low_rates_of_ended_flight is not None:
+            return self._low_rates_of_ended_flight
         if self.is_silent_after_flight:
-            # The vehicle was switched off. The flight did not end with its loss, which would be the figure "reason".
+            # The vehicle was probably switched off, so that the silence is no fault to be reported. The figure "reason"
+            # of this fact is the loss with which a flight ended; this one ended without.
             return Fact(SessionFact.FLIGHT_OVER, reason=None)
-        if reason is not None:
-            return reason
+        if self.no_model_reason is not None:
+            return self.no_model_reason
         return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
+
+    @property
+    def _low_rates_of_ended_flight(self) -> Fact | None:
+        """The fact that messages of the latest flight, which is over, came too slowly to learn from; None otherwise."""
+        reason = self.no_model_reason
+        ends_learning = reason is not None and reason.code is SessionFact.FLIGHT_OVER
+        is_flight_over = ends_learning or self.is_silent_after_flight
+        if not is_flight_over or self.shortfall is None:
+            return None
+        return self.shortfall if self.shortfall.code is RowsFact.LIVE_RATES_TOO_LOW else None
 
     @property
     def is_silent(self) -> bool:
