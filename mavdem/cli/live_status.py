@@ -338,8 +338,8 @@ class StatusLines:
         """
         if isfinite(event.clock):
             self._latest_moment = (event.boot, event.clock)
-        # The alarm that the link is lost has no end of its own: the event that messages come again ends it, which its
-        # line then says. So this is looked up before the event updates whether the alarm is active.
+        # Other alarms end by an event of their own. That of a lost link ends by the event that messages come again,
+        # whose line then says so. This must be decided before the event changes whether that alarm is active.
         ends_alarm = self._is_link_alarmed and event.fact.code is RowsFact.MESSAGES_RESUMED
         self._update_link_alarm(event)
         if self.terminal_text is None:
@@ -357,19 +357,34 @@ class StatusLines:
         fact = event.fact
         if fact.code in UNPRINTED_STATES or self._is_verdict_printed(fact):
             return
-        # Whether a vehicle on the ground may take off depends on its earlier flights, which the next step considers.
+        # What to do is said on the line of each event but one. Whether a vehicle that stands on the ground may take off
+        # depends on its earlier flights: the line on the next step considers these.
         has_remedy = fact.code is not SessionFact.NOT_FLYING
+        self._store_printed_event(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        is_known_link_loss = fact.code is LinkFact.LOST_IN_FLIGHT and self._is_link_warned
+        if is_known_link_loss:
+            # A warning has said what is lost and what to do, some seconds ago.
+            line = brief_alarm_line(event)
+        else:
+            line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        self._print(line, style_of_facts(fact))
+
+    def _store_printed_event(self, event: Event, *, has_remedy: bool, ends_alarm: bool) -> None:
+        """Stores what the line of an event says, so that lines on the status do not say it again.
+
+        Args:
+            event: What was found, and when.
+            has_remedy: Whether the line says what to do about it.
+            ends_alarm: Whether it ends the alarm of a lost link.
+        """
+        fact = event.fact
         if ends_alarm or fact.code is WatchFact.ALARM_OVER:
             self._store_alarm_end()
         elif has_remedy and fact.remedy:
             self._store_advice(fact.remedy, is_alarm=event.is_alarm)
         if fact.code is SessionFact.FLIGHT_LEARNED:
+            # This is the event of a landing.
             self._landing_text = fact.sentence
-        if fact.code is LinkFact.LOST_IN_FLIGHT and self._is_link_warned:
-            line = brief_alarm_line(event)
-        else:
-            line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
-        self._print(line, style_of_facts(fact))
 
     def _is_verdict_printed(self, fact: Fact) -> bool:
         """Returns whether a fact is the verdict on a flight that a line has just stated.
@@ -405,8 +420,8 @@ class StatusLines:
     def _insert_event_line(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event above the status on the terminal, with a bell if it is an alarm.
 
-        A small terminal has room for few lines. So states of the session that the status shows (``SESSION_STATES``) and
-        ``UNPRINTED_STATES`` are not printed, and only alarms and warnings say what to do.
+        A small terminal has room for few lines. So an event that the status shows is not printed, only alarms and
+        warnings say what to do, and other events have ``MAX_EVENT_LINES`` lines at most.
 
         Args:
             event: What was found, and when.
@@ -414,18 +429,19 @@ class StatusLines:
         """
         fact = event.fact
         if event.is_alarm:
+            # A terminal that was closed takes no bell any more.
             with suppress(OSError):
                 STDERR.bell()
-        is_in_status = fact.code in SESSION_STATES and not event.is_alarm
-        # The first line of the status says how old the last message of a vehicle is that was switched off.
-        is_switched_off = fact.figures.get("is_after_landing", False)
-        if is_in_status or is_switched_off or fact.code in UNPRINTED_STATES:
+        if _is_event_in_status(event):
             return
         has_remedy = event.is_alarm or fact.is_watch_or_bad
         line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
         if not fact.is_watch_or_bad:
-            columns = STAMP_WIDTH + MAX_EVENT_LINES * (STDERR.width - STAMP_WIDTH)
-            line = shortened(line, max(columns, STDERR.width))
+            # Further lines of a text are indented by the width of the time with which the first one begins.
+            text_width = STDERR.width - STAMP_WIDTH
+            max_characters = STAMP_WIDTH + MAX_EVENT_LINES * text_width
+            # On a terminal that is narrower than the time, one line is left.
+            line = shortened(line, max(max_characters, STDERR.width))
         self._print(line, style_of_facts(fact))
 
     def _print(self, line: str, style: str = "") -> None:
@@ -532,17 +548,20 @@ class StatusLines:
             # A status that is updated in place names all that is not watched: what is watched again needs no line.
             self._forget_reasons_of_watched(reportable_facts)
             reportable_facts = _unwatched_facts(reportable_facts)
-        # Measured numbers in a fact change all the time, which is no change to report.
-        changed_facts = {
-            quantity: fact
-            for quantity, fact in reportable_facts.items()
-            if self._printed_watch_facts.get(quantity) != fact.without_measurements
-        }
-        changes = {quantity: fact.without_measurements for quantity, fact in changed_facts.items()}
+        changed_facts = []
+        # The changed facts as they are compared with those of the next status.
+        changes: dict[Hashable, Hashable] = {}
+        for quantity, fact in reportable_facts.items():
+            # Measured numbers in a fact change all the time, which is no change to report.
+            fact_without_numbers = fact.without_measurements
+            if self._printed_watch_facts.get(quantity) != fact_without_numbers:
+                changed_facts.append(fact)
+                changes[quantity] = fact_without_numbers
+        # The debouncer must get each status, also one without changes: that ends the wait for earlier ones.
         is_stable = self._watch_change_debouncer.update(changes, monotonic())
         if changes and is_stable:
             self._printed_watch_facts.update(changes)
-            text = escape_unprintable(watched_quantities_text(list(changed_facts.values())))
+            text = escape_unprintable(watched_quantities_text(changed_facts))
             self._print_now(text, status)
 
     def _forget_reasons_of_watched(self, watch_facts: dict[Hashable, Fact]) -> None:
@@ -627,23 +646,29 @@ class StatusLines:
         """Prints a fault of the latest flight that is found only after the landing, such as small stability margins.
 
         The model of a flight may be learned to the end only then. Without this line, the next step would change for no
-        visible reason. A fault that another line states is left out: a loss, an alarm, what the line on the landing
-        has, and the verdict of the recording.
+        visible reason. The fault is found when the headline changes between two looks on the ground. The first look
+        after a landing only stores the headline, since the line on the landing reports what it states.
 
         Args:
             status: State of the live session.
         """
-        if not status.is_latest_flight_over or status.recording_verdict is not None:
+        # Where a recording is judged, its verdict is printed as an event, which states such a fault.
+        has_judged_recording = status.recording_verdict is not None
+        if not status.is_latest_flight_over or has_judged_recording:
             self._headline_on_ground = None
             return
         headline = status.overall_judgement.headline
         former_headline = self._headline_on_ground
-        self._headline_on_ground = (headline.code, headline.subject)
-        has_changed = former_headline not in (None, self._headline_on_ground)
-        has_event = status.loss is not None or bool(status.alarms)
+        # Other numbers of the same fault are no other headline.
+        present_headline = (headline.code, headline.subject)
+        self._headline_on_ground = present_headline
+        has_changed = former_headline is not None and former_headline != present_headline
+        if not has_changed or not headline.is_watch_or_bad:
+            return
         text = headline_text(headline)
-        is_stated = has_event or text in self._landing_text
-        if has_changed and headline.is_watch_or_bad and not is_stated:
+        # A loss and an alarm have been printed as events.
+        is_printed_as_event = status.loss is not None or bool(status.alarms)
+        if not is_printed_as_event and text not in self._landing_text:
             self._print_now(f"{VERDICT_MARKER} {escape_unprintable(text)}", status)
 
     def _print_link_warning(self, status: SessionStatus) -> None:
@@ -777,6 +802,24 @@ class StatusLines:
         self._print(stamped_line(text, boot_clock=status.boot_clock, boot=status.boot))
 
 
+def _is_event_in_status(event: Event) -> bool:
+    """Returns whether an event needs no line above the status on a terminal, since the status shows what it states.
+
+    That holds for states of the session, such as waiting for a vehicle, unless they are alarms. ``UNPRINTED_STATES``
+    are in the status, or will be in the report after the landing.
+
+    Args:
+        event: What was found, and when.
+    """
+    fact = event.fact
+    if fact.code in UNPRINTED_STATES:
+        return True
+    # The first line of the status says how old the last message is of a vehicle that was switched off after a landing.
+    is_switched_off = fact.figures.get("is_after_landing", False)
+    is_state_of_session = fact.code in SESSION_STATES and not event.is_alarm
+    return is_switched_off or is_state_of_session
+
+
 def _state_to_print(status: SessionStatus) -> PrintedState:
     """Returns what a printed line says of a status; a new line is printed when this changes.
 
@@ -847,9 +890,11 @@ def _text_of_earlier_fault(fault: Fact) -> str:
 
 
 def _key_of_earlier_fault(fault: Fact, *, is_in_flight: bool) -> Hashable:
-    """Returns what tells two lines on earlier flights apart: kind of fault, flight, and whether the vehicle flies now.
+    """Returns a key that is the same for two lines on the same fault of an earlier flight, so that one is enough.
 
-    Further words on the same fault, once its recording is judged, are no news.
+    It consists of the kind of fault, the flight, and whether the vehicle flies now: a fault that was printed on the
+    ground is printed again after the take-off. The words of the fault are not in it, since they become more precise
+    when its recording is judged, which needs no other line.
 
     Args:
         fault: The fault as :func:`_fault_of_earlier_flight` returns it.
@@ -857,7 +902,9 @@ def _key_of_earlier_fault(fault: Fact, *, is_in_flight: bool) -> Hashable:
     """
     finding = fault
     if fault.code is SessionFact.UNREPAIRED_FAULT:
+        # The fault itself is the reason of the warning that it may not have been repaired.
         finding = fault.figures["reason"]
+    # A flight of this session has a number. One of a former session has the address of its page in the library.
     flight = finding.figures.get("number", finding.figures.get("address"))
     return (finding.code, flight, is_in_flight)
 
@@ -1043,23 +1090,32 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     for sentence in render_section("live_status", status=status, time=clock.unix_time()):
         sentences.append(escape_unprintable(sentence.text))
     reason = status.no_model_reason
-    # After a landing another take-off is the pilot's choice, and the table shows the flight before.
-    is_after_landing = (
-        reason is not None and reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
-    )
-    # Nobody need check the link of a vehicle that was switched off after its landing.
-    is_normal = is_after_landing or status.is_switched_off
-    if reason is not None and not is_normal:
+    if reason is not None and not _is_normal_after_landing(reason, status):
         sentences.append(_unstated_reason(reason, judgement.headline, judgement_text))
-    sentences = [text for text in sentences if text and text not in judgement_text]
-    # The first sentence of the section, on the learning, is always there.
+    new_sentences = [text for text in sentences if text and text not in judgement_text]
+    # The first sentence of the section is on the learning. It is always there, and never a part of the judgement.
     return StatusTexts(
         vehicle=escape_unprintable(vehicle_text(status, has_table=True)),
-        learning=sentences[0],
-        problems=sentences[1:],
+        learning=new_sentences[0],
+        problems=new_sentences[1:],
         headline=headline,
         next_step=next_step,
     )
+
+
+def _is_normal_after_landing(reason: Fact, status: SessionStatus) -> bool:
+    """Returns whether no model is learned for a reason that is normal after a flight, and no problem.
+
+    Args:
+        reason: Why no model is learned now.
+        status: State of the live session.
+    """
+    # There are lights only in and after a flight.
+    has_flown = bool(status.worst_lights)
+    # Another take-off is the pilot's choice, and the table of lights shows the flight before.
+    stands_after_flight = reason.code is SessionFact.NOT_FLYING and has_flown
+    # Nobody need check the link of a vehicle that was switched off after its landing.
+    return stands_after_flight or status.is_switched_off
 
 
 def _unstated_reason(reason: Fact, headline: Fact, judgement_text: str) -> str:
