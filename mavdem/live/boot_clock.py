@@ -226,10 +226,15 @@ class BootClock:
         They were collected since the last stamp that continued the former clock. So delayed messages, or messages of
         another vehicle with the same ids, prove nothing while the former clock continues.
 
-        ``MIN_RESET_STAMPS`` suffice if the clock jumped ahead, if it fell far to a time near zero, as in a restart, or
-        if it read zero after the last message of the former clock: the vehicle booted while nothing was received.
-        Otherwise the stamps may come from a second link with a delay. Then they must continue for ``MAX_LATE_SECONDS``,
-        which is longer than any such delay.
+        Any of these is a proof, with ``MIN_RESET_STAMPS`` at least:
+
+        1. A clock that began near zero has reached the former one (:meth:`_restarted_clock_has_caught_up`).
+        2. There was no clock before.
+        3. The clock jumped ahead: delayed messages have earlier stamps, not later ones.
+        4. The clock fell by more than any delay to a time near zero, as in a restart.
+        5. The clock read zero after the last message of the former one: the vehicle booted while nothing was received.
+        6. The stamps go on for ``MAX_LATE_SECONDS``. Until then they may come from a second link with a delay, which
+           is shorter.
 
         Args:
             stamps: stamps of a possible new clock, s, that continue each other; at least one.
@@ -239,15 +244,16 @@ class BootClock:
         if self._restarted_clock_has_caught_up(stamps[-1]):
             return True
         first_stamp = stamps[0]
-        fell_far = first_stamp < self.now - MAX_LATE_SECONDS
-        is_restart = fell_far and first_stamp <= MAX_RESTART_TIME
-        # Before the first attitude the clock is NaN, and any stamps begin it.
-        is_first_clock = isnan(self.now)
-        if is_restart or is_first_clock or first_stamp >= self.now:
+        # Before the first attitude the time is NaN.
+        has_no_former_clock = isnan(self.now)
+        has_jumped_ahead = first_stamp >= self.now
+        if has_no_former_clock or has_jumped_ahead:
             return True
-        if self._start_of_new_clock >= self._last_former_reception:
-            return True
-        return stamps[-1] - first_stamp >= MAX_LATE_SECONDS
+        fell_beyond_delays = first_stamp < self.now - MAX_LATE_SECONDS
+        is_restart = fell_beyond_delays and first_stamp <= MAX_RESTART_TIME
+        has_booted_in_silence = self._start_of_new_clock >= self._last_former_reception
+        is_longer_than_delays = stamps[-1] - first_stamp >= MAX_LATE_SECONDS
+        return is_restart or has_booted_in_silence or is_longer_than_delays
 
     @property
     def _last_former_reception(self) -> float:

@@ -408,8 +408,8 @@ class ControlWatch:
             return FlightEnd(is_in_air, is_falling, loss=None)
         attitude_loss = self._attitude_loss_since(takeoff_time)
         if attitude_loss is None and not is_in_air:
-            # The vehicle may have toppled over as it landed. One that hit the ground upright, since it could not hold
-            # its height, has no loss of attitude.
+            # A vehicle whose flight ended on the ground may have toppled over as it landed. One that hit the ground
+            # upright, since it could not hold its height, has no loss of attitude.
             attitude_loss = self._toppling(sensors, error, flight_interval)
         contact = ground_contact(sensors, error, flight_interval, attitude_loss, reports)
         losses = flight_losses(attitude_loss, contact)

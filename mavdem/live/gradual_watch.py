@@ -91,12 +91,15 @@ class GradualLossWatch:
             self._search(time)
 
     def _search(self, time: float) -> None:
-        """Searches the blocks of the latest two minutes for a slow loss, which begins, is confirmed, or is over.
+        """Searches the latest two minutes for a motor that loses thrust slowly, and updates ``loss``.
+
+        A loss that is found is new, or confirms the known one. A known loss that is not found is over if the motor has
+        recovered (:meth:`_has_recovered`).
 
         Args:
             time: time of the search, s of the boot clock.
         """
-        # Blocks are means over a short time: B of them, of k motors.
+        # Blocks are means over a short time: B blocks of the commands of k motors.
         block_ends = np.array([block.end for block in self._blocks])
         block_commands = np.array([block.commands for block in self._blocks])
         leans = np.array([block.lean for block in self._blocks])
@@ -104,14 +107,27 @@ class GradualLossWatch:
         if detected_loss is not None:
             self._update_loss(detected_loss, block_ends, block_commands)
             self._found_time = time
-        elif self.loss is not None and time - self._found_time > MAX_CONFIRMATION_SECONDS:
+            return
+        has_confirmation_ended = time - self._found_time > MAX_CONFIRMATION_SECONDS
+        if self.loss is not None and has_confirmation_ended:
+            # The search finds only changes within the two minutes, and not a loss that has lasted for all of them. So
+            # the command of the motor decides whether the loss is over.
             is_recent = block_ends > time - MAX_CONFIRMATION_SECONDS
             recent_command = self._relative_command(self.loss, block_commands, is_recent)
-            rise_by_loss = self._weak_command - self._sound_command
-            recent_rise = recent_command - self._sound_command
-            is_nearer_to_sound = recent_rise < HALF_CHANGE * rise_by_loss
-            if is_nearer_to_sound:
+            if self._has_recovered(recent_command):
                 self.loss = None
+
+    def _has_recovered(self, recent_command: float) -> bool:
+        """Returns whether the weak motor's command is nearer to the one before its loss than to the one with the loss.
+
+        A motor that lost thrust needs a higher command than before for the same thrust.
+
+        Args:
+            recent_command: its command in the last seconds, relative to the mean command of all motors.
+        """
+        rise_by_loss = self._weak_command - self._sound_command
+        recent_rise = recent_command - self._sound_command
+        return recent_rise < HALF_CHANGE * rise_by_loss
 
     def _update_loss(self, loss: MotorChange, block_ends: Array, block_commands: Array) -> None:
         """Updates the known loss and the commands of its motor by the loss that the latest search has found.

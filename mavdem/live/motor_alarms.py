@@ -296,9 +296,10 @@ class MotorAlarms:
     def _search_gradual_loss(self, time: float, commands: list[float], lean: Numbers) -> Facts:
         """Searches the flight for a motor that loses thrust slowly, and reports the result.
 
-        The search (:class:`GradualLossWatch`) gets each sample and runs once a second. While a motor is weak after a
-        sudden loss, which was reported, a slow loss is reported only if it is much larger: then the sudden one was a
-        part of it. When the sudden loss is over, the search begins anew.
+        The search (:class:`GradualLossWatch`) gets each sample and runs once a second. A motor that has suddenly lost
+        thrust looks to this search like one that loses it slowly. So, while a sudden loss lasts, which was reported, a
+        slow one is reported only if it is much larger: then the sudden one was a part of it. When the sudden loss is
+        over, the search begins anew.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -312,14 +313,16 @@ class MotorAlarms:
         assert self._gradual_watch is not None
         watch = self._gradual_watch
         if not watch.is_continued(time):
-            # After a landing or a long gap there is no reference, so that nothing shows whether the loss is over.
+            # After a landing or a long gap, commands of sound flight to compare with are missing. So nothing shows
+            # whether the reported loss is over, and its end is not reported.
             self._reported_loss = None
         # The sudden losses that last. Once a slow loss is reported, they are parts of it, and do not count any more.
         sudden_losses = []
         if self._reported_loss is None:
             sudden_losses = list(self._detector.weak_motors.values())
-        if self._is_suddenly_weak and not sudden_losses:
-            # The flight before a sudden loss that is over is no reference for a slow one.
+        has_sudden_loss_ended = self._is_suddenly_weak and not sudden_losses
+        if has_sudden_loss_ended:
+            # The commands until now, which contain this loss, are no reference for a slow one.
             watch.restart()
         self._is_suddenly_weak = bool(sudden_losses)
         watch.add_sample(time, commands, lean)
@@ -327,6 +330,7 @@ class MotorAlarms:
         if gradual_loss is None:
             return self._report_end_of_gradual_loss(time)
         if sudden_losses and not is_much_larger(gradual_loss, sudden_losses):
+            # It is only the sudden loss, which this search has found too.
             return ()
         return self._report_gradual_loss(gradual_loss)
 

@@ -496,8 +496,8 @@ class LiveWind:
         """
         motion = self._motion(time - FIRST_FIT_SECONDS, time)
         stamps = motion.time
-        is_short = len(stamps) < MIN_CHECKED_SAMPLES
-        if is_short or stamps[-1] - stamps[0] < FIRST_FIT_SECONDS / 2:
+        has_too_few_samples = len(stamps) < MIN_CHECKED_SAMPLES
+        if has_too_few_samples or stamps[-1] - stamps[0] < FIRST_FIT_SECONDS / 2:
             self._next_check_time = time + self._step
             return
         try:
@@ -509,12 +509,23 @@ class LiveWind:
         self.no_estimate_reason = None
         self._checked_mean = self.mean
         self._checked_count = self._estimate_count
-        step = max(GRID_STEP, np.median(np.diff(stamps)))
-        grid = motion_grid(stamps, motion.attitude, motion.velocity, step)
-        if self._filter is None and grid.complete.any():
-            self._step = grid.step
-            self._filter = AirflowFilter(filter_parameters(self._parameter_draws(), grid), grid)
-            self._next_step_end = time
+        if self._filter is None:
+            self._begin_filter(motion, time)
+
+    def _begin_filter(self, motion: _Motion, time: float) -> None:
+        """Begins the filter with the step and the mean motion of the last seconds, unless no step is complete in them.
+
+        Args:
+            motion: attitude and velocity over ground of the last seconds, in which the vehicle flew freely.
+            time: time of the latest velocity, s of the boot clock; the first step of the filter ends with it.
+        """
+        step = max(GRID_STEP, np.median(np.diff(motion.time)))
+        grid = motion_grid(motion.time, motion.attitude, motion.velocity, step)
+        if not grid.complete.any():
+            return
+        self._step = grid.step
+        self._filter = AirflowFilter(filter_parameters(self._parameter_draws(), grid), grid)
+        self._next_step_end = time
 
     def _withdraw_unchecked_estimates(self, reason: Fact) -> None:
         """Ends the estimation, and takes back the estimates since the last check that the vehicle flew freely.

@@ -372,8 +372,8 @@ def warnings_of_lights(judgement: Judgement, light_names: Sequence[Light]) -> li
 def remarks_on_wind(judgement: Judgement) -> list[Sentence]:
     """Returns the sentence "Lean: the mean lean is 40 % of the lean allowed." and warnings that concern the wind.
 
-    The lean tells a pilot whether the vehicle can fly in such a wind, even if its drag, and with it the speed of the
-    wind, is known only roughly.
+    The lean against the wind shows a pilot whether the vehicle can fly in such a wind. It is known even if the drag of
+    the vehicle, and with it the speed of the wind, is known only roughly.
 
     Args:
         judgement: headline, next step and all status lights of the flight.
@@ -382,20 +382,30 @@ def remarks_on_wind(judgement: Judgement) -> list[Sentence]:
         The sentence on the lean, which also states a warning of the wind light, and a warning of the estimator's light.
         Without a lean to report, only the warnings of the two lights (``WIND_LIGHTS``).
     """
-    light = judgement.lights[Light.WIND]
-    is_wind_known = light.code is WindLight.WIND_BLEW
-    # Nobody asks for the lean in still air, and the figure "reason" says why the wind, and so the lean, is in doubt.
-    if (
-        not is_wind_known
-        or light.figures["share"] <= 0
-        or light.figures["calm"]
-        or light.figures["reason"] is not None
-    ):
+    wind_light = judgement.lights[Light.WIND]
+    if not _states_lean(wind_light):
         return warnings_of_lights(judgement, WIND_LIGHTS)
-    (lean,) = render_section("wind_lean", light=light)
-    if light.is_watch_or_bad:
+    (lean,) = render_section("wind_lean", light=wind_light)
+    if wind_light.is_watch_or_bad:
         lean = lean._replace(level=Level.WATCH)
     return [lean, *warnings_of_lights(judgement, [Light.ESTIMATOR])]
+
+
+def _states_lean(wind_light: Fact) -> bool:
+    """Returns whether the status light of the wind states a lean against it that is worth a sentence.
+
+    Args:
+        wind_light: the fact of the light. If the wind is known, its figures are the mean lean as a fraction of the lean
+            allowed (``share``), whether the air was still (``calm``), and why the wind is in doubt (``reason``).
+    """
+    if wind_light.code is not WindLight.WIND_BLEW:
+        # The wind is unknown.
+        return False
+    leans = wind_light.figures["share"] > 0
+    is_still_air = wind_light.figures["calm"]
+    # The wind follows from the lean, so that a doubt of the wind is one of the lean, too.
+    is_in_doubt = wind_light.figures["reason"] is not None
+    return leans and not is_still_air and not is_in_doubt
 
 
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
