@@ -186,13 +186,14 @@ def line_without_gains(
     *,
     is_recording_cut: bool = False,
 ) -> str:
-    """Returns the line with the reason why a session advises no gains, or none to load yet; empty for neither.
+    """Returns the line at the end of a session that says why there are no files with new gains, or none to load yet.
 
-    Advice is reported when it comes, with the reasons why axes get no gains: the end of the session does not repeat
-    them.
+    It is empty if the advice says so itself: advice is reported when it comes, with the reason for each axis that gets
+    no gains, and the end of the session does not repeat that.
 
     Args:
-        advice: the facts (coded findings) of the latest advice; None where no recording has a whole flight.
+        advice: the facts (coded findings) of the latest advice, empty if no flight has given any; None where no
+            recording has a whole flight.
         seconds_by_use: seconds of the session by what they were spent on, such as learning.
         is_recording_cut: whether the recording failed, as on a full disk.
     """

@@ -524,6 +524,7 @@ class LiveHistory:
         for horizon, predictions in self._predictions.items():
             while predictions and predictions[0].time < time + STAMP_ROUNDING:
                 prediction = predictions.popleft()
+                # An earlier prediction that is still in the queue is one for a time at which no sample came.
                 was_never_measured = prediction.time < time - STAMP_ROUNDING
                 numbers = prediction.outputs + prediction.band
                 is_finite = all(isfinite(number) for number in numbers)

@@ -424,9 +424,10 @@ class Link:
         return self._socket or self._server or self._serial
 
     def _read_piece(self, read_time: float) -> _ReadPiece | None:
-        """Reads the next piece from whatever is open, without waiting.
+        """Reads the next piece from the serial port or the socket, whichever is open, without waiting.
 
-        Only ``udpin`` has more than one possible sender. Its address is also noted for replies (``send``).
+        Only a ``udpin`` link can have several senders. The address of each is noted, since replies are sent to all of
+        them (:meth:`send`). The pieces of other links have no address.
 
         Args:
             read_time: present time, UNIX s: the time of arrival of a piece that the kernel does not stamp.
@@ -450,12 +451,14 @@ class Link:
                 return piece
             return piece._replace(address=None)
         except (BlockingIOError, ConnectionRefusedError):
-            # A datagram is refused where the last one sent had no receiver.
+            # Nothing waits. Or the last datagram that this link sent had no receiver, which the next call reports as a
+            # refusal: that is no fault, since the vehicle may be switched on later.
             return None
         except ConnectionResetError:
-            # Windows reports in this way that a datagram had no receiver.
             if self.has_datagrams:
+                # Windows reports in this way that the last datagram had no receiver.
                 return None
+            # The TCP connection is lost, which the caller reports.
             raise
 
     def _read_stamped_datagram(self, opened: socket.socket, read_time: float) -> _ReadPiece:

@@ -62,16 +62,15 @@ class SampleStream:
     def add(self, time: float, values: Numbers) -> bool:
         """Adds a sample at its place in the order of stamps, since samples may overtake each other on the network.
 
-        It also notes whether the sample follows a gap, and drops old samples once in a while. A sample is late, and not
-        added, if its time is complete already (the rows up to that time were made) or before the last gap.
+        It also notes whether the sample follows a gap, and drops old samples once in a while.
 
         Args:
             time: stamp, s of the boot clock.
             values: values of the sample; all samples of the stream have the same number of values.
 
         Returns:
-            Whether the sample was added. It is dropped if its stamp is there already, if it is too late, or if it is
-            not finite.
+            Whether the sample was added. It is not if a value is not finite, if a sample with its stamp is there
+            already, or if it is late: the row at its time was made already, or a gap has begun another segment since.
         """
         if not all(isfinite(value) for value in values):
             return False
@@ -80,17 +79,14 @@ class SampleStream:
         index = bisect_left(stamps, time)
         is_latest = index == len(stamps)
         if not is_latest:
-            if stamps[index] == time:
+            is_copy = stamps[index] == time
+            is_late = time <= max(self.completed_time, self.start_time)
+            if is_copy:
                 return False
-            if time <= max(self.completed_time, self.start_time):
+            if is_late:
                 self.late_count += 1
                 return False
-        self.gap = 0.0
-        if is_latest and stamps:
-            step = time - stamps[-1]
-            if step > MAX_GAP_SECONDS:
-                self.gap = step
-                self._gap_end = time
+        self._update_gap(time, is_latest=is_latest)
         stamps.insert(index, time)
         self._value_count = len(values)
         first_value = index * self._value_count
@@ -100,6 +96,21 @@ class SampleStream:
         if self.added_count % SAMPLES_PER_CLEANING == 0:
             self._drop_old_samples()
         return True
+
+    def _update_gap(self, time: float, *, is_latest: bool) -> None:
+        """Notes how long the gap before a new sample is, if it is one, before the sample is added.
+
+        Args:
+            time: stamp of the sample, s of the boot clock.
+            is_latest: whether the sample is the latest; an earlier one lies between two others, and ends no gap.
+        """
+        self.gap = 0.0
+        if not is_latest or not self.time:
+            return
+        step = time - self.time[-1]
+        if step > MAX_GAP_SECONDS:
+            self.gap = step
+            self._gap_end = time
 
     def sample(self, index: int) -> Numbers:
         """Returns the values of one sample.
