@@ -14,6 +14,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
+from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
@@ -380,34 +381,43 @@ def _candidates_for_main_chart(
 ) -> Iterator[Chart]:
     """Yields the charts that may show what the heading of the page states, the best first.
 
-    1. The output of the motor with the worst warning.
+    1. The output of the motor with the worst warning, unless both flights have it and the loops changed.
     2. The trims, if those of a motor changed, or of fleets.
     3. A step response of an axis whose gains or margins changed, and then the spectra of the gyro.
-    4. The trims, if the motors are judged differently for another reason than their trims.
+    4. The spectra, if a flight oscillates, and the trims, if the motors are judged differently otherwise.
     5. The mean motor output, and then the spectra.
 
     Args:
         reviewed: comparison of both flights.
         pictures: their charts.
     """
-    title_of_worst_motor = _title_of_worst_motor(reviewed)
-    for group in pictures.motor_groups:
-        for (chart,) in group.columns:
-            if isinstance(chart, Chart) and chart.title == title_of_worst_motor:
-                yield chart
+    changed_axes = _axes_with_loop_changes(reviewed.difference)
+    if reviewed.motors.differs or not changed_axes:
+        title_of_worst_motor = _title_of_worst_motor(reviewed)
+        for group in pictures.motor_groups:
+            for (chart,) in group.columns:
+                if isinstance(chart, Chart) and chart.title == title_of_worst_motor:
+                    yield chart
     if _has_changed_motor(reviewed.difference) or reviewed.fleet_sides:
         yield pictures.trims
-    changed_axes = _axes_with_loop_changes(reviewed.difference)
     for axis in AXES:
         if axis in changed_axes:
             yield from _step_charts(reviewed.reviews, pictures.legend, axis)
-    if changed_axes:
+    if changed_axes or _oscillates(reviewed.reviews):
         yield pictures.spectra
     if reviewed.motors.differs:
         yield pictures.trims
     if pictures.mean_motor_output is not None:
         yield pictures.mean_motor_output
     yield pictures.spectra
+
+
+def _oscillates(reviews_by_side: Reviews) -> bool:
+    """Returns whether a vehicle oscillates in one of the flights, by the light of its margins."""
+    for review in reviews_by_side.values():
+        if value_at(review, "lights.margins.code") == MarginsLight.OSCILLATES:
+            return True
+    return False
 
 
 def _axes_with_loop_changes(difference: VehicleDifference) -> set[str]:
