@@ -415,6 +415,7 @@ def _differences_by_horizon(comparison: Comparison, kind: ForecastKind) -> list[
         One entry for each horizon; empty if DEM's model is not compared with another first method, or one of the two
         made no forecast.
     """
+    # Two names, or one if DEM's model is the first method itself or makes no such forecasts.
     ranked = _ranked_methods(comparison, kind)
     failed_methods = _failed_methods(comparison, kind)
     if len(ranked) < 2 or any(method in failed_methods for method in ranked):

@@ -299,7 +299,10 @@ def is_uncertain_sign_of_weak_motor(
 
 
 def _colour(change: QuantityChange, shape: Shape, *, are_judged: bool) -> str:
-    """Returns the colour of a drawn change: red for the worse, green for the better, and others without a judgement.
+    """Returns the colour of a drawn change: "bad" for the worse, "good" for the better, "link" without a judgement.
+
+    A change that is uncertain by itself, but agrees with a weak motor, is "watch", other uncertain ones are "unknown".
+    A change that the lean of the vehicle explains is not judged.
 
     Args:
         change: change of one quantity between two states.
