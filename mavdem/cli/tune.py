@@ -24,6 +24,7 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.gain_changes import GainChanges, gains_in_tables
@@ -99,8 +100,8 @@ def tune_command(
     --verbose it prints all margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of
     each stage for QGroundControl (.params) and Mission Planner (.param), and the present ones beside them (.before).
 
-    Exit code: 0 if gains of any axis are to be set, lowered or kept; otherwise 1: the report and the page then say why,
-    and what to do.
+    Exit code: 0 if gains of any axis are to be set, lowered or kept; otherwise, or if another flight is to confirm them
+    first, 1: the report and the page then say why, and what to do.
 
     \b
     Examples:
@@ -162,7 +163,8 @@ def _write_tuning(
     parameter_texts = tuning.files(vehicle)
     if parameter_texts:
         names = [name for parameter_set in tuning.sets for name in parameter_set.parameters]
-        parameter_texts |= present_parameter_files(names, vehicle)
+        oscillates = tuning.judgement.headline.code is MarginsLight.OSCILLATES
+        parameter_texts |= present_parameter_files(names, vehicle, oscillates=oscillates)
     for ending, text in parameter_texts.items():
         text_by_name[f"gains{ending}"] = text
     write_texts(folder, text_by_name, GAIN_FILES)
@@ -224,6 +226,7 @@ def _tuning_blocks(
     blocks += tune_overview(tuning, result)
     if changes is not None:
         blocks += changes.blocks
+        blocks += changes.tried_sentences
         if not tuning.has_computed_gains:
             # The cautions on computed gains stand with the reasons below.
             blocks += changes.cautions

@@ -136,6 +136,12 @@ class Advice(ImmutableResult):
         return max(self.sure, self.fraction_without_margins_before) >= SURE_SHARE
 
     @property
+    def refuses_only_higher_gains(self) -> bool:
+        """Whether the loop has its margins and keeps its gains, and only higher ones are refused."""
+        codes = {reason.code for reason in self.refusals}
+        return codes == {GainFact.LAG_UNRESOLVED}
+
+    @property
     def weak_confirmation(self) -> Fact | None:
         """That the flight barely confirms the model of the loop, as a fact; None if it does so clearly, or not at all.
 

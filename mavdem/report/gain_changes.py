@@ -87,15 +87,20 @@ class GainChanges(NamedTuple):
 
     @property
     def blocks(self) -> Blocks:
-        """The tables in the order of the flights, with a sentence that says when the gains of stage 2 are loaded."""
+        """The tables of gains to load, in the order of the flights, and when those of stage 2 are loaded."""
         blocks = Blocks()
         for table in self.tables:
             if blocks:
                 blocks += self.stage_sentences
             blocks.append(table)
-        if self.tried_gains is not None:
-            blocks.append(self.tried_gains)
         return blocks
+
+    @property
+    def tried_sentences(self) -> list[Sentence]:
+        """The gains that another flight is to confirm, in a sentence, so that no one takes them for gains to load."""
+        if self.tried_gains is None:
+            return []
+        return render_section("tried_gains", rows=self.tried_gains.rows)
 
     @property
     def stage_sentences(self) -> list[Sentence]:
@@ -105,7 +110,11 @@ class GainChanges(NamedTuple):
     @property
     def first_table(self) -> Table:
         """The gains to load before the next flight or, without any, those that were tried."""
-        return next(block for block in self.blocks if isinstance(block, Table))
+        if self.tables:
+            return self.tables[0]
+        # Without gains to load some were tried, or there would be no changes.
+        assert self.tried_gains is not None
+        return self.tried_gains
 
 
 def gain_changes(
@@ -116,6 +125,7 @@ def gain_changes(
     notch_parameters: Parameters = NO_PARAMETERS,
     *,
     is_after_check: bool = False,
+    oscillates: bool = False,
 ) -> GainChanges | None:
     """Returns a table of the gains to set after a flight, and parameter files with them to download.
 
@@ -132,6 +142,7 @@ def gain_changes(
         notch_parameters: parameters of the notch filter that the advised gains presuppose; they are set together with
             the first set of gains.
         is_after_check: whether something is to be checked or repaired before the gains are loaded.
+        oscillates: whether the vehicle oscillates with its present gains, so that going back is warned of.
 
     Returns:
         The tables with their files; None if no gain changes.
@@ -152,7 +163,11 @@ def gain_changes(
         tables=tuple(tables),
         downloads=tuple(
             _downloads_of_sets(
-                parameter_sets_to_fly, log_stem, vehicle, is_after_check=is_after_check
+                parameter_sets_to_fly,
+                log_stem,
+                vehicle,
+                is_after_check=is_after_check,
+                oscillates=oscillates,
             )
         ),
         tried_gains=_table_of_tried_gains(unconfirmed_gains) if unconfirmed_gains else None,
@@ -230,7 +245,12 @@ def _table_of_tried_gains(gains: Mapping[str, Gain]) -> Table:
 
 
 def _downloads_of_sets(
-    sets: Sequence[ParameterSet], log_stem: str, vehicle: Telemetry, *, is_after_check: bool
+    sets: Sequence[ParameterSet],
+    log_stem: str,
+    vehicle: Telemetry,
+    *,
+    is_after_check: bool,
+    oscillates: bool,
 ) -> Iterator[ParameterDownload]:
     """Yields the files that load each set of parameters, and those that restore the present values.
 
@@ -239,6 +259,7 @@ def _downloads_of_sets(
         log_stem: name of the log without its ending, with which the names of the files begin.
         vehicle: the vehicle, with its present parameters.
         is_after_check: whether something is to be checked or repaired before they are loaded.
+        oscillates: whether the vehicle oscillates with the present values.
     """
     changed_names: list[str] = []
     for parameter_set in sets:
@@ -249,8 +270,9 @@ def _downloads_of_sets(
         files = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
         yield from parameter_downloads(files, log_stem + suffix, label)
     if changed_names:
-        present_files = present_parameter_files(changed_names, vehicle)
-        yield from parameter_downloads(present_files, log_stem, "To go back:")
+        present_files = present_parameter_files(changed_names, vehicle, oscillates=oscillates)
+        label = "To go back (oscillates):" if oscillates else "To go back:"
+        yield from parameter_downloads(present_files, log_stem, label)
 
 
 def _label_of_set(parameter_set: ParameterSet, *, is_after_check: bool) -> str:

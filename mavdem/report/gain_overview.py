@@ -34,9 +34,6 @@ OPTIONAL_HEADERS = ("rate FF", "rate D_FF")
 NO_OUTCOMES: Mapping[str, str] = MappingProxyType({})
 """The outcomes of axes of which nothing was decided."""
 
-NO_NEW_VALUES: Mapping[str, NewValue] = MappingProxyType({})
-"""The new values of a vehicle whose gains stay."""
-
 
 class GainCell(NamedTuple):
     """One gain of one axis."""
@@ -51,7 +48,7 @@ class GainCell(NamedTuple):
     """Value in the log; empty if the log does not have it."""
 
     new: NewValue | None
-    """Value to set; None if the gain stays."""
+    """Value to set; None if the gain stays, also if another flight is to confirm a value that was tried."""
 
     @property
     def is_to_be_loaded(self) -> bool:
@@ -60,18 +57,10 @@ class GainCell(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Text behind a new value that must not be loaded before the next flight; empty behind any other value.
-
-        A value on trial, which another flight has to confirm first, has "tried". One that is loaded in a later stage of
-        the tuning, after further flights, has the number of that stage, such as "stage 2".
-        """
-        if self.new is None:
+        """Text behind a new value that is loaded after further flights, such as "stage 2"; empty behind any other."""
+        if self.new is None or self.new.later_stage is None:
             return ""
-        if self.new.is_tried:
-            return "tried"
-        if self.new.later_stage is not None:
-            return f"stage {self.new.later_stage:d}"
-        return ""
+        return f"stage {self.new.later_stage:d}"
 
 
 class GainOverview(NamedTuple):
@@ -90,11 +79,6 @@ class GainOverview(NamedTuple):
     """Parameters to set that are no gains, such as those of a notch filter; None without any."""
 
     @property
-    def has_tried_gains(self) -> bool:
-        """Whether the table has gains that another flight is to confirm, which are in no file."""
-        return any(cell.new is not None and cell.new.is_tried for cell in self.cells)
-
-    @property
     def has_gains_to_load(self) -> bool:
         """Whether a gain is to be set before the next flight."""
         return any(cell.is_to_be_loaded for cell in self.cells)
@@ -103,8 +87,8 @@ class GainOverview(NamedTuple):
     def table_rows(self) -> Mapping[str, tuple[GainCell, ...]]:
         """The rows that a page shows as a table, by axis.
 
-        They are those of the axes with a new gain, which is to be loaded or was tried. The other axes have sentences
-        then (:attr:`sentences_on_other_rows`). If no axis has a new gain, the table has all rows.
+        They are those of the axes with a gain to load. The other axes have sentences then
+        (:attr:`sentences_on_other_rows`). If no axis has a new gain, the table has all rows.
         """
         rows_with_new_gain = {}
         for axis, row in self.rows.items():
@@ -158,7 +142,11 @@ def gain_overview(
         The table, also if the log lacks other parameters of the controller; None if it has no gain of any of these
         axes.
     """
-    new_values = NO_NEW_VALUES if changes is None else changes.new_values
+    new_values = {}
+    if changes is not None:
+        for name, new_value in changes.new_values.items():
+            if not new_value.is_tried:
+                new_values[name] = new_value
     rows = {}
     for axis, signals in signals_by_axis.items():
         parameters = signals.telemetry.parameters

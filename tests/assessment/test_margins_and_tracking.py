@@ -164,7 +164,7 @@ def with_oscillation(found):
 @mark.slow
 def test_a_limit_cycle_decides_the_lights_of_motors_margins_and_tracking():
     swinging = with_oscillation(evidence(flight(*closed_loop(60.0))))
-    assert motors_light(swinging).sentence.endswith("upper or lower limit 98 % of the time.")
+    assert motors_light(swinging).sentence.endswith("lower limit (idle) 98 % of the time.")
     light = margins_light(swinging)
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
     assert light.figures["reason"].code is GainFact.LOWER_GAINS

@@ -364,6 +364,8 @@ def test_margins_that_are_not_sure_end_the_tuning_or_are_made_sure_by_more(monke
         refused = tuned_by({"roll": loop}, headline=unsure, raises_sound_gains=True)
     assert refused.judgement.next_step.code is NextStep.KEEP_OR_CONFIRM_GAINS
     assert "--more" not in refused.judgement.next_step.sentence
+    [outcome] = outcome_sentences(refused)
+    assert outcome.lead == "Roll: keep the gains, margins not sure." and refused.failure is None
     biased = replace(loop, cautions=(Fact(LoopFact.EFFECT_BIASED, reason=""),))
     tuning = tuned_by({"roll": biased}, headline=unsure.replace(is_biased=True))
     [outcome] = outcome_sentences(tuning)
@@ -425,6 +427,10 @@ def test_a_stage_has_its_own_files_of_the_gains_that_are_to_be_loaded():
     # Another flight is to confirm the gains of the slow rate loop.
     roll = tuning.axes["roll"]
     assert roll.parameters and not roll.is_sound and ".stage1.params" not in files
+    assert tuning.tried_parameters == roll.parameters and tuning.failure is None
+    assert [*tuning.parameters] == ["MC_ROLL_P"]
+    unconfirmed = tuned_by({"roll": slow_rate})
+    assert not unconfirmed.parameters and unconfirmed.failure == roll.conclusion
 
 
 def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():

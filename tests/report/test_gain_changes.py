@@ -86,8 +86,13 @@ def test_what_limits_advised_gains_stands_beside_them(monkeypatch: MonkeyPatch):
         "With the present ones 68 % lack margin: too few of either to load them before another flight."
     )
     assert "7 s of 424 s" in caution
-    # Such gains are in no file, as in the folder of the command, and their table says so.
-    assert not changes.tables and not changes.downloads
+    # Such gains are in no file, as in the folder of the command, and a sentence apart from the gains to load has them.
+    assert not changes.tables and not changes.downloads and not changes.blocks
+    [tried] = changes.tried_sentences
+    assert (
+        tried.lead.startswith("Tried, not to be loaded")
+        and "ATC_RAT_RLL_P\N{NO-BREAK SPACE}0.0675" in tried.text
+    )
     assert changes.tried_gains.header[2] == "tried, not to be loaded"
     assert changes.tried_gains.rows == [["ATC_RAT_RLL_P", "0.0675", "0.0568", "0.84"]]
 

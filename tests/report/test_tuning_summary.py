@@ -136,6 +136,17 @@ def test_a_measured_lack_of_margin_names_the_other_axes_that_lack_it():
     )
 
 
+def test_a_reason_that_all_axes_share_is_the_headline_and_stands_nowhere_else():
+    tuning = tuning_of(SUPPLY_LOW, SUPPLY_LOW, {})
+    headline, *_ = tune_summary(tuning, SUPPLY_LOW)
+    assert headline.lead.startswith("No gains, because") and "30 %" in headline.lead
+    assert tune_blocks(tuning, headline_above=SUPPLY_LOW) == []
+    own_reason = Fact(LoopFact.NO_LOOP, reasons=(LIMITED,))
+    tuning = tuning._replace(axes={**tuning.axes, "yaw": own_reason})
+    headline, *_ = tune_summary(tuning, SUPPLY_LOW)
+    assert headline.lead.endswith("no margins of roll, pitch and yaw can be relied on.")
+
+
 def test_what_the_flight_shows_and_needs_is_said_once():
     """A motor at its limit is a finding of the flight, and one of two reasons against gains."""
     other = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, names=("motor 2",), share=0.2)
@@ -273,7 +284,7 @@ def test_a_vehicle_that_oscillates_hovers_with_lower_gains_before_it_is_tuned():
     evidence.signals.attitude.rate_series = _messages_at(10.0)
     tuning = tuning_of(LIMITED, LIMITED, {}, hover_to_tune=hover_before_tuning(evidence))
     *_, last_sentence = tune_summary(tuning, LIMITED)
-    assert last_sentence.lead == "To tune then:"
+    assert last_sentence.lead == "Then:"
     assert last_sentence.text.startswith("LOG_BITMASK is 126 in this log: set it to 127")
     assert "Then hover low for a few seconds with the lower gains" in last_sentence.text
     evidence.signals.attitude.rate_series = _messages_at(400.0)
@@ -384,14 +395,14 @@ def test_doublets_are_flown_for_margins_that_wind_biases_and_not_the_log(doubt, 
     assert "about yaw in calm air, with rates and motors logged at 50 Hz or more, and" in unset
 
 
-def test_a_next_step_with_doublets_leaves_what_to_log_in_the_same_flight():
+def test_a_next_step_with_doublets_says_what_to_log_in_the_same_flight():
     flight = flight_of({"yaw": SLOW}, parameters={"LOG_BITMASK": 126.0})
     tuning = tuning_of(NOT_STEERED, NOT_STEERED, {}, flight_for_gains=flight)
     next_step = Fact(NextStep.KEEP_OR_CONFIRM_GAINS, Level.WATCH, **STEP_TO_CONFIRM)
     tuning = tuning._replace(judgement=replace(tuning.judgement, next_step=next_step))
-    *_, last_sentence = tune_summary(tuning, NOT_STEERED)
-    assert last_sentence.lead == "For margins of yaw:"
-    assert last_sentence.text.startswith("LOG_BITMASK is 126") and "Fly" not in last_sentence.text
+    [next_sentence] = [each for each in tune_summary(tuning, NOT_STEERED) if each.lead == "Next:"]
+    assert next_sentence.text.startswith("LOG_BITMASK is 126")
+    assert next_sentence.text.endswith(f". {next_step}")
 
 
 def test_what_no_flight_removes_is_said_of_its_axis_alone():

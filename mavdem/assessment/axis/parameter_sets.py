@@ -32,6 +32,11 @@ NOTCH_HEADING = "Notch filter, with the gains of the log"
 PRESENT_HEADING = "The values of the log, to go back to"
 """First line of the parameter files with the values that advised ones replace."""
 
+OSCILLATING_HEADING = (
+    "The values of the log, with which the vehicle oscillated: do not fly with them"
+)
+"""The same where these values made the vehicle oscillate."""
+
 PRESENT_SUFFIX = ".before"
 """End of the name of these files, before the ending."""
 
@@ -117,12 +122,15 @@ def waits_for_stage(advice: Advice, first_stage: Stage | None) -> bool:
     return advice.stage > first_stage
 
 
-def present_parameter_files(names: Iterable[str], vehicle: Telemetry) -> dict[str, str]:
+def present_parameter_files(
+    names: Iterable[str], vehicle: Telemetry, *, oscillates: bool = False
+) -> dict[str, str]:
     """Returns the contents of the files with the present values of some parameters, to go back from new values to them.
 
     Args:
         names: names of the parameters that get new values.
         vehicle: the vehicle, with the values of its parameters at the end of the recording.
+        oscillates: whether the vehicle oscillates with these values, of which the files then warn.
 
     Returns:
         The text of each file by the ending of its name, such as ``.before.params``; empty if the log has none of the
@@ -135,5 +143,6 @@ def present_parameter_files(names: Iterable[str], vehicle: Telemetry) -> dict[st
             present_values[name] = recorded_values[name]
     if not present_values:
         return {}
-    text_by_format = parameter_files(present_values, vehicle, PRESENT_HEADING)
+    heading = OSCILLATING_HEADING if oscillates else PRESENT_HEADING
+    text_by_format = parameter_files(present_values, vehicle, heading)
     return {f"{PRESENT_SUFFIX}{ending}": text for ending, text in text_by_format.items()}

@@ -56,6 +56,9 @@ from mavdem.loops.gyro_filter_lag import gyro_filter_lag
 NO_FAULTS: Mapping[str, Fact] = MappingProxyType({})
 """The faults of controllers that the logged parameters describe."""
 
+NO_PARAMETERS: Parameters = MappingProxyType({})
+"""No gains that are only tried."""
+
 
 class Tuning(NamedTuple):
     """The tuning of a vehicle: gains to set for each axis, or facts (coded findings) why there are none."""
@@ -65,7 +68,7 @@ class Tuning(NamedTuple):
     advice: Sequence[Advice]
     """The advice on the axes whose loops are known; empty if none is."""
     parameters: Parameters
-    """The parameters that change, by the autopilot's names; empty if no gains are advised."""
+    """The parameters to load, by the autopilot's names, as in the files; empty if no gains are advised."""
     notch_parameters: Parameters
     """Those of ``parameters`` that set a notch filter; empty without one."""
     notch: Fact | None
@@ -84,6 +87,8 @@ class Tuning(NamedTuple):
     """A higher cut-off of the gyro's low-pass to try after a flight with lower gains; None if that is not advised."""
     gyro_filter_lag: Fact | None = None
     """That the gyro's low-pass takes most of the phase that a loop lacks; None if it does not, or no gains change."""
+    tried_parameters: Parameters = NO_PARAMETERS
+    """Computed gains that another flight is to confirm (``Advice.is_sound``), which are in no file."""
     axes_also_to_lower: Names = ()
     """Axes that were not requested, but whose gains the flight advises to lower, too."""
     feedforward: Facts = ()
@@ -159,8 +164,18 @@ class Tuning(NamedTuple):
 
     @property
     def failure(self) -> Fact | None:
-        """The fact why the tuning has no gains to set, neither new ones nor lower ones; None if it has some."""
-        return None if self.gains_to_lower else self.refusal
+        """The fact why the gains of no axis are to be set, lowered or kept; None if those of some axis are.
+
+        Gains that another flight is to confirm are not to be set.
+        """
+        advice_with_gains = [advice for advice in self.advice if advice.gains]
+        is_confirmed = any(not each.parameters or each.is_sound for each in advice_with_gains)
+        is_kept = any(each.refuses_only_higher_gains for each in self.advice)
+        if self.gains_to_lower or is_confirmed or is_kept:
+            return None
+        if not advice_with_gains:
+            return self.refusal
+        return advice_with_gains[0].conclusion
 
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the contents of the parameter files that set the advised gains, to be loaded by a ground station.
@@ -233,7 +248,7 @@ def tune_loops(
     no_loop = None
     if not advice_on_loops:
         no_loop = _reason_for_no_loop(evidence, judgement, advice_by_axis)
-    parameters = _advised_parameters(advice_on_loops, notch_parameters)
+    computed_parameters = _computed_parameters(advice_on_loops, notch_parameters)
     decisions = judgement.loop_decisions
     decisions_on_axes = [decisions[axis] for axis in axes if axis in decisions]
     gains_to_lower = lowered_gains(judgement.next_step, decisions_on_axes)
@@ -253,14 +268,14 @@ def tune_loops(
         advice_by_axis,
         arguments,
         flight,
-        has_new_gains=bool(parameters),
+        has_new_gains=bool(computed_parameters),
         is_written=is_written,
         must_be_repaired=bool(reasons_of_vehicle),
     )
     doubtful_axes = axes_with_doubtful_loop(assessment.margins, evidence.loops)
     gyro_cutoff = None
     filter_lag = None
-    if parameters and not notch_parameters and not reasons_of_vehicle:
+    if computed_parameters and not notch_parameters and not reasons_of_vehicle:
         loops = [advice.before for advice in advice_on_loops]
         gyro_cutoff = gyro_cutoff_advice(loops, MARGIN_TARGETS[margins])
         sure_advice = [
@@ -270,11 +285,20 @@ def tune_loops(
     hover_to_tune = None
     if gains_to_lower and judgement.headline.forbids_flight:
         hover_to_tune = hover_before_tuning(evidence)
+    if not computed_parameters:
+        notch_parameters = {}
+    parameters = dict[str, float]()
+    for parameter_set in parameter_sets(advice_on_loops, notch_parameters, gains_to_lower):
+        parameters |= parameter_set.parameters
+    tried_parameters = {
+        name: value for name, value in computed_parameters.items() if name not in parameters
+    }
     tuning = Tuning(
         axes=advice_by_axis,
         advice=advice_on_loops,
-        parameters=parameters | {name: gain.set for name, gain in gains_to_lower.items()},
-        notch_parameters=notch_parameters if parameters else {},
+        parameters=parameters,
+        tried_parameters=tried_parameters,
+        notch_parameters=notch_parameters,
         notch=notch,
         judgement=tuning_judgement,
         doubtful_axes=doubtful_axes,
@@ -328,10 +352,12 @@ def _reasons_against_higher_gains(evidence: Evidence, judgement: Judgement) -> F
     return (*repairs, gains_to_lower)
 
 
-def _advised_parameters(
+def _computed_parameters(
     advice_on_loops: Iterable[Advice], notch_parameters: Mapping[str, float]
 ) -> dict[str, float]:
-    """Returns the parameters to set for new gains, by name, with those of the notch filter that they presuppose.
+    """Returns the computed gains that change, by name, with the parameters of the notch filter that they presuppose.
+
+    Some of them may be for another flight to confirm.
 
     A notch adds phase lag. That the phase margin stays sufficient is known only for loops whose gains were designed
     with it, so that the notch is set only with such gains.

@@ -10,6 +10,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
+from itertools import chain
 from math import ceil
 from typing import NamedTuple
 
@@ -550,6 +551,10 @@ Panel = Chart | Plan | Note
 Charts = tuple[Chart, ...]
 
 
+CAPTION_LETTERS = 30
+"""Letters in a line of a caption below one of three charts side by side, on a screen of 1100 pixels."""
+
+
 class Group(NamedTuple):
     """Panels of a page, in columns side by side where there is room."""
 
@@ -574,6 +579,15 @@ class Group(NamedTuple):
 
     has_common_x: bool = False
     """Whether all charts of a column have one horizontal axis, which is drawn below the lowest chart alone."""
+
+    @property
+    def caption_lines(self) -> int:
+        """Number of lines of the longest caption below a chart: all have so much room, so that rows are aligned."""
+        lengths = [0]
+        for panel in chain.from_iterable(self.columns):
+            if isinstance(panel, Chart):
+                lengths.append(len(panel.caption))
+        return ceil(max(lengths) / CAPTION_LETTERS)
 
     @property
     def first_name(self) -> str:

@@ -11,6 +11,7 @@ from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.last_position import last_position_of_loss
 from mavdem.containers import JsonValues
 from mavdem.facts import Fact
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.report.blocks import Sentence, headline_sentence
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE
@@ -125,6 +126,7 @@ def _gains_to_load(name: str, assessment: Assessment, advice: AdviceByAxis) -> G
         {} if gains_to_lower else advice,
         gains_to_lower,
         is_after_check=needs_check_before_gains(assessment.next_step),
+        oscillates=assessment.judgement.headline.code is MarginsLight.OSCILLATES,
     )
 
 

@@ -15,6 +15,7 @@ from mavdem.assessment.axis.twin import GainTrial, try_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.loops.step_response import StepResponse
@@ -187,6 +188,7 @@ def changes_to_load(name: str, tuning: Tuning, evidence: Evidence) -> GainChange
         tuning.gains_to_lower,
         tuning.notch_parameters,
         is_after_check=needs_check_before_gains(tuning.judgement.next_step),
+        oscillates=tuning.judgement.headline.code is MarginsLight.OSCILLATES,
     )
 
 
@@ -508,7 +510,7 @@ def _twin_charts_by_axis(tuning: Tuning, assessment: Assessment) -> dict[str, li
     if not tuning.has_computed_gains:
         return charts_by_axis
     # Either the simulated flights, or a fact (coded finding) that says why there is no twin.
-    trial = try_gains(assessment.evidence, tuning.parameters)
+    trial = try_gains(assessment.evidence, {**tuning.tried_parameters, **tuning.parameters})
     if not isinstance(trial, GainTrial):
         return charts_by_axis
     for axis, advice in tuning.axes.items():

@@ -131,7 +131,7 @@ def gain_outcome(tuning: Tuning, axis: str) -> GainOutcome:
         return GainOutcome.UNKNOWN
     if has_doubtful_margins(tuning, axis):
         return GainOutcome.DOUBTFUL
-    if advice.refusals:
+    if advice.refusals and not advice.refuses_only_higher_gains:
         return GainOutcome.REPAIR_FIRST
     if advice.parameters:
         return GainOutcome.NEW if advice.is_sound else GainOutcome.FLY_FIRST
@@ -154,6 +154,8 @@ def has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
     # An axis has a fact (a reason why there is no advice) instead of advice only if its loop is not identified.
     assert isinstance(advice, Advice)
     is_contradicted = axis in tuning.doubtful_axes
+    if advice.refuses_only_higher_gains:
+        return is_contradicted
     decision = tuning.judgement.loop_decisions.get(axis)
     repairs = () if decision is None else decision.repairs
     reasons_on_loop = [reason for reason in advice.refusals if reason not in repairs]

@@ -11,7 +11,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice
-from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, sentences_by_axes
 from mavdem.report.tuning.advice import (
@@ -36,7 +36,11 @@ from mavdem.report.tuning.remedies import (
     remedies_to_show,
     remedy_of_gains,
 )
-from mavdem.report.tuning.result import faults_of_flight, rating_unless_contradicted
+from mavdem.report.tuning.result import (
+    faults_of_flight,
+    is_headline_of_tuning,
+    rating_unless_contradicted,
+)
 
 
 def tune_blocks(
@@ -66,13 +70,18 @@ def tune_blocks(
     stated_facts = faults_of_flight(tuning)
     if headline_above is not None:
         stated_facts.append(headline_above)
+    is_reason_in_headline = headline_above is not None and bool(
+        reason_in_headline(tuning, headline_above)
+    )
     blocks = Blocks()
     shared_conclusions = axes_with_same_conclusion(tuning)
     for axes in shared_conclusions:
         blocks += _sentences_on_gains(tuning, axes, stated_facts)
     for axes in _axes_reported_together(tuning):
         if isinstance(tuning.axes[axes[0]], Fact):
-            blocks += _sentences_without_loop(tuning, axes, stated_facts)
+            sentences = _sentences_without_loop(tuning, axes, stated_facts)
+            # The first sentence is the reason; faults of these axes follow.
+            blocks += sentences[1:] if is_reason_in_headline else sentences
             continue
         # An axis with an identified loop is reported by itself.
         [axis] = axes
@@ -216,6 +225,34 @@ def _sentences_without_loop(
         "tune_no_gains", axes=axes, reason=conclusion.sentence, lowers_gains=lowers_gains
     )
     return [*sentences, *_faults_in_flight(tuning, axes, [*stated_facts, *reasons])]
+
+
+def reason_in_headline(tuning: Tuning, result: Fact) -> list[Sentence]:
+    """Returns the headline that no axis gets gains, with its reason, if all axes have the same one.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact that says why there is none.
+        result: the most important result (:func:`tuning_result`).
+
+    Returns:
+        A list with the headline, such as "No gains, because ATTITUDE comes at 4 Hz.". It is empty if the loop of an
+        axis is known, if axes have reasons of their own, and if the headline is about something else, or the reason
+        stands with the faults of the flight.
+    """
+    if is_headline_of_tuning(tuning, result) or mixer_fault(tuning) is not None:
+        return []
+    outcomes = {gain_outcome(tuning, axis) for axis in tuning.axes}
+    groups = _axes_reported_together(tuning)
+    if outcomes != {GainOutcome.UNKNOWN} or len(groups) > 1:
+        return []
+    stated_facts = [*faults_of_flight(tuning), result]
+    conclusion = tuning.axes[groups[0][0]]
+    assert isinstance(conclusion, Fact)
+    if not reasons_not_stated(conclusion, stated_facts):
+        return []
+    [sentence, *_] = _sentences_without_loop(tuning, groups[0], stated_facts)
+    # All words of a headline stand out.
+    return [headline_sentence(sentence.text)]
 
 
 def sentences_without_gains(tuning: Tuning, axes: Sequence[str]) -> list[Sentence]:

@@ -14,6 +14,7 @@ from mavdem.report.blocks import Sentence, headline_sentence
 from mavdem.report.numbers import listed
 from mavdem.report.templates import headline, render_section
 from mavdem.report.tuning.outcomes import outcome_sentences
+from mavdem.report.tuning.reasons import reason_in_headline
 from mavdem.report.tuning.remedies import (
     STEPS_WITH_DOUBLETS,
     ground_steps_by_axis,
@@ -42,9 +43,9 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     if is_headline_of_tuning(tuning, result):
         heading = [headline_sentence(headline(result))]
     else:
-        heading = outcome_sentences(tuning)
+        heading = reason_in_headline(tuning, result) or outcome_sentences(tuning)
         facts_on_flight.insert(0, result)
-    next_step = Sentence(str(tuning.judgement.next_step), "Next:")
+    next_step = Sentence(_text_of_next_step(tuning), "Next:")
     summary = [*heading, *_sentences_on_flight(facts_on_flight, tuning.judgement.next_step)]
     summary += _sentences_on_filter_lag(tuning)
     summary.append(next_step)
@@ -53,6 +54,26 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
     is_after_repair = not _has_next_step_on_loops(tuning.judgement)
     summary += _sentences_towards_gains(ground_steps_by_axis(tuning), is_after_repair)
     return [*summary, *_sentences_on_flight_for_gains(tuning, is_after_repair)]
+
+
+def _text_of_next_step(tuning: Tuning) -> str:
+    """Returns the next step in words, with what its flight must log so that axes without margins get them.
+
+    Args:
+        tuning: the judgement with the next step, and the flight for such axes (``Tuning.flight_for_gains``).
+    """
+    next_step = tuning.judgement.next_step
+    flight = tuning.flight_for_gains
+    is_flight_added = (
+        next_step.code in STEPS_WITH_DOUBLETS and next_step.code is not NextStep.FLY_FOR_GAINS
+    )
+    if flight is None or not is_flight_added:
+        return str(next_step)
+    # The next step names the doublets already: what to set comes before it, and how fast to log after it.
+    flight = flight.replace(is_flight_stated=True)
+    settings = flight.replace(rates=(), least_rate=None).sentence
+    logging = flight.sentence.removeprefix(settings).strip()
+    return " ".join(text for text in (settings, str(next_step), logging) if text)
 
 
 def _are_of_one_event(first: Fact, second: Fact) -> bool:
@@ -96,19 +117,14 @@ def _sentences_on_flight_for_gains(tuning: Tuning, is_after_repair: bool) -> lis
     """
     hover = tuning.hover_to_tune
     if hover is not None:
-        return [Sentence(hover.sentence, "To tune then:")]
+        # The hover with the lower gains follows at once: it shows whether the oscillation has ended.
+        return [Sentence(hover.sentence, "Then:")]
     flight = tuning.flight_for_gains
-    next_step = tuning.judgement.next_step
-    is_next_step = next_step.code is NextStep.FLY_FOR_GAINS
-    if flight is None or is_next_step:
+    if flight is None or tuning.judgement.next_step.code in STEPS_WITH_DOUBLETS:
         return []
-    if next_step.code in STEPS_WITH_DOUBLETS:
-        # The next step names the doublets already, so that only what to log and what to set before is left to say.
-        flight = flight.replace(is_flight_stated=True)
-    if not flight.sentence:
-        return []
-    axes = listed(flight.figures["axes"])
-    lead = "To tune then:" if is_after_repair else f"For margins of {axes}:"
+    lead = (
+        "To tune then:" if is_after_repair else f"For margins of {listed(flight.figures['axes'])}:"
+    )
     return [Sentence(flight.sentence, lead)]
 
 
