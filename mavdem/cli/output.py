@@ -60,7 +60,7 @@ def print_blocks(blocks: Iterable[Block]) -> None:
 
 
 def print_screen(
-    title: Sequence[Sentence],
+    title: Sequence[Block],
     summary: Iterable[Block],
     details: Iterable[Block],
     footer: Iterable[Block],
@@ -86,8 +86,8 @@ def print_screen(
         print_blocks([*title, *summary, *details, *footer])
         return
     title_lines = []
-    for sentence in title:
-        title_lines += _block_lines(sentence)
+    for block in title:
+        title_lines += _block_lines(block)
     footer_lines = []
     for block in footer:
         footer_lines += _block_lines(block)

@@ -108,6 +108,11 @@ CONTROL_PARAMETERS = re.compile(
 )
 """Names of ArduPilot's and PX4's parameters that rate and attitude control depend on."""
 
+CODED_PARAMETERS = re.compile(
+    r"FRAME(_CLASS)?$|CA_|INS_GYRO_RATE$|.*_(ENABLE|EN|MODE|OPTS|REF|HMNCS|HMC|TYPE|NTF|NEF)$"
+)
+"""Names of those of them whose value is a choice, a count, a place or a set of bits, which has no change in percent."""
+
 RATE_GAIN = re.compile(r"(ATC_RAT|RATE)_RLL_P$|MC_ROLLRATE_P$")
 """Names of the proportional gain of the roll rate, which each version of each autopilot has."""
 

@@ -528,8 +528,8 @@ def change_sentences(
     texts_above = " ".join(sentence.text for sentence in headline)
     texts_of_changes = [change_text(change, difference) for change in causes.unexplained]
     further_texts = _texts_not_above(texts_of_changes, texts_above)
+    # The headline may name some of these without their intervals: all of them stand here with theirs.
     texts_by_gains = [change_text(change, difference) for change in causes.by_gains]
-    further_by_gains = _texts_not_above(texts_by_gains, texts_above)
     doubtful = _doubtful_changes_without_sentence(reviewed)
     texts_of_doubtful = [change_text(change, difference) for change in doubtful]
     further_doubtful = _texts_not_above(texts_of_doubtful, texts_above)
@@ -542,8 +542,7 @@ def change_sentences(
         "difference_changes",
         changed=further_texts,
         are_all_listed=len(further_texts) == len(texts_of_changes),
-        by_gains=further_by_gains,
-        is_more=len(further_by_gains) < len(texts_by_gains),
+        by_gains=texts_by_gains,
         axes=[axis for axis in AXES if axis in difference.axes_with_changed_loops],
         doubtful=further_doubtful,
         is_doubt_above=is_doubt_above,

@@ -4,7 +4,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
-from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
@@ -16,14 +15,12 @@ from mavdem.fleet.quantities import (
     ATTITUDE_GAIN_MARGIN,
     ATTITUDE_PHASE_MARGIN,
     GAIN_MARGIN,
-    LOOP_KINDS,
     MAX_SENSITIVITY,
     PHASE_MARGIN,
     SHARE,
 )
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
-from mavdem.ingest.vocabulary import FLIGHT_INDEPENDENT_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.difference.changes import (
     changes_by_cause,
@@ -33,6 +30,13 @@ from mavdem.report.difference.changes import (
 )
 from mavdem.report.difference.effort import effort_sentences
 from mavdem.report.difference.flight_cautions import mixed_sides
+from mavdem.report.difference.gain_table import (
+    changed_rate_gains,
+    further_parameters,
+    gain_phrase,
+    gain_table,
+    rate_gains_in_order,
+)
 from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.lights import (
     BadLight,
@@ -52,14 +56,11 @@ from mavdem.report.difference.lights import (
 )
 from mavdem.report.difference.motors import MotorVerdict
 from mavdem.report.difference.parameter_groups import parameter_group_texts
-from mavdem.report.difference.parameters import (
-    changed_rate_gains,
-    gain_text,
-    parameter_text,
-)
+from mavdem.report.difference.parameter_rows import parameter_text
 from mavdem.report.difference.quantity_texts import (
     SHOWN_QUANTITIES,
     change_text,
+    change_without_interval,
     increase_with_interval,
     values_of_both_states,
 )
@@ -81,8 +82,11 @@ KINDS_OF_MARGINS = {
 }
 """Kinds of compared quantities, by the loop and the figure that the light on margins names."""
 
-MAX_HEADLINE_GAINS = 4
-"""Largest number of changed gains that the headline names: a choice."""
+MAX_HEADLINE_PARAMETERS = 4
+"""Largest number of changed parameters other than gains that the headline names: a choice."""
+
+LEAD_OF_GAINS = "Gains changed:"
+"""Lead of the sentence on changed gains in the template ``difference_gains``."""
 
 MAX_HEADLINE_EFFECTS = 3
 """Largest number of figures of loops that the headline names with the gains: a choice."""
@@ -169,22 +173,18 @@ def _headline_parts(reviewed: ReviewedDifference) -> _HeadlineParts:
     light_sentences = _sentences_on_lights(lights, reviewed, evidence)
     bad_axes = {light.axis for light in lights if light.name == Light.MARGINS}
     changes = changes_by_relevance(difference, bad_axes, evidence)
-    changed_axes = {
-        change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
-    }
     worse_lights, better_lights = _sentences_on_watched_lights_by_change(reviewed.reviews)
     effort = effort_sentences(reviewed)
     # Lights that became better stand above the result only if no change is doubtful.
     are_better_lights_above = bool(better_lights) and not doubtful_changes(reviewed)
     has_difference_above = bool(worse_lights or effort or are_better_lights_above)
     result = result_sentences(reviewed, changes, has_difference_above=has_difference_above)
-    axes_of_gains = bad_axes | changed_axes
     return _HeadlineParts(
         cautions=identity_cautions(reviewed) if reviewed.are_two_vehicles else [],
         lights=light_sentences,
         effort=effort,
         result=[*result, *yaw_trim_sentences(reviewed)],
-        gains=_sentences_on_gains(reviewed, changes, axes_of_gains, light_sentences),
+        gains=_sentences_on_gains(reviewed, changes, light_sentences),
         worse_lights=worse_lights,
         better_lights=better_lights,
         has_unexplained_change=bool(changes_by_cause(difference, changes).unexplained),
@@ -248,9 +248,7 @@ def _do_gains_come_first(lights: Sequence[BadLight], reviewed: ReviewedDifferenc
     return bool(lights) and has_changed_gains and not is_worse and not reviewed.are_two_vehicles
 
 
-def headline_in_two_sizes(
-    reviewed: ReviewedDifference, headline: Sequence[Sentence]
-) -> list[Sentence]:
+def headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
     """Returns the sentences at the top of page and terminal, the important ones with large letters.
 
     - A sentence on a status light (the judgement of one subject, such as the motors) that warns has a heading above it.
@@ -259,6 +257,7 @@ def headline_in_two_sizes(
     - That nothing else changed is in large letters only if no difference is above it.
     - Of the lights that are only to be watched, the first has a heading, if nothing is above it.
     - Cautions, such as that the flights are of two vehicles, stay in usual text.
+    - Below the sentence on changed gains stands their table.
 
     Args:
         reviewed: comparison of both flights.
@@ -267,7 +266,7 @@ def headline_in_two_sizes(
     cautions = identity_cautions(reviewed)
     watched_lights = sentences_on_watched_lights(reviewed.reviews)
     headings = light_headings(reviewed)
-    blocks = list[Sentence]()
+    blocks = Blocks()
     is_first_difference = True
     for sentence in headline:
         # Leads such as "Changed:" introduce a difference. One that is a sentence itself says that there is none.
@@ -288,6 +287,8 @@ def headline_in_two_sizes(
             blocks += [heading, _sentence_below_heading(sentence, reviewed)]
         else:
             blocks += _large_sentence(sentence)
+        if sentence.lead == LEAD_OF_GAINS:
+            blocks += gain_table(reviewed)
         is_first_difference = False
     return blocks
 
@@ -412,52 +413,41 @@ def _light_name(lead: str) -> str:
 def _sentences_on_gains(
     reviewed: ReviewedDifference,
     changes: Sequence[QuantityChange],
-    relevant_axes: Collection[str],
     light_sentences: Sequence[Sentence],
 ) -> list[Sentence]:
-    """Returns the sentence of the headline on changed gains and their effects, such as a smaller phase margin.
+    """Returns the sentences of the headline on changed gains and their effects, such as a smaller phase margin.
 
-    It names the gains of the rate controllers that changed most, what the other changed parameters set, and then the
-    quantities of the same axes that changed because of them. Without such gains it names the other parameters, if they
-    are few. Parameters that the flight does not depend on, such as ids, are in the list of all parameters alone.
+    The first names the gains of the rate controllers that changed, and the second the quantities of the same axes that
+    changed because of them, and what other changed parameters set. Without such gains the other parameters are named,
+    if they are few. Parameters that the flight does not depend on, such as ids, are only in the list of all parameters.
 
     Args:
         reviewed: comparison of the two states, with the changed parameters.
         changes: the changed quantities, the most relevant first.
-        relevant_axes: axes of loops with a bad margin or a changed quantity. Only their gains are named, unless none of
-            these changed.
         light_sentences: sentences on the status lights, such as the margins. They stand above, and changes of
             quantities that they state are not repeated.
 
     Returns:
-        The sentence, one on margins of rate loops whose change is not certain, and one on gains that both sides name
+        These sentences, one on margins of rate loops whose change is not certain, and one on gains that both sides name
         differently, which are not compared; empty if no parameter changed and the names are the same.
     """
-    changed_parameters = []
-    for parameter in reviewed.parameters:
-        if not FLIGHT_INDEPENDENT_PARAMETERS.match(parameter.name):
-            changed_parameters.append(parameter)
-    gains = changed_rate_gains(changed_parameters, relevant_axes)
-    if not gains:
-        # Without axes this returns the gains of all of them.
-        gains = changed_rate_gains(changed_parameters, ())
-    shown_gains = sorted(gains[:MAX_HEADLINE_GAINS], key=_axis_and_term)
-    further_parameters = [change for change in changed_parameters if change not in shown_gains]
+    gains = rate_gains_in_order(reviewed.parameters)
+    further = further_parameters(reviewed)
     text_on_lights = " ".join(sentence.text for sentence in light_sentences)
-    effects = [
-        effect
-        for effect in _effects_of_gains(gains, changes, reviewed.difference)
-        if effect not in text_on_lights
-    ]
+    effects = []
+    for change in _effects_of_gains(gains, changes, reviewed.difference):
+        # A sentence on a light that states the change has its interval too.
+        if change_text(change, reviewed.difference) not in text_on_lights:
+            effects.append(change_without_interval(change, reviewed.difference))
     other_parameters = []
-    if not gains and len(changed_parameters) <= MAX_HEADLINE_GAINS:
-        other_parameters = [parameter_text(parameter) for parameter in changed_parameters]
+    if not gains and len(further) <= MAX_HEADLINE_PARAMETERS:
+        other_parameters = [parameter_text(parameter) for parameter in further]
     return render_section(
         "difference_gains",
-        gains=[gain_text(gain) for gain in shown_gains],
-        further_groups=parameter_group_texts(further_parameters),
+        gains=gain_phrase(gains),
+        further_groups=parameter_group_texts(further),
         other_parameters=other_parameters,
-        further_count=len(further_parameters),
+        further_count=len(further),
         # Those that the flight does not depend on are among them.
         set_count=len(reviewed.parameters),
         effects=effects[:MAX_HEADLINE_EFFECTS],
@@ -471,8 +461,8 @@ def _effects_of_gains(
     gains: Iterable[ParameterChange],
     changes: Iterable[QuantityChange],
     difference: VehicleDifference,
-) -> list[str]:
-    """Returns which figures of the loops changed because gains of the same axis did, such as "phase margin 38 → 52°".
+) -> list[QuantityChange]:
+    """Returns the figures of loops that changed because gains of the same axis did, such as a phase margin.
 
     Args:
         gains: the changed gains.
@@ -486,7 +476,7 @@ def _effects_of_gains(
     for change in changes:
         is_of_same_axis = change.quantity.axis in axes_of_gains
         if is_of_same_axis and difference.follows_from_gains(change):
-            effects.append(change_text(change, difference))
+            effects.append(change)
     return effects
 
 
@@ -511,16 +501,6 @@ def _uncertain_margins_by_axis(difference: VehicleDifference) -> dict[str, list[
         margin = f"{SHOWN_QUANTITIES[quantity.kind].name} {values_of_both_states(change)}"
         margins_by_axis.setdefault(quantity.axis, []).append(margin)
     return margins_by_axis
-
-
-def _axis_and_term(gain: ParameterChange) -> tuple[int, int]:
-    """Returns the key that sorts gains of rate control by axis, and on each axis in the order P, I, D.
-
-    Args:
-        gain: a changed gain whose name ends with its term, such as "ATC_RAT_RLL_P".
-    """
-    (axis,) = axes_of_parameter(gain.name)
-    return AXES.index(axis), "KPID".index(gain.name[-1])
 
 
 def _sentences_on_bad_lights(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from mavdem.containers import group_by
 from mavdem.fleet.parameter_changes import ParameterChange
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.ingest.vocabulary import CODED_PARAMETERS, CONTROL_PARAMETERS, RATE_PID_GAINS
 from mavdem.report.numbers import parameter_value_text
 
 NUMBERED_NAME = re.compile(r"(?P<start>.*?)(?P<number>\d+)(?P<end>\D*)")
@@ -29,7 +29,7 @@ class _SharedRow(NamedTuple):
     """Value in B."""
 
     percentage: str
-    """The change in percent; empty for a parameter that is no gain or filter, and from or to 0."""
+    """The change in percent; empty for what is no gain or filter, or is a choice or count, and from or to 0."""
 
 
 def parameter_rows(
@@ -61,6 +61,33 @@ def percentage_text(parameter: ParameterChange) -> str:
     return f"{percentage:+d} %".replace("-", "−")
 
 
+def parameter_text(parameter: ParameterChange) -> str:
+    """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108".
+
+    Args:
+        parameter: the parameter with both values.
+    """
+    before, after = parameter_value_texts(parameter)
+    return f"{parameter.name} {before} → {after}"
+
+
+def parameter_value_texts(parameter: ParameterChange) -> tuple[str, str]:
+    """Returns both values of a changed parameter as texts, such as "0.135" and "0.108".
+
+    Gains of rate control have three significant digits, unless these are equal before and after the change. Other
+    parameters, and such gains, have all digits.
+
+    Args:
+        parameter: the parameter with both values.
+    """
+    rounded_before = f"{parameter.before:.3g}"
+    rounded_after = f"{parameter.after:.3g}"
+    is_rate_gain = bool(RATE_PID_GAINS.match(parameter.name))
+    if is_rate_gain and rounded_before != rounded_after:
+        return rounded_before, rounded_after
+    return parameter_value_text(parameter.before), parameter_value_text(parameter.after)
+
+
 def _shared_row(parameter: ParameterChange) -> _SharedRow:
     """Returns what parameters that share a row have in common: their values, and their names without the number.
 
@@ -68,12 +95,13 @@ def _shared_row(parameter: ParameterChange) -> _SharedRow:
     """
     numbered_name = NUMBERED_NAME.fullmatch(parameter.name)
     is_of_control = CONTROL_PARAMETERS.match(parameter.name) is not None
+    is_amount = CODED_PARAMETERS.match(parameter.name) is None
     return _SharedRow(
         start=parameter.name if numbered_name is None else numbered_name["start"],
         end="" if numbered_name is None else numbered_name["end"],
         before=parameter_value_text(parameter.before),
         after=parameter_value_text(parameter.after),
-        percentage=percentage_text(parameter) if is_of_control else "",
+        percentage=percentage_text(parameter) if is_of_control and is_amount else "",
     )
 
 

@@ -1,16 +1,15 @@
 """Changed parameters of the autopilot in words, the gains of rate control first."""
 
-from collections.abc import Collection, Sequence
-from math import inf, log
+from collections.abc import Sequence
 
 from mavdem.fleet.calibration_changes import calibration_changes
 from mavdem.fleet.comparability import STATE_NAMES
-from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
+from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.difference.parameter_rows import parameter_rows, percentage_text
+from mavdem.report.difference.gain_table import tabled_gains
+from mavdem.report.difference.parameter_rows import parameter_rows, parameter_text
 from mavdem.report.difference.reviewed import ReviewedDifference
-from mavdem.report.numbers import parameter_value_text
 from mavdem.report.templates import render_section
 
 MAX_COUNTED_NAMES = 5
@@ -37,13 +36,14 @@ def changed_parameter_sentences(
 
     Args:
         reviewed: comparison of two states, with the changed parameters.
-        headline: sentences shown above; parameters that they name are left out.
+        headline: sentences shown above; parameters that they name, or the table of gains below them, are left out.
     """
     texts_above = " ".join(sentence.text for sentence in headline)
+    gains_above = tabled_gains(reviewed) if headline else []
     parameters = []
     for parameter in _gains_first(reviewed.parameters):
         text = parameter_text(parameter)
-        if text not in texts_above:
+        if text not in texts_above and parameter not in gains_above:
             parameters.append(text)
     return render_section(
         "difference_parameters",
@@ -108,7 +108,7 @@ def parameter_count_sentences(
 
 
 def _few_further_names(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> list[str]:
-    """Returns the names of the changed parameters; empty if they are many, or if the headline names one of them.
+    """Returns the names of the changed parameters; empty if they are many, or if the headline or its table names one.
 
     Args:
         reviewed: comparison of two states, with the changed parameters.
@@ -116,62 +116,11 @@ def _few_further_names(reviewed: ReviewedDifference, headline: Sequence[Sentence
     """
     names = [parameter.name for parameter in reviewed.parameters]
     text_above = " ".join(sentence.text for sentence in headline)
+    if tabled_gains(reviewed):
+        return []
     if len(names) > MAX_COUNTED_NAMES or any(name in text_above for name in names):
         return []
     return names
-
-
-def changed_rate_gains(
-    parameters: Sequence[ParameterChange], axes: Collection[str]
-) -> list[ParameterChange]:
-    """Returns the gains of the rate controllers that changed, the one with the largest factor of change first.
-
-    Args:
-        parameters: all parameters of the autopilot that changed.
-        axes: only gains that act on one of these axes are returned; empty for the gains of all axes.
-    """
-    gains = []
-    for parameter in parameters:
-        is_of_axes = not axes or not set(axes).isdisjoint(axes_of_parameter(parameter.name))
-        if RATE_PID_GAINS.match(parameter.name) and is_of_axes:
-            gains.append(parameter)
-    return sorted(gains, key=_log_factor, reverse=True)
-
-
-def _log_factor(parameter: ParameterChange) -> float:
-    """Returns the magnitude of the logarithm of the factor by which a parameter changed; infinite from or to 0."""
-    if parameter.before == 0 or parameter.after == 0:
-        return inf
-    return abs(log(abs(parameter.after / parameter.before)))
-
-
-def parameter_text(parameter: ParameterChange) -> str:
-    """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108".
-
-    Gains of rate control have three significant digits, unless these are equal before and after the change. Other
-    parameters, and such gains, have all digits.
-
-    Args:
-        parameter: the parameter with both values.
-    """
-    rounded_before = f"{parameter.before:.3g}"
-    rounded_after = f"{parameter.after:.3g}"
-    is_rate_gain = bool(RATE_PID_GAINS.match(parameter.name))
-    if is_rate_gain and rounded_before != rounded_after:
-        return f"{parameter.name} {rounded_before} → {rounded_after}"
-    before = parameter_value_text(parameter.before)
-    after = parameter_value_text(parameter.after)
-    return f"{parameter.name} {before} → {after}"
-
-
-def gain_text(gain: ParameterChange) -> str:
-    """Returns a changed gain with the size of its change, such as "ATC_RAT_RLL_P 0.135 → 0.108 (−20 %)".
-
-    Args:
-        gain: the gain with both values. From or to 0 there is no relative change, and the text has none.
-    """
-    percentage = percentage_text(gain)
-    return f"{parameter_text(gain)} ({percentage})" if percentage else parameter_text(gain)
 
 
 def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]:

@@ -73,6 +73,9 @@ SHOWN_QUANTITIES = {
 }
 """How quantities are shown, by their kind."""
 
+KINDS_WITHOUT_VALUES = (SHARE, EFFECT, MEAN_EFFECT)
+"""Kinds of which the change alone is shown: their values are relative to the motors of one flight."""
+
 
 def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     """Returns a change as text, such as "motor 3's relative trim −18 % ± 6 %" or "Ms on roll 1.4 → 1.6 (+0.2 ± 0.1)".
@@ -84,16 +87,38 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         change: change of one quantity between two states, with its interval.
         difference: comparison of the vehicle, with the names of its motors.
     """
-    quantity = change.quantity
-    shown_form = SHOWN_QUANTITIES[quantity.kind]
-    if quantity.is_of_motor:
-        name = f"{motor_name(change, difference)}'s {shown_form.name}"
-    else:
-        name = f"{shown_form.name} on {quantity.axis}"
     interval_text = change_with_interval(change)
-    if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
-        return f"{name} {interval_text}"
-    return f"{name} {values_of_both_states(change)} ({interval_text})"
+    if change.quantity.kind in KINDS_WITHOUT_VALUES:
+        return f"{_quantity_name(change, difference)} {interval_text}"
+    # No brackets stand in brackets: "(−64 %; −79 to −38 %)".
+    interval_in_brackets = interval_text.removesuffix(")").replace(" (", "; ")
+    return f"{change_without_interval(change, difference)} ({interval_in_brackets})"
+
+
+def change_without_interval(change: QuantityChange, difference: VehicleDifference) -> str:
+    """Returns a change by its values in both states, such as "Ms on roll 1.4 → 1.6"; of trims and effects as a whole.
+
+    Args:
+        change: change of one quantity between two states.
+        difference: comparison of the vehicle, with the names of its motors.
+    """
+    if change.quantity.kind in KINDS_WITHOUT_VALUES:
+        return change_text(change, difference)
+    return f"{_quantity_name(change, difference)} {values_of_both_states(change)}"
+
+
+def _quantity_name(change: QuantityChange, difference: VehicleDifference) -> str:
+    """Returns the name of a compared quantity with its motor or axis, such as "Ms on roll".
+
+    Args:
+        change: change of the quantity between two states.
+        difference: comparison of the vehicle, with the names of its motors.
+    """
+    quantity = change.quantity
+    name = SHOWN_QUANTITIES[quantity.kind].name
+    if quantity.is_of_motor:
+        return f"{motor_name(change, difference)}'s {name}"
+    return f"{name} on {quantity.axis}"
 
 
 def values_of_both_states(change: QuantityChange) -> str:

@@ -23,7 +23,7 @@ from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import LOOP_NAMES
-from mavdem.report.blocks import Blocks, Rated, Sentence, Table
+from mavdem.report.blocks import Block, Blocks, Rated, Sentence, Table
 from mavdem.report.charts.change_plan import (
     change_plan,
     drawn_changes,
@@ -429,23 +429,25 @@ def _axes_with_loop_changes(difference: VehicleDifference) -> set[str]:
     return axes
 
 
-def _end_of_first_heading(blocks: Sequence[Sentence]) -> int:
-    """Returns the number of blocks up to the first heading, including it; the number of all if there is no heading."""
+def _end_of_first_heading(blocks: Sequence[Block]) -> int:
+    """Returns the number of blocks up to the first heading, including it and a table that belongs to it.
+
+    If there is no heading, all blocks count.
+    """
     for count, block in enumerate(blocks, start=1):
         # A sentence without text, which has a lead alone, is a heading.
-        is_heading = not block.text
+        is_heading = isinstance(block, Sentence) and not block.text
         if is_heading:
-            return count
+            has_table = isinstance(next(iter(blocks[count:]), None), Table)
+            return count + 1 if has_table else count
     return len(blocks)
 
 
-def _without_tabled_vibration(
-    blocks: Sequence[Sentence], reviewed: ReviewedDifference
-) -> list[Sentence]:
+def _without_tabled_vibration(blocks: Sequence[Block], reviewed: ReviewedDifference) -> Blocks:
     """Returns the sentences of the headline without the figures of vibration that the table beside them has.
 
     Args:
-        blocks: sentences of the headline.
+        blocks: sentences of the headline, and the table of gains.
         reviewed: comparison of both flights. Of flights with clipped samples the sentence says more than the table.
     """
     lights = lights_of_both(reviewed.reviews).get(Light.VIBRATION)
@@ -455,8 +457,11 @@ def _without_tabled_vibration(
         return [*blocks]
     levels = ", ".join(f"{light['level']} in {side}" for side, light in lights.items())
     watched_lights = sentences_on_watched_lights(reviewed.reviews)
-    shortened_blocks = []
+    shortened_blocks = Blocks()
     for block in blocks:
+        if isinstance(block, Table):
+            shortened_blocks.append(block)
+            continue
         # Below a heading with the levels it has the figures alone.
         if block.text == f"{vibration_changes(lights)}.":
             continue

@@ -38,6 +38,7 @@ from mavdem.report.difference.conditions import (
     wind_rows,
 )
 from mavdem.report.difference.flight_cautions import flight_cautions
+from mavdem.report.difference.gain_table import gain_phrase, gain_table, tabled_gains
 from mavdem.report.difference.headline import (
     headline_blocks,
     headline_in_two_sizes,
@@ -832,6 +833,29 @@ def test_parameters_of_several_outputs_that_changed_alike_have_one_row():
         ["SERVO4_MIN", "1000", "1200"],
         ["THR_MIN", "0.1", "0.2"],
     ]
+    # The number of a frame or a mode is no amount.
+    coded = [ParameterChange("FRAME_CLASS", 2.0, 1.0), ParameterChange("INS_GYRO_FILTER", 20, 30)]
+    percentages = [row[-1] for row in parameter_rows(coded, has_percentages=True)]
+    assert percentages == ["", "+50 %"]
+
+
+def test_changed_gains_are_one_phrase_and_a_table():
+    gains = [ParameterChange(f"ATC_RAT_{axis}_D", 0.004, 0.002) for axis in ("PIT", "RLL")]
+    gains.append(ParameterChange("ATC_RAT_RLL_P", 0.1, 0.05))
+    reviewed = reviewed_difference(unchanged(), {}, gains)
+    assert gain_phrase(tabled_gains(reviewed)) == "roll P and D −50 %; pitch D −50 %"
+    (table,) = gain_table(reviewed)
+    assert table.rows[0] == ["ATC_RAT_RLL_P", "0.1", "0.05", "−50 %"]
+    # Many different changes are named without percentages, and more gains than have room by the largest changes.
+    many = [
+        ParameterChange(f"MC_{axis}RATE_{term}", 1.0, 1.1 + number / 10 + share)
+        for number, axis in enumerate(("ROLL", "PITCH", "YAW"))
+        for term, share in zip("PIDK", (0.0, 0.3, 0.5, 0.9), strict=True)
+    ]
+    reviewed = reviewed_difference(unchanged(), {}, many)
+    assert gain_phrase(many).endswith("P, I, D and K of roll, pitch and yaw")
+    (table,) = gain_table(reviewed)
+    assert len(table.rows) == 10 and "MC_ROLLRATE_P" not in [row[0] for row in table.rows]
 
 
 def test_gains_have_a_table_before_many_other_parameters(difference):
@@ -954,7 +978,7 @@ def test_a_bad_margin_is_stated_for_both_flights():
         uncertain = reviewed_difference(vehicle_difference(*states, gains), reviews | watch, gains)
         first, *others = headline_of_comparison(uncertain)
         # What surely changed comes first, with its size.
-        changed_gains = "ATC_RAT_RLL_P 1.1 → 0.2 (−82 %)."
+        changed_gains = "roll P −82 %."
         assert (first.text == changed_gains) == bool(gains)
         margins_sentence = first
         if gains:
