@@ -225,7 +225,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     page = comparison_page(("a.bin", "b.bin"), reviewed, flights=flights)
     assert "recorded time in the air (s)" in page and "Mean motor output (%)" in page
     places = [page.index(f"Motor {motor} output (%)") for motor in (1, 2, 3, 4)]
-    assert places == sorted(places) and places[0] > page.index('id="what-changed"')
+    assert places == sorted(places) and places[0] > page.index('class="change"')
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
     headlines = [headline.replace("\N{NO-BREAK SPACE}", " ") for headline in headlines]
     assert headlines[0] == "In B: roll oscillates." and "good in A, bad in B.</p>" in page

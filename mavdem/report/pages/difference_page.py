@@ -51,6 +51,7 @@ from mavdem.report.difference.changes import (
 )
 from mavdem.report.difference.conditions import condition_table
 from mavdem.report.difference.flight_cautions import flight_cautions
+from mavdem.report.difference.gain_table import tabled_gains
 from mavdem.report.difference.headline import (
     headline_blocks,
     headline_in_two_sizes,
@@ -184,8 +185,8 @@ SUBJECT_PLACEHOLDER = "{subject}"
 LIGHTS_OVER_TIME = (Light.TRACKING, Light.POWER)
 """Lights on what the charts over time show. Vibration and output of the motors have charts of their own above."""
 
-MAX_OPEN_PARAMETERS = 20
-"""Rows of changed parameters that the page shows unasked: a choice, since those of two vehicles may be hundreds."""
+MAX_OPEN_ROWS = 10
+"""Rows of a table, of parameters or margins, up to which the page shows it unasked: a choice, a third of a screen."""
 
 MAX_LISTED_PARAMETERS = 2000
 """Changed parameters that the page lists: more than an autopilot has, about 1500; a damaged log may have any number."""
@@ -500,7 +501,7 @@ def _chapters(
     return [
         _change_chapter(reviewed),
         *[chapter._replace(is_closed_on_phone=True) for chapter in closed_chapters],
-        *_chapters_on_uncertain_changes(reviewed),
+        _unchanged_chapter(reviewed),
         *chapters_by_difference.alike,
         _autopilot_parameter_chapter(reviewed),
         _single_side_chapter(pictures.series_charts),
@@ -530,9 +531,9 @@ def _chapters_by_difference(
     different = []
     alike = []
     parameter_chapters = _parameter_chapters(reviewed)
-    if reviewed.difference.axes_with_changed_loops:
+    if reviewed.difference.axes_with_changed_loops and not parameter_chapters[0].folded:
         gain_chapter, *parameter_chapters = parameter_chapters
-        different.append(gain_chapter._replace(folded=False))
+        different.append(gain_chapter)
     motor_chapter = _motor_chapter(reviewed, pictures)
     # The chapter of the motors has a table if a flight has a warning of a single motor.
     has_motor_warning = bool(motor_chapter.blocks)
@@ -547,7 +548,9 @@ def _chapters_by_difference(
     if not do_motors_differ:
         alike.append(motor_chapter._replace(folded=True))
     margins = _margin_chapter(reviewed.reviews)
-    alike.append(margins._replace(folded=not _has_changed_loop(reviewed.difference)))
+    if not _has_changed_loop(reviewed.difference):
+        margins = margins._replace(folded=True)
+    alike.append(margins)
     return _ChaptersByDifference(different, alike=[*alike, *parameter_chapters])
 
 
@@ -767,10 +770,9 @@ def _reasons_in_tables(blocks: Blocks) -> list[str]:
 
 
 def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
-    """Returns the chapter on what changed between the flights: a drawing of the changes, and sentences on the others.
+    """Returns the chapter with the drawing of what changed between the flights; empty where nothing did.
 
-    Where nothing could be compared, the sentences say why. The drawing has each change with its interval. The sentences
-    name the quantities that it leaves out, since they stayed the same, or say how large a change may have been missed.
+    Where nothing could be compared, sentences say why.
 
     Args:
         reviewed: comparison of both flights.
@@ -778,60 +780,72 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     difference = reviewed.difference
     if not difference.changes:
         return Chapter("What changed", sentences_on_missing_quantities(difference))
-    changes_in_drawing = drawn_changes(difference)
-    shown, _ = _certain_and_uncertain_changes(reviewed)
-    groups = _change_groups(reviewed, shown)
-    blocks = Blocks()
-    if not difference.is_of_same_flight:
-        blocks += explained_bounds(reviewed)
-    other_changes = []
-    for change in difference.changes:
-        if change not in changes_in_drawing and not reviewed.motors.covers(change):
-            other_changes.append(change)
-    blocks += unchanged_quantity_sentences(other_changes)
-    title = "What changed"
-    if not difference.changes_with(QuantityOutcome.CHANGED):
-        title = "Compared figures: no certain difference"
-    return Chapter(title, blocks, groups)
+    notable, _ = _notable_and_other_changes(reviewed)
+    is_certain = bool(difference.changes_with(QuantityOutcome.CHANGED))
+    changed = "differs" if reviewed.are_two_vehicles else "changed"
+    may_have_changed = "may differ" if reviewed.are_two_vehicles else "may have changed"
+    title = f"What {changed if is_certain else may_have_changed}"
+    return Chapter(title, groups=_change_groups(reviewed, notable))
 
 
-def _chapters_on_uncertain_changes(reviewed: ReviewedDifference) -> list[Chapter]:
-    """Returns a closed chapter with the drawing of changes that are too uncertain to tell; none if all are in one.
+def _unchanged_chapter(reviewed: ReviewedDifference) -> Chapter:
+    """Returns the closed chapter on the figures of which no change was found; empty without any.
+
+    It has the drawing of those that are too uncertain to tell, how large a change may have been missed, and the names
+    of those that stayed the same.
 
     Args:
         reviewed: comparison of both flights.
     """
-    _, uncertain = _certain_and_uncertain_changes(reviewed)
-    if not uncertain:
-        return []
-    title = f"Too uncertain to tell: {counted(len(uncertain), 'figure')}"
-    return [Chapter(title, groups=_change_groups(reviewed, uncertain), folded=True)]
+    difference = reviewed.difference
+    notable, drawn_others = _notable_and_other_changes(reviewed)
+    unchanged = []
+    uncertain_count = 0
+    for change in difference.changes:
+        if change not in notable and not reviewed.motors.covers(change):
+            unchanged.append(change)
+            uncertain_count += change.outcome is QuantityOutcome.UNCERTAIN
+    same = [change for change in unchanged if change not in drawn_others]
+    found = "difference" if reviewed.are_two_vehicles else "change"
+    title = f"No {found} found: {counted(len(unchanged), 'figure')}"
+    if uncertain_count:
+        title += f", {uncertain_count} too uncertain to tell"
+    blocks = [*explained_bounds(reviewed), *unchanged_quantity_sentences(same)]
+    return Chapter(title, blocks, _change_groups(reviewed, drawn_others), folded=True)
 
 
-def _certain_and_uncertain_changes(
-    reviewed: ReviewedDifference,
-) -> tuple[list[QuantityChange], list[QuantityChange]]:
+class _DrawnChanges(NamedTuple):
+    """The drawn changes, by whether the page shows them at once."""
+
+    notable: list[QuantityChange]
+    """Those that are shown at once: something changed, or may have."""
+
+    others: list[QuantityChange]
+    """Those that are shown when asked for."""
+
+
+def _notable_and_other_changes(reviewed: ReviewedDifference) -> _DrawnChanges:
     """Parts the drawn changes into those that the page shows at once, and those that it shows when asked for.
 
-    A few changes are drawn together. Of more, those that are too uncertain would push all else from the screen.
+    Notable are changes that are certain, doubtful ones, whose own interval excludes "no change", and those that agree
+    with a weak motor. A few others are drawn with them. More would push all else from the screen, and without a notable
+    one the others show nothing but "no change".
 
     Args:
         reviewed: comparison of both flights.
-
-    Returns:
-        The changes that are shown, and the uncertain ones; the second list is empty if all are shown.
     """
     changes = drawn_changes(reviewed.difference)
-    certain = []
-    uncertain = []
+    notable = []
+    others = []
     for change in changes:
-        if change.outcome is QuantityOutcome.CHANGED or change in reviewed.motors.evidence:
-            certain.append(change)
+        is_certain = change.outcome is QuantityOutcome.CHANGED
+        if is_certain or change.is_doubtful or change in reviewed.motors.evidence:
+            notable.append(change)
         else:
-            uncertain.append(change)
-    if not certain or len(changes) <= MAX_CHANGES_AT_TOP:
-        return changes, []
-    return certain, uncertain
+            others.append(change)
+    if notable and len(changes) <= MAX_CHANGES_AT_TOP:
+        return _DrawnChanges(changes, [])
+    return _DrawnChanges(notable, others)
 
 
 def _change_groups(reviewed: ReviewedDifference, changes: Sequence[QuantityChange]) -> list[Group]:
@@ -1136,7 +1150,8 @@ def _parameter_chapters(reviewed: ReviewedDifference) -> list[Chapter]:
 
     Returns:
         A chapter with the gains and filters of the loops, those of an axis together, and a second one with the others,
-        folded where they are many. Few parameters, and those without a gain, share one chapter, which may be empty.
+        folded where they are many, or where the table at the top of the page has all gains. Few parameters, and those
+        without a gain, share one chapter, which may be empty.
     """
     changed_count = len(reviewed.parameters)
     listed_parameters = sorted(reviewed.parameters, key=_axis_number)[:MAX_LISTED_PARAMETERS]
@@ -1145,27 +1160,32 @@ def _parameter_chapters(reviewed: ReviewedDifference) -> list[Chapter]:
     if changed_count > len(listed_parameters):
         header += f", the first {len(listed_parameters)}"
     gains = [parameter for parameter in listed_parameters if _is_of_control(parameter)]
+    gains_at_top = tabled_gains(reviewed)
+    are_stated_above = bool(gains) and all(gain in gains_at_top for gain in gains)
     rows = parameter_rows(listed_parameters, has_percentages=bool(gains))
-    if not gains or len(rows) <= MAX_OPEN_PARAMETERS:
-        return [_folded_if_long(_table_chapter(title, header, rows), rows)]
+    if not gains or len(rows) <= MAX_OPEN_ROWS:
+        chapter = _folded_if_long(_table_chapter(title, header, rows), rows)
+        return [chapter._replace(folded=chapter.folded or are_stated_above)]
     others = [parameter for parameter in listed_parameters if not _is_of_control(parameter)]
     rows_of_gains = parameter_rows(gains, has_percentages=True)
     other_rows = parameter_rows(others)
     other_chapter = _table_chapter("Other parameters", "beside those of control", other_rows)
+    header += f", of control {len(gains)}"
+    gain_chapter = _folded_if_long(_table_chapter(title, header, rows_of_gains), rows_of_gains)
     return [
-        _table_chapter(title, f"{header}, of control {len(gains)}", rows_of_gains),
+        gain_chapter._replace(folded=gain_chapter.folded or are_stated_above),
         _folded_if_long(other_chapter, other_rows),
     ]
 
 
 def _folded_if_long(chapter: Chapter, rows: Sequence[Sequence[str]]) -> Chapter:
-    """Returns a chapter that is folded if its table has more than ``MAX_OPEN_PARAMETERS`` rows, and else open.
+    """Returns a chapter that is folded if its table has more than ``MAX_OPEN_ROWS`` rows, and else open.
 
     Args:
         chapter: the chapter.
         rows: rows of its table.
     """
-    return chapter._replace(folded=len(rows) > MAX_OPEN_PARAMETERS)
+    return chapter._replace(folded=len(rows) > MAX_OPEN_ROWS)
 
 
 def _is_of_control(parameter: ParameterChange) -> bool:
@@ -1237,7 +1257,8 @@ def _margin_chapter(reviews_by_side: Reviews) -> Chapter:
         reviews_by_side: review documents of both logs, by side.
     """
     sides_without = _sides_without_margins(reviews_by_side)
-    chapter = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
+    rows = _margin_rows(reviews_by_side)
+    chapter = _folded_if_long(_table_chapter("Margins", "90 % interval", rows), rows)
     sentences = []
     for axis, side in sides_without.items():
         reason = missing_margins_reason(reviews_by_side, side, axis)

@@ -700,8 +700,9 @@ def render_document(
     # The head of a flight's page has charts over time.
     has_charts = any(chapter.has_charts for chapter in chapters_with_content)
     has_charts = has_charts or head is not None or picture is not None
-    open_chapters = [chapter for chapter in chapters_with_content if not chapter.folded]
-    has_time_charts = any(chapter.has_time_charts for chapter in open_chapters)
+    chapters_over_time = [chapter for chapter in chapters_with_content if chapter.has_time_charts]
+    # Open chapters are read first.
+    chapters_over_time.sort(key=lambda chapter: chapter.folded)
     return render_page(
         environment().get_template("document.html"),
         title=title,
@@ -712,7 +713,7 @@ def render_document(
         head=head,
         points=max_points,
         has_charts=has_charts,
-        has_time_charts=has_time_charts,
+        chapter_of_hint=chapters_over_time[0].anchor if chapters_over_time else "",
         key=key,
         picture=picture,
     )

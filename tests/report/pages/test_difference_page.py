@@ -69,6 +69,7 @@ from mavdem.report.pages.difference_page import (
     _parameter_chapters,
     _pictures,
     _trim_chart,
+    _unchanged_chapter,
     _with_single_side,
     comparison_page,
 )
@@ -155,8 +156,10 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     assert [result.index(text) for text in order] == sorted(result.index(text) for text in order)
     closed = re.findall(r'<section id="([^"]*)"[^>]*>\s*<details class="phone-closed" open>', page)
     assert "motors" in closed and "both-flights" in closed and "what-changed" not in closed
-    # How plots are moved comes below the first result.
-    assert page.index('id="what-changed"') < page.index("Drag over a plot")
+    # How plots are moved stands with the first of them over time.
+    chapter = page[page.index('id="motors"') :]
+    assert "Drag over a plot" in chapter[: chapter.index("</section>")]
+    assert page.count("Drag over a plot") == 1
     # Few changes are drawn below this picture, and more of them in their chapter.
     order = ("<h3>Motor 3 output", CHANGE_DRAWING, "bad in A and B")
     assert [result.index(text) for text in order] == sorted(result.index(text) for text in order)
@@ -404,7 +407,9 @@ def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     assert "Square: changed, red for the worse" in page and "Dot: the same." not in page
     assert "Ring: too uncertain to tell; perhaps a change where the interval leaves out 0." in page
     chapter = page[page.index('id="both-flights"') : page.index('id="in-words"')]
-    assert page.index('id="what-changed"') < page.index('id="both-flights"')
+    assert page.index(CHANGE_DRAWING) < page.index('id="both-flights"')
+    # Spectra have no time to drag over.
+    assert "Drag over a plot" not in page
     assert "Gyro, power" in chapter and '<details class="phone-closed" open>' in chapter
 
 
@@ -414,7 +419,9 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
         [flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1)
     ]
     reviewed = reviewed_difference(vehicle_difference(*states))
-    assert _change_chapter(reviewed).title == "Compared figures: no certain difference"
+    assert not _change_chapter(reviewed).has_content
+    chapter = _unchanged_chapter(reviewed)
+    assert chapter.folded and chapter.title.startswith("No change found: 11 fig")
     (table,) = undetected_change_table(reviewed)
     trims, *_ = table.rows
     assert trims[0] == "relative trim of motors 1, 2, 3 and 4"
@@ -549,7 +556,7 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
     # What a motor lost comes after what has changed, and before other charts.
     chapter = page[page.index('id="motors"') :]
-    assert page.index('id="what-changed"') < page.index('id="motors"')
+    assert page.index(CHANGE_DRAWING) < page.index('id="motors"')
     assert "lost 19 to 42 % at 47 s" in chapter[: chapter.index("</section>")]
     # A loss by comparison with other flights has its mean before the ends of its interval.
     loss = {"loss": [0.20, 0.14, 0.26], "rise": [0.12, 0.08, 0.16], "probability": 0.9}
@@ -866,7 +873,9 @@ def test_gains_have_a_table_before_many_other_parameters(difference):
     (table,) = gain_chapter.blocks
     assert table.header[0] == "24 of 99 parameters changed, of control 1"
     assert table.header[1:] == ["A", "B", "change"]
-    assert table.rows == [["MC_ROLLRATE_P", "0.1", "0.2", "+100 %"]] and not gain_chapter.folded
+    assert table.rows == [["MC_ROLLRATE_P", "0.1", "0.2", "+100 %"]]
+    # The table at the top of the page has the gain already.
+    assert gain_chapter.folded
     (table,) = other_chapter.blocks
     assert len(table.rows) == 23 and other_chapter.folded
     (chapter,) = _parameter_chapters(reviewed._replace(parameters=[gain, *others[:3]]))
