@@ -64,7 +64,9 @@ from mavdem.report.difference.reviewed import (
     compared_states,
 )
 from mavdem.report.difference.sides import side_descriptions
+from mavdem.report.fleet import kind_of_vehicle
 from mavdem.report.pages.difference_page import comparison_page
+from mavdem.report.templates import render_section
 
 PAGE_FILE = "diff.html"
 """Name of the page that shows both states together."""
@@ -259,14 +261,18 @@ def _print_parameters_without_flight(before: Path, after: Path, *, verbose: bool
     have_parameters = vehicle_before.parameters and vehicle_after.parameters
     if not have_parameters or vehicle_before.autopilot != vehicle_after.autopilot:
         return
+    frames = [kind_of_vehicle("", vehicle.vehicle) for vehicle in (vehicle_before, vehicle_after)]
     print_blocks(
-        parameter_blocks(
-            compared_states(
-                ComparedState([], {}, vehicle_before.parameters),
-                ComparedState([], {}, vehicle_after.parameters),
+        [
+            *render_section("difference_frames", frames=frames),
+            *parameter_blocks(
+                compared_states(
+                    ComparedState([], {}, vehicle_before.parameters),
+                    ComparedState([], {}, vehicle_after.parameters),
+                ),
+                verbose=verbose,
             ),
-            verbose=verbose,
-        )
+        ]
     )
 
 

@@ -147,11 +147,11 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert {path.name for path in Path().iterdir()} == {"a_and_c", "a_and_c-2"}
     # Parameters are compared even where there is no flight.
     vehicles = {
-        name: Telemetry(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {}, parameters=parameters)
-        for name, parameters in {
-            "a.bin": {"ATC_RAT_RLL_P": 0.1, "FENCE_ENABLE": 1.0},
-            "b.bin": {"ATC_RAT_RLL_P": 0.2, "FENCE_ENABLE": 0.0},
-        }.items()
+        name: Telemetry(1, 1, frame, "ARDUPILOTMEGA", {}, parameters=parameters)
+        for name, frame, parameters in (
+            ("a.bin", "QUADROTOR", {"ATC_RAT_RLL_P": 0.1, "FENCE_ENABLE": 1.0}),
+            ("b.bin", "HEXAROTOR", {"ATC_RAT_RLL_P": 0.2, "FENCE_ENABLE": 0.0}),
+        )
     }
     monkeypatch.setattr(
         "mavdem.cli.diff.read_log", lambda path: log_of_vehicles((vehicles[path.name],), 0, 0)
@@ -159,6 +159,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert run("diff", "a.bin", "b.bin") == 1
     printed = capsys.readouterr()
     assert "B has no flight with figures. It is empty." in printed.err
+    assert "Caution: Quadrotor in A, hexarotor in B: two vehicles, whose parameters" in printed.out
     assert re.search(r"ATC_RAT_RLL_P +0.1 +0.2 +\+100 %", printed.out)
     assert "Parameters: 0 of 2 that A and B have in common are equal; 2 set anew." in printed.out
     assert "Other parameters: 1 more differs; `--verbose` lists it." in printed.out

@@ -132,7 +132,7 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
 
 
 def effort_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
-    """Returns the row of the mean motor output at equal battery voltage, in percent of A, such as "100" and "104.2".
+    """Returns the row of the mean motor output at equal battery voltage, in percent of A, such as "100" and "104".
 
     Args:
         reviewed: comparison of two states.
@@ -143,7 +143,7 @@ def effort_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
     effort = reviewed.difference.effort
     if effort is None or reviewed.are_two_vehicles:
         return []
-    cells = ("100", f"{100 * (1 + effort.relative_change):.1f}")
+    cells = ("100", f"{100 * (1 + effort.relative_change):.0f}")
     return [ConditionRow(OUTPUT_AT_EQUAL_VOLTAGE, "% of A", cells)]
 
 

@@ -1,5 +1,6 @@
 """The sentences at the head of a comparison of two states: the differences that matter."""
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -329,7 +330,8 @@ def _sentence_below_heading(sentence: Sentence, reviewed: ReviewedDifference) ->
             # The text has the side before the reason, as in "B: …", and nothing would follow it: the reason stays.
             continue
         text = text.replace(reason, details)
-    return sentence._replace(text=text.strip())
+    # A reason that is left out leaves the spaces around it.
+    return sentence._replace(text=re.sub("  +", " ", text).strip())
 
 
 def _details_of_watched_light(

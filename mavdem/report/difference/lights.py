@@ -50,6 +50,9 @@ FIGURES_IN_BRACKETS = re.compile(r" \((?!probability)[^()]*\d[^()]*\)")
 SEMICOLON = re.compile(r"; (?![^()]*\))")
 """A semicolon outside of brackets."""
 
+REASSURANCE = "Margin goal probably met: "
+"""Beginning of the sentence on margins to be watched, whose interval leaves open whether they suffice."""
+
 INTERVAL = re.compile(r"\S+ to \S+ %")
 """Figures in brackets that are the interval of an estimate in percent, such as "17 to 32 %"."""
 
@@ -220,7 +223,9 @@ def _reasons_of_both_warnings(lights_by_side: Mapping[str, JsonValues]) -> list[
     reasons = []
     for side, light in lights_by_side.items():
         is_milder = side not in worst_sides
-        sentence = first_sentence(light["sentence"]) if is_milder else light["sentence"]
+        sentence = _warning_alone(light["sentence"])
+        if is_milder:
+            sentence = first_sentence(sentence)
         reasons.append(LightReason(side, sentence))
     return reasons
 
@@ -397,7 +402,7 @@ def watched_light_heading(lights_by_side: Mapping[str, JsonValues]) -> str:
         imu=imu_with_comparable_vibration(lights_by_side),
         vibrations=[value_at(light, "figures.vibration") for light in lights],
         levels=[light["level"] for light in lights],
-        clause=_heading_clause(lights_by_side[watched_side]["sentence"]),
+        clause=_heading_clause(_warning_alone(lights_by_side[watched_side]["sentence"])),
     )
     return heading.text
 
@@ -418,6 +423,14 @@ def imu_with_comparable_vibration(lights_by_side: Mapping[str, JsonValues]) -> s
             return ""
         subjects.add(light.get("subject") or "")
     return subjects.pop() if len(subjects) == 1 else ""
+
+
+def _warning_alone(sentence: str) -> str:
+    """Returns the sentence of a light that warns, without the words that would say beside its level that all is well.
+
+    An example is "The roll rate loop has Ms 1.9 (1.6 to 2.4; the maximum sensitivity).".
+    """
+    return capitalize_first(sentence.removeprefix(REASSURANCE))
 
 
 def _heading_clause(sentence: str) -> str:
