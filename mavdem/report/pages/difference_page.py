@@ -226,12 +226,13 @@ def comparison_page(
         pictures = _pictures(reviewed, flights)
         change_chapter, *chapters = _chapters(reviewed, headline, flights, pictures)
         chart = _main_chart(reviewed, pictures)
-        if chart is not None:
-            group = Group.side_by_side([chart])
-            changes = _changes_of_top(reviewed)
-            if changes is not None:
-                group = changes._replace(columns=((chart, *changes.columns[0]),))
-                change_chapter = change_chapter._replace(groups=[])
+        group = None if chart is None else Group.side_by_side([chart])
+        changes = _changes_of_top(reviewed)
+        if changes is not None:
+            change_chapter = change_chapter._replace(groups=[])
+            charts = () if chart is None else (chart,)
+            group = changes._replace(columns=((*charts, *changes.columns[0]),))
+        if group is not None:
             picture = ResultPicture(group, len(summary.first_blocks))
         chapters = [change_chapter, *chapters]
     return render_document(
@@ -246,12 +247,13 @@ def comparison_page(
 
 
 def _changes_of_top(reviewed: ReviewedDifference) -> Group | None:
-    """Returns the drawing of all changes for the top of the page; None if none was compared, or too many for it.
+    """Returns the drawing of what changed for the top of the page; None if nothing did, or too much for it.
 
     Args:
         reviewed: comparison of both flights.
     """
-    if len(drawn_changes(reviewed.difference)) > MAX_CHANGES_AT_TOP:
+    notable, _ = _notable_and_other_changes(reviewed)
+    if len(notable) > MAX_CHANGES_AT_TOP:
         return None
     change_chapter = _change_chapter(reviewed)
     for group in change_chapter.groups:
@@ -386,7 +388,9 @@ def _candidates_for_main_chart(
     2. The trims, if those of a motor changed, or of fleets.
     3. A step response of an axis whose gains or margins changed, and then the spectra of the gyro.
     4. The spectra, if a flight oscillates, and the trims, if the motors are judged differently otherwise.
-    5. The mean motor output, and then the spectra.
+    5. The mean motor output, and then the spectra, unless loops changed: the drawing of changes shows these.
+
+    Spectra up to very different frequencies do not fit.
 
     Args:
         reviewed: comparison of both flights.
@@ -403,14 +407,46 @@ def _candidates_for_main_chart(
         yield pictures.trims
     for axis in AXES:
         if axis in changed_axes:
-            yield from _step_charts(reviewed.reviews, pictures.legend, axis)
-    if changed_axes or _oscillates(reviewed.reviews):
+            yield from _step_charts_of_worst_loop(reviewed.reviews, pictures.legend, axis)
+    if (changed_axes or _oscillates(reviewed.reviews)) and _have_common_range(pictures.spectra):
         yield pictures.spectra
     if reviewed.motors.differs:
         yield pictures.trims
+    if changed_axes:
+        return
     if pictures.mean_motor_output is not None:
         yield pictures.mean_motor_output
-    yield pictures.spectra
+    if _have_common_range(pictures.spectra):
+        yield pictures.spectra
+
+
+def _step_charts_of_worst_loop(
+    reviews_by_side: Reviews, legend: Mapping[str, str], axis: str
+) -> list[Chart]:
+    """Returns the charts of the step responses of an axis, that of the loop first whose margins are bad in a flight.
+
+    Args:
+        reviews_by_side: review documents of both flights, by side.
+        legend: name of each side in legends.
+        axis: "roll", "pitch" or "yaw".
+    """
+    charts = list(_step_charts(reviews_by_side, legend, axis))
+    for review in reviews_by_side.values():
+        light = value_at(review, "lights.margins") or {}
+        is_of_attitude = light.get("level") == Level.BAD and light.get("subject") == "attitude"
+        if is_of_attitude and value_at(light, "figures.axis") == axis:
+            return charts[::-1]
+    return charts
+
+
+def _have_common_range(spectra: Chart) -> bool:
+    """Returns whether the spectra of a chart end within an octave of each other, so that one shows what the other does.
+
+    Args:
+        spectra: chart with a line for each flight with a spectrum.
+    """
+    ends = [line.x[-1] for line in spectra.lines]
+    return len(ends) > 1 and max(ends) <= 2 * min(ends)
 
 
 def _oscillates(reviews_by_side: Reviews) -> bool:
@@ -431,7 +467,7 @@ def _axes_with_loop_changes(difference: VehicleDifference) -> set[str]:
 
 
 def _end_of_first_heading(blocks: Sequence[Block]) -> int:
-    """Returns the number of blocks up to the first heading, including it and a table that belongs to it.
+    """Returns the number of blocks up to the first heading, including it and a table with its remarks.
 
     If there is no heading, all blocks count.
     """
@@ -439,8 +475,18 @@ def _end_of_first_heading(blocks: Sequence[Block]) -> int:
         # A sentence without text, which has a lead alone, is a heading.
         is_heading = isinstance(block, Sentence) and not block.text
         if is_heading:
-            has_table = isinstance(next(iter(blocks[count:]), None), Table)
-            return count + 1 if has_table else count
+            return count + _length_of_table_with_remarks(blocks[count:])
+    return len(blocks)
+
+
+def _length_of_table_with_remarks(blocks: Sequence[Block]) -> int:
+    """Returns the number of blocks of a table at the beginning and of the sentences without a lead that follow it."""
+    if not blocks or not isinstance(blocks[0], Table):
+        return 0
+    for count, block in enumerate(blocks[1:], start=1):
+        is_remark = isinstance(block, Sentence) and not block.lead
+        if not is_remark:
+            return count
     return len(blocks)
 
 
@@ -1349,17 +1395,18 @@ def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str)
 def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chart:
     """Returns a chart of the power spectral densities of the gyro in both flights, (°/s)²/Hz, the sum of three axes.
 
-    The spectrum before the filters is drawn if that was logged, otherwise the one after them. A side without any has no
-    line.
+    Both are from before the filters if both logs have that, and otherwise from after them: the filters take away what
+    a chart of one from before and one from after them would show as a difference. A side without any has no line.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
     """
     lines = []
+    key = _key_of_comparable_spectra(reviews_by_side)
     for side, review in reviews_by_side.items():
         spectra = review.get("spectra") or {}
-        spectrum = spectra.get("gyro_before") or spectra.get("gyro")
+        spectrum = spectra.get(key)
         if not spectrum:
             continue
         density = np.sum(list(spectrum["density"].values()), axis=0)
@@ -1370,6 +1417,20 @@ def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Char
     power_axis = Axis(f"power ({GYRO_DENSITY_UNIT.name})", is_logarithmic=True)
     title = f"Gyro, power ({GYRO_DENSITY_UNIT.name})"
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
+
+
+def _key_of_comparable_spectra(reviews_by_side: Reviews) -> str:
+    """Returns the key of the spectra of the gyro that most logs have: of before its filters, or after them.
+
+    Args:
+        reviews_by_side: review documents of both logs, by side.
+    """
+    counts = {}
+    for key in ("gyro_before", "gyro"):
+        documents = [review.get("spectra") or {} for review in reviews_by_side.values()]
+        counts[key] = sum(1 for spectra in documents if spectra.get(key))
+    # Of equal numbers the first counts, before the filters.
+    return max(counts, key=lambda key: counts[key])
 
 
 def _trim_chart(

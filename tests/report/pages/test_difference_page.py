@@ -63,11 +63,13 @@ from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
     SIDE_COLOURS,
     _change_chapter,
+    _have_common_range,
     _main_chart,
     _motor_groups,
     _overview_titles,
     _parameter_chapters,
     _pictures,
+    _spectrum_chart,
     _trim_chart,
     _unchanged_chapter,
     _with_single_side,
@@ -164,7 +166,7 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     order = ("<h3>Motor 3 output", CHANGE_DRAWING, "bad in A and B")
     assert [result.index(text) for text in order] == sorted(result.index(text) for text in order)
     assert page.count(CHANGE_DRAWING) == 1
-    monkeypatch.setattr("mavdem.report.pages.difference_page.MAX_CHANGES_AT_TOP", 1)
+    monkeypatch.setattr("mavdem.report.pages.difference_page.MAX_CHANGES_AT_TOP", 0)
     page = comparison_page(("a.bin", "b.bin"), reviewed, flights=series)
     assert page.index('id="what-changed"') < page.index(CHANGE_DRAWING)
     assert _main_chart(reviewed_difference(unchanged()), pictures).title == MEAN_MOTOR_OUTPUT
@@ -408,6 +410,15 @@ def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     assert "Ring: too uncertain to tell; perhaps a change where the interval leaves out 0." in page
     chapter = page[page.index('id="both-flights"') : page.index('id="in-words"')]
     assert page.index(CHANGE_DRAWING) < page.index('id="both-flights"')
+    # One from before the filters beside one from after them would show the filters.
+    raw = {"gyro_before": spectrum | {"frequency": [0.0, 200.0, 400.0]}}
+    with_raw = {"A": {"spectra": raw | review["spectra"]}, "B": review}
+    first, second = _spectrum_chart(with_raw, LEGEND).lines
+    assert first.x.tolist() == second.x.tolist()
+    raw_alone = _spectrum_chart({"A": {"spectra": raw}, "B": review}, LEGEND)
+    assert not _have_common_range(raw_alone) and _have_common_range(
+        _spectrum_chart(reviewed.reviews, LEGEND)
+    )
     # Spectra have no time to drag over.
     assert "Drag over a plot" not in page
     assert "Gyro, power" in chapter and '<details class="phone-closed" open>' in chapter
