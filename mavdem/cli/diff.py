@@ -301,12 +301,11 @@ def _print_comparison(
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
     # The cautions say that A and B may be two vehicles, or that means are of several states.
-    title += [
-        *identity_remarks(reviewed),
-        *flight_cautions(reviewed),
-        *condition_sentence(reviewed),
-        *parameter_count_sentences(reviewed, headline),
-    ]
+    title += [*identity_remarks(reviewed), *flight_cautions(reviewed)]
+    if not verbose:
+        # The details have a table in its place.
+        title += condition_sentence(reviewed)
+    title += parameter_count_sentences(reviewed, headline)
     summary: list[Block] = [
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),

@@ -251,7 +251,12 @@ def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float)
         interval of one of the quantities still contains, and the change that nine of ten such comparisons would find.
     """
     name = f"{SHOWN_QUANTITIES[kind].name} of {_names_of_quantities(changes)}"
-    return [name, _bound_text(kind, changes), detectable_change(kind, changes, significance)]
+    detectable = detectable_change(kind, changes, significance)
+    is_doubling_missed = any(change.detectable_difference(significance) > 1 for change in changes)
+    if kind in LOGARITHMIC_KINDS and is_doubling_missed:
+        # More digits would hide that not even twice the figure shows.
+        detectable = "over 100 %"
+    return [name, _bound_text(kind, changes), detectable]
 
 
 def bound_without_lean(changes: Sequence[QuantityChange]) -> str:

@@ -109,21 +109,17 @@ SIDE_SHAPES = {"A": LineStyle.DOTS, "B": LineStyle.SQUARES}
 """Shape of each side in the chart of trims, where colours of single flights are those of their motors' level."""
 
 CHANGES_CAPTION = """\
-Changes from A to B with their 90 % intervals, each kind on its own scale. Where the whole interval lies within the \
-shaded band, the figure is called the same."""
+Changes from A to B with 90 % intervals, each kind on its own scale. An interval within the shaded band: the same."""
 """What stands below the drawing of all changes, before what its shapes mean."""
 
 OUTCOME_CAPTIONS = {
-    QuantityOutcome.CHANGED: " Square: changed, red for the worse, green for the better, blue where neither can be "
-    "said or lean explains it.",
-    QuantityOutcome.UNCERTAIN: " Ring: too uncertain to tell; perhaps a change where the interval leaves out 0.",
+    QuantityOutcome.CHANGED: " Square: changed; red worse, green better, blue neither, or by lean.",
+    QuantityOutcome.UNCERTAIN: " Ring: too uncertain to tell; perhaps changed if the interval leaves out 0.",
     QuantityOutcome.SAME: " Dot: the same.",
 }
 """What the shape of each outcome means, for the outcomes that are drawn."""
 
-EVIDENCE_CAPTION = (
-    " Diamond: too uncertain alone, but agrees with the weak motor that the headline names."
-)
+EVIDENCE_CAPTION = " Diamond: uncertain alone, but agrees with the weak motor of the headline."
 """What the shape of such a change means."""
 
 TRIMS_CAPTION = """\
@@ -818,20 +814,25 @@ def _reasons_in_tables(blocks: Blocks) -> list[str]:
 def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     """Returns the chapter with the drawing of what changed between the flights; empty where nothing did.
 
-    Where nothing could be compared, sentences say why.
+    Where nothing could be compared, it is closed, and sentences say why.
 
     Args:
         reviewed: comparison of both flights.
     """
     difference = reviewed.difference
     if not difference.changes:
-        return Chapter("What changed", sentences_on_missing_quantities(difference))
+        return Chapter("Not compared", sentences_on_missing_quantities(difference), folded=True)
     notable, _ = _notable_and_other_changes(reviewed)
     is_certain = bool(difference.changes_with(QuantityOutcome.CHANGED))
     changed = "differs" if reviewed.are_two_vehicles else "changed"
     may_have_changed = "may differ" if reviewed.are_two_vehicles else "may have changed"
     title = f"What {changed if is_certain else may_have_changed}"
-    return Chapter(title, groups=_change_groups(reviewed, notable))
+    # Two vehicles differ in much, none of which is a change of either.
+    return Chapter(
+        title,
+        groups=_change_groups(reviewed, notable),
+        is_closed_on_phone=reviewed.are_two_vehicles,
+    )
 
 
 def _unchanged_chapter(reviewed: ReviewedDifference) -> Chapter:

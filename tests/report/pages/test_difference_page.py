@@ -406,8 +406,8 @@ def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     reviewed = reviewed_difference(difference, {"A": review, "B": review})
     page = comparison_page(("a.bin", "b.bin"), reviewed)
     # The caption of the drawing explains the shapes that it has.
-    assert "Square: changed, red for the worse" in page and "Dot: the same." not in page
-    assert "Ring: too uncertain to tell; perhaps a change where the interval leaves out 0." in page
+    assert "Square: changed; red worse, green better" in page and "Dot: the same." not in page
+    assert "Ring: too uncertain to tell; perhaps changed if the interval leaves out 0." in page
     chapter = page[page.index('id="both-flights"') : page.index('id="in-words"')]
     assert page.index(CHANGE_DRAWING) < page.index('id="both-flights"')
     # One from before the filters beside one from after them would show the filters.
