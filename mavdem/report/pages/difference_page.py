@@ -123,9 +123,8 @@ EVIDENCE_CAPTION = " Diamond: uncertain alone, but agrees with the weak motor of
 """What the shape of such a change means."""
 
 TRIMS_CAPTION = """\
-The mean output of each motor over that of the median motor. What lean in wind asks for is in it; the light of the \
-motors leaves that out. The bars include how much flights of one vehicle usually differ, half of that variance on \
-each side."""
+Relative trim: a motor's mean output over that of the median motor, with what lean in wind asks for. The bars include \
+how much flights of one vehicle usually differ, half of that variance on each side."""
 """What stands below the chart of trims."""
 
 FLIGHT_DOTS_CAPTION = """\
@@ -220,14 +219,20 @@ def comparison_page(
     # A flight does not differ from itself.
     if not reviewed.difference.is_of_same_flight:
         pictures = _pictures(reviewed, flights)
-        change_chapter, *chapters = _chapters(reviewed, headline, flights, pictures)
         chart = _main_chart(reviewed, pictures)
-        group = None if chart is None else Group.side_by_side([chart])
+        caption = ""
+        if chart is pictures.trims and not _has_trim_columns(reviewed.difference):
+            # The chapter of the motors does not repeat it.
+            pictures = pictures._replace(trims=chart._replace(lines=()))
+            caption = TRIMS_CAPTION
+        change_chapter, *chapters = _chapters(reviewed, headline, flights, pictures)
+        group = None if chart is None else Group.side_by_side([chart], caption)
         changes = _changes_of_top(reviewed)
         if changes is not None:
             change_chapter = change_chapter._replace(groups=[])
             charts = () if chart is None else (chart,)
-            group = changes._replace(columns=((*charts, *changes.columns[0]),))
+            caption = f"{changes.caption} {caption}".rstrip()
+            group = Group(((*charts, *changes.columns[0]),), caption)
         if group is not None:
             picture = ResultPicture(group, len(summary.first_blocks))
         chapters = [change_chapter, *chapters]
@@ -380,7 +385,8 @@ def _candidates_for_main_chart(
 ) -> Iterator[Chart]:
     """Yields the charts that may show what the heading of the page states, the best first.
 
-    1. The output of the motor with the worst warning, unless both flights have it and the loops changed.
+    1. The output of the motor with the worst warning, if the light of the motors warns, unless both flights have it and
+       the loops changed.
     2. The trims, if those of a motor changed, or of fleets.
     3. A step response of an axis whose gains or margins changed, and then the spectra of the gyro.
     4. The spectra, if a flight oscillates, and the trims, if the motors are judged differently otherwise.
@@ -393,7 +399,8 @@ def _candidates_for_main_chart(
         pictures: their charts.
     """
     changed_axes = _axes_with_loop_changes(reviewed.difference)
-    if reviewed.motors.differs or not changed_axes:
+    has_warning = _warns_of_motors(reviewed.reviews)
+    if reviewed.motors.differs or (has_warning and not changed_axes):
         title_of_worst_motor = _title_of_worst_motor(reviewed)
         for group in pictures.motor_groups:
             for (chart,) in group.columns:
@@ -443,6 +450,14 @@ def _have_common_range(spectra: Chart) -> bool:
     """
     ends = [line.x[-1] for line in spectra.lines]
     return len(ends) > 1 and max(ends) <= 2 * min(ends)
+
+
+def _warns_of_motors(reviews_by_side: Reviews) -> bool:
+    """Returns whether the light of the motors warns in a flight. An event, such as a limit at touch-down, is none."""
+    for review in reviews_by_side.values():
+        if value_at(review, f"lights.{Light.MOTORS}.level") in WARNING_COLOURS:
+            return True
+    return False
 
 
 def _oscillates(reviews_by_side: Reviews) -> bool:
@@ -666,8 +681,18 @@ def _motor_chapter(reviewed: ReviewedDifference, pictures: _Pictures) -> Chapter
     trims_caption = TRIMS_CAPTION
     if _has_trim_columns(reviewed.difference):
         trims_caption += FLIGHT_DOTS_CAPTION
-    groups = [*pictures.motor_groups, *_chart_group(pictures.trims, trims_caption)]
-    return Chapter("Motors", motor_table(reviewed.reviews, reviewed.difference), groups)
+    groups = list(pictures.motor_groups)
+    tables = motor_table(reviewed.reviews, reviewed.difference)
+    # Equal trims need no chart beside the table that states how little they differ.
+    if not tables or reviewed.fleet_sides or _has_notable_trim(reviewed):
+        groups += _chart_group(pictures.trims, trims_caption)
+    return Chapter("Motors", tables, groups)
+
+
+def _has_notable_trim(reviewed: ReviewedDifference) -> bool:
+    """Returns whether a motor's trim changed, or may have changed."""
+    notable, _ = _notable_and_other_changes(reviewed)
+    return any(change.quantity.kind == SHARE for change in notable)
 
 
 def _step_chapter(reviewed: ReviewedDifference, legend: Mapping[str, str]) -> Chapter:
@@ -1118,12 +1143,10 @@ def _motors_caption(flights_by_side: Mapping[str, FlightSeries], *, has_marks: b
         start = start_on_boot_clock(series)
         if start is not None:
             starts.append(f"{start:.0f} s in {side}")
-    starts_text = f" ({' and '.join(starts)})" if starts else ""
+    starts_text = f" ({listed(starts)}, since boot)" if starts else ""
     return (
-        f"Means over {MEAN_SECONDS:g} s, all on one scale. Times in tables and sentences are since the autopilot's "
-        f"boot; the charts begin at take-off{starts_text}, or where the log begins if the vehicle is in the air "
-        f"then.{' A dashed line marks a warning about the motor.' if has_marks else ''} Take-off and landing may leave "
-        "a plot, which has the scale of the flight between them."
+        f"Means over {MEAN_SECONDS:g} s on one scale, from take-off{starts_text} or the beginning of the log. Take-off "
+        f"and landing may leave a plot.{' A dashed line marks a warning about the motor.' if has_marks else ''}"
     )
 
 

@@ -146,7 +146,9 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     marks = {chart.title: chart.marks for (chart,) in group.columns}
     assert marks.pop(MOTOR_OUTPUTS[2]) == (Mark(43.0, "B: 47 s since boot, 43 s in the air", BAD),)
     assert not any(marks.values())
-    assert group.first_name == MOTOR_OUTPUTS[2] and "take-off (4 s in B)" in group.caption
+    assert (
+        group.first_name == MOTOR_OUTPUTS[2] and "take-off (4 s in B, since boot)" in group.caption
+    )
     # This motor is the one picture at the top, which a phone shows before all text but heading and next step.
     mean_output = {MEAN_MOTOR_OUTPUT: outputs[MOTOR_OUTPUTS[0]]}
     series = (outputs | mean_output, outputs | mean_output | start)
