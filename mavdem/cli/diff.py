@@ -297,7 +297,8 @@ def _print_comparison(
     """
     headline = headline_of_comparison(reviewed)
     title = headline_in_two_sizes(reviewed, headline)
-    title += sentences_on_further_watched_lights(reviewed.reviews, headline)
+    watched_lights = sentences_on_further_watched_lights(reviewed.reviews, headline)
+    title += watched_lights
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
     # The cautions say that A and B may be two vehicles, or that means are of several states.
@@ -315,7 +316,7 @@ def _print_comparison(
     details = [
         *condition_table(reviewed),
         *detail_sentences(reviewed),
-        *headline_blocks(headlines, [sentence.text for sentence in headline]),
+        *headline_blocks(headlines, [sentence.text for sentence in (*headline, *watched_lights)]),
     ]
     footer = [*next_step_sentences(reviewed), Sentence(str(page), "Page:")]
     if not verbose:

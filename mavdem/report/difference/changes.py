@@ -453,21 +453,26 @@ def _subjects_with_reasons(reviewed: ReviewedDifference) -> list[str]:
 def _axes_without_margins_of_both(reviewed: ReviewedDifference) -> list[str]:
     """Returns the axes whose margins are not known in both logs, with the reason.
 
-    An example is "margins on pitch (B: the motors do not excite the axis enough)".
+    An example is "margins on pitch (B: the motors do not excite the axis enough)". Of several axes with different
+    reasons only the sides are named, as in "margins on roll (not known in A)": the list of all figures has the reasons.
 
     Args:
         reviewed: comparison of two states, with the reviews of their logs.
     """
     texts = []
+    brief_texts = []
     for missing in reviewed.difference.incomparable:
         if missing.quantity.figures.get("name") == MARGINS:
             reasons = []
+            sides = []
             for fact in missing.reason.figures["reasons"]:
                 side = fact.subject
+                sides.append(side)
                 reason = missing_margins_reason(reviewed.reviews, side, missing.quantity.subject)
                 reasons.append(f"{side}: {reason}" if reason else str(fact))
             texts.append(f"{missing.quantity} ({'; '.join(reasons)})")
-    return texts
+            brief_texts.append(f"{missing.quantity} (not known in {listed(sides)})")
+    return brief_texts if len(texts) > 1 else texts
 
 
 def missing_margins_reason(reviews: Mapping[str, Review], side: str, axis: str) -> str:

@@ -220,11 +220,9 @@ def comparison_page(
     if not reviewed.difference.is_of_same_flight:
         pictures = _pictures(reviewed, flights)
         chart = _main_chart(reviewed, pictures)
-        caption = ""
-        if chart is pictures.trims and not _has_trim_columns(reviewed.difference):
-            # The chapter of the motors does not repeat it.
-            pictures = pictures._replace(trims=chart._replace(lines=()))
-            caption = TRIMS_CAPTION
+        pictures = pictures._replace(at_top=chart)
+        is_trim_chart_at_top = chart is pictures.trims
+        caption = _trims_caption(reviewed) if is_trim_chart_at_top else ""
         change_chapter, *chapters = _chapters(reviewed, headline, flights, pictures)
         group = None if chart is None else Group.side_by_side([chart], caption)
         changes = _changes_of_top(reviewed)
@@ -321,6 +319,9 @@ class _Pictures(NamedTuple):
 
     trims: Chart
     """Relative trims of the motors; without lines where none were compared."""
+
+    at_top: Chart | None = None
+    """That of them which stands at the top of the page, and is not repeated in a chapter of few charts."""
 
     @property
     def mean_motor_output(self) -> Chart | None:
@@ -678,15 +679,24 @@ def _motor_chapter(reviewed: ReviewedDifference, pictures: _Pictures) -> Chapter
         reviewed: comparison of both flights.
         pictures: their charts.
     """
-    trims_caption = TRIMS_CAPTION
-    if _has_trim_columns(reviewed.difference):
-        trims_caption += FLIGHT_DOTS_CAPTION
     groups = list(pictures.motor_groups)
     tables = motor_table(reviewed.reviews, reviewed.difference)
     # Equal trims need no chart beside the table that states how little they differ.
-    if not tables or reviewed.fleet_sides or _has_notable_trim(reviewed):
-        groups += _chart_group(pictures.trims, trims_caption)
+    has_use = not tables or bool(reviewed.fleet_sides) or _has_notable_trim(reviewed)
+    if has_use and pictures.trims is not pictures.at_top:
+        groups += _chart_group(pictures.trims, _trims_caption(reviewed))
     return Chapter("Motors", tables, groups)
+
+
+def _trims_caption(reviewed: ReviewedDifference) -> str:
+    """Returns what stands below the chart of trims.
+
+    Args:
+        reviewed: comparison of both flights, or fleets, whose single flights have dots.
+    """
+    if _has_trim_columns(reviewed.difference):
+        return TRIMS_CAPTION + FLIGHT_DOTS_CAPTION
+    return TRIMS_CAPTION
 
 
 def _has_notable_trim(reviewed: ReviewedDifference) -> bool:
@@ -809,7 +819,8 @@ def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -
         reviewed: comparison of both flights, with their reviews.
         headline: the sentences that head the comparison.
     """
-    texts_of_comparison = [sentence.text for sentence in headline]
+    watched_lights = sentences_on_further_watched_lights(reviewed.reviews, headline)
+    texts_of_comparison = [sentence.text for sentence in (*headline, *watched_lights)]
     blocks = light_blocks(reviewed.reviews, " ".join(texts_of_comparison))
     # A flight that is compared with itself has one headline, which says nothing about a difference.
     if not reviewed.difference.is_of_same_flight:
@@ -984,7 +995,7 @@ def _overview_chapter(reviewed: ReviewedDifference, pictures: _Pictures) -> Chap
     """Returns the chapter with a row of pictures: spectra of the gyro, vibration and mean motor output.
 
     Each picture shows both flights; if only one of them has the quantity, its title says which one. A quantity that was
-    not recorded in either has no picture.
+    not recorded in either has no picture, nor has the one at the top of the page.
 
     Args:
         reviewed: comparison of both flights, with the review documents of their logs.
@@ -994,11 +1005,11 @@ def _overview_chapter(reviewed: ReviewedDifference, pictures: _Pictures) -> Chap
         The chapter, with a remark on a side that is a fleet, of which nothing is drawn; empty without a picture.
     """
     charts = []
-    if pictures.spectra.lines:
+    if pictures.spectra.lines and pictures.spectra is not pictures.at_top:
         charts.append(_with_single_side(pictures.spectra))
     charts_by_title = {chart.title: chart for chart in pictures.series_charts}
     for title in _overview_titles(pictures.series_charts):
-        if title in charts_by_title:
+        if title in charts_by_title and charts_by_title[title] is not pictures.at_top:
             charts.append(charts_by_title[title])
     title = "Both flights"
     if not charts:
