@@ -31,10 +31,15 @@ from mavdem.report.charts.change_plan import (
 )
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark, Plan, step_chart
 from mavdem.report.charts.comparison_charts import (
+    BATTERY_VOLTAGE,
     MAX_MOTORS,
     MEAN_MOTOR_OUTPUT,
     MEAN_SECONDS,
     MOTOR_OUTPUTS,
+    PITCH,
+    PITCH_ERROR,
+    ROLL,
+    ROLL_ERROR,
     VIBRATIONS,
     FlightSeries,
     flight_series_charts,
@@ -63,6 +68,7 @@ from mavdem.report.difference.lights import (
     NO_REVIEWS,
     REFERENCE,
     Review,
+    bad_lights,
     light_blocks,
     lights_are_equal,
     lights_of_both,
@@ -123,8 +129,8 @@ EVIDENCE_CAPTION = " Diamond: uncertain alone, but agrees with the weak motor of
 """What the shape of such a change means."""
 
 TRIMS_CAPTION = """\
-Relative trim: a motor's mean output over that of the median motor, with what lean in wind asks for. The bars include \
-how much flights of one vehicle usually differ, half of that variance on each side."""
+Relative trim: a motor's mean output over the median motor's, lean in wind included. The bars include how much flights \
+of one vehicle usually differ."""
 """What stands below the chart of trims."""
 
 FLIGHT_DOTS_CAPTION = """\
@@ -176,6 +182,14 @@ MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 
 SUBJECT_PLACEHOLDER = "{subject}"
 """Stands for the subject of a sentence, such as "roll rate", while equal ones of several axes are put together."""
+
+TITLES_OF_LIGHTS: Mapping[str, Sequence[str]] = {
+    Light.TRACKING: (ROLL_ERROR, PITCH_ERROR),
+    Light.WIND: (ROLL, PITCH),
+    Light.POWER: (BATTERY_VOLTAGE,),
+    Light.VIBRATION: VIBRATIONS,
+}
+"""Titles of the charts over time that show what a light judges, by its name."""
 
 LIGHTS_OVER_TIME = (Light.TRACKING, Light.POWER)
 """Lights on what the charts over time show. Vibration and output of the motors have charts of their own above."""
@@ -266,7 +280,7 @@ class _Summary(NamedTuple):
     """The top of the page in sentences and a table."""
 
     first_blocks: Blocks
-    """The heading, lights to be watched and the next step, which stand above the picture."""
+    """The heading, lights to be watched if none is bad, and the next step, which stand above the picture."""
 
     further_blocks: Blocks
     """The rest of the headline, remarks, and how both flew."""
@@ -285,7 +299,11 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> _Sum
         # A flight that is compared with itself needs no remarks.
         return _Summary([*blocks_of_headline, *next_step], [])
     heading_end = _end_of_first_heading(blocks_of_headline)
+    watched_lights = sentences_on_further_watched_lights(reviewed.reviews, headline)
+    # They may be the reason of the next step, unless that follows from a bad light in the heading.
+    are_watched_lights_first = not bad_lights(reviewed.reviews)
     further_blocks: Blocks = [
+        *([] if are_watched_lights_first else watched_lights),
         *_without_tabled_vibration(blocks_of_headline[heading_end:], reviewed),
         *render_section("difference_pair", motors_by_pair=reviewed.motors_by_pair),
         *identity_remarks(reviewed),
@@ -295,8 +313,7 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> _Sum
     ]
     first_blocks: Blocks = [
         *blocks_of_headline[:heading_end],
-        # They may be the reason of the next step.
-        *sentences_on_further_watched_lights(reviewed.reviews, headline),
+        *(watched_lights if are_watched_lights_first else []),
         *next_step,
     ]
     return _Summary(first_blocks, further_blocks)
@@ -386,12 +403,13 @@ def _candidates_for_main_chart(
 ) -> Iterator[Chart]:
     """Yields the charts that may show what the heading of the page states, the best first.
 
-    1. The output of the motor with the worst warning, if the light of the motors warns, unless both flights have it and
+    1. What the first bad light is about, such as the lean in wind that carried the vehicle away.
+    2. The output of the motor with the worst warning, if the light of the motors warns, unless both flights have it and
        the loops changed.
-    2. The trims, if those of a motor changed, or of fleets.
-    3. A step response of an axis whose gains or margins changed, and then the spectra of the gyro.
-    4. The spectra, if a flight oscillates, and the trims, if the motors are judged differently otherwise.
-    5. The mean motor output, and then the spectra, unless loops changed: the drawing of changes shows these.
+    3. The trims, if those of a motor changed, or of fleets.
+    4. A step response of an axis whose gains or margins changed, and then the spectra of the gyro.
+    5. The spectra, if a flight oscillates, and the trims, if the motors are judged differently otherwise.
+    6. The mean motor output, and then the spectra, unless loops changed: the drawing of changes shows these.
 
     Spectra up to very different frequencies do not fit.
 
@@ -399,6 +417,8 @@ def _candidates_for_main_chart(
         reviewed: comparison of both flights.
         pictures: their charts.
     """
+    for light in bad_lights(reviewed.reviews)[:1]:
+        yield from _charts_of_light(light.name, pictures.series_charts)
     changed_axes = _axes_with_loop_changes(reviewed.difference)
     has_warning = _warns_of_motors(reviewed.reviews)
     if reviewed.motors.differs or (has_warning and not changed_axes):
@@ -422,6 +442,23 @@ def _candidates_for_main_chart(
         yield pictures.mean_motor_output
     if _have_common_range(pictures.spectra):
         yield pictures.spectra
+
+
+def _charts_of_light(name: str, series_charts: Sequence[Chart]) -> list[Chart]:
+    """Returns the charts over time that show what a light judges, that with the largest range first.
+
+    Args:
+        name: name of the light, such as "wind"; motors and margins have charts of their own.
+        series_charts: charts of the time series of both flights.
+    """
+
+    def largest_range(chart: Chart) -> float:
+        """Returns the largest difference of two values of a line."""
+        return max(float(np.ptp(line.y)) for line in chart.lines)
+
+    titles = TITLES_OF_LIGHTS.get(name, ())
+    charts = [chart for chart in series_charts if chart.title in titles]
+    return sorted(charts, key=largest_range, reverse=True)
 
 
 def _step_charts_of_worst_loop(

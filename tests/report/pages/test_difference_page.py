@@ -23,6 +23,8 @@ from mavdem.report.charts.comparison_charts import (
     BOOT_NUMBER,
     MEAN_MOTOR_OUTPUT,
     MOTOR_OUTPUTS,
+    PITCH,
+    ROLL,
     VIBRATIONS,
     flight_series_charts,
 )
@@ -172,6 +174,13 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     page = comparison_page(("a.bin", "b.bin"), reviewed, flights=series)
     assert page.index('id="what-changed"') < page.index(CHANGE_DRAWING)
     assert _main_chart(reviewed_difference(unchanged()), pictures).title == MEAN_MOTOR_OUTPUT
+    # Of a bad wind it is the axis that leans more.
+    leans = tuple(
+        {ROLL: np.array([times, times]), PITCH: np.array([times, 2 * times])} for _ in "AB"
+    )
+    wind = {"A": {"lights": {"wind": {"level": "bad", "sentence": "Wind carried it away."}}}}
+    windy = reviewed_difference(unchanged(), wind | {"B": wind["A"]})
+    assert _main_chart(windy, _pictures(windy, leans)).title == PITCH
 
 
 def test_a_line_of_one_side_alone_is_named_by_the_title():
