@@ -23,6 +23,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.documents.fleet import Diff
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
+from mavdem.facts.vehicle import GENERIC_FRAME
 from mavdem.fleet.common_flights import separate_states
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
@@ -67,6 +68,9 @@ from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.fleet import kind_of_vehicle
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.templates import render_section
+
+UNSPECIFIC_FRAMES = ("UNKNOWN", GENERIC_FRAME, "GENERIC_MULTIROTOR")
+"""Types of frames that logs state which do not know the frame."""
 
 PAGE_FILE = "diff.html"
 """Name of the page that shows both states together."""
@@ -261,7 +265,10 @@ def _print_parameters_without_flight(before: Path, after: Path, *, verbose: bool
     have_parameters = vehicle_before.parameters and vehicle_after.parameters
     if not have_parameters or vehicle_before.autopilot != vehicle_after.autopilot:
         return
-    frames = [kind_of_vehicle("", vehicle.vehicle) for vehicle in (vehicle_before, vehicle_after)]
+    frames = []
+    for vehicle in (vehicle_before, vehicle_after):
+        if vehicle.vehicle not in UNSPECIFIC_FRAMES:
+            frames.append(kind_of_vehicle("", vehicle.vehicle))
     print_blocks(
         [
             *render_section("difference_frames", frames=frames),
