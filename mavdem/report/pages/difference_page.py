@@ -32,6 +32,8 @@ from mavdem.report.charts.change_plan import (
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark, Plan, step_chart
 from mavdem.report.charts.comparison_charts import (
     BATTERY_VOLTAGE,
+    HEIGHT,
+    HEIGHT_ABOVE_START,
     MAX_MOTORS,
     MEAN_MOTOR_OUTPUT,
     MEAN_SECONDS,
@@ -187,6 +189,7 @@ TITLES_OF_LIGHTS: Mapping[str, Sequence[str]] = {
     Light.TRACKING: (ROLL_ERROR, PITCH_ERROR),
     Light.WIND: (ROLL, PITCH),
     Light.POWER: (BATTERY_VOLTAGE,),
+    Light.ESTIMATOR: (HEIGHT, HEIGHT_ABOVE_START),
     Light.VIBRATION: VIBRATIONS,
 }
 """Titles of the charts over time that show what a light judges, by its name."""
@@ -948,8 +951,8 @@ def _notable_and_other_changes(reviewed: ReviewedDifference) -> _DrawnChanges:
     """Parts the drawn changes into those that the page shows at once, and those that it shows when asked for.
 
     Notable are changes that are certain, doubtful ones, whose own interval excludes "no change", and those that agree
-    with a weak motor. A few others are drawn with them. More would push all else from the screen, and without a notable
-    one the others show nothing but "no change".
+    with a weak motor. Beside the trim of a motor those of the others are drawn too, if they are few. More changes would
+    push all else from the screen, and without a notable one the others show nothing but "no change".
 
     Args:
         reviewed: comparison of both flights.
@@ -963,9 +966,13 @@ def _notable_and_other_changes(reviewed: ReviewedDifference) -> _DrawnChanges:
             notable.append(change)
         else:
             others.append(change)
-    if notable and len(changes) <= MAX_CHANGES_AT_TOP:
-        return _DrawnChanges(changes, [])
-    return _DrawnChanges(notable, others)
+    if not any(change.quantity.kind == SHARE for change in notable):
+        return _DrawnChanges(notable, others)
+    other_trims = [change for change in others if change.quantity.kind == SHARE]
+    if len(notable) + len(other_trims) > MAX_CHANGES_AT_TOP:
+        return _DrawnChanges(notable, others)
+    remaining = [change for change in others if change not in other_trims]
+    return _DrawnChanges([*notable, *other_trims], remaining)
 
 
 def _change_groups(reviewed: ReviewedDifference, changes: Sequence[QuantityChange]) -> list[Group]:

@@ -169,7 +169,7 @@ def test_a_loss_is_marked_in_the_chart_of_its_motor_on_the_time_axis_of_the_char
     # Few changes are drawn below this picture, and more of them in their chapter.
     order = ("<h3>Motor 3 output", CHANGE_DRAWING, "bad in A and B")
     assert [result.index(text) for text in order] == sorted(result.index(text) for text in order)
-    assert page.count(CHANGE_DRAWING) == 1
+    assert result.count(CHANGE_DRAWING) == 1
     monkeypatch.setattr("mavdem.report.pages.difference_page.MAX_CHANGES_AT_TOP", 0)
     page = comparison_page(("a.bin", "b.bin"), reviewed, flights=series)
     assert page.index('id="what-changed"') < page.index(CHANGE_DRAWING)
