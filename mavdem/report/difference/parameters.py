@@ -96,6 +96,10 @@ def parameter_count_sentences(
         common_count=common_count,
         equal_count=common_count - changed_count - set_by_autopilot_count,
         changed_count=changed_count,
+        # The table of gains below the headline may have all that changed.
+        are_others_equal=headline is not None
+        and not set_by_autopilot_count
+        and 0 < changed_count == len(tabled_gains(reviewed)),
         changed_names=[] if headline is None else _few_further_names(reviewed, headline),
         calibrations=calibrations,
         are_two_vehicles=reviewed.are_two_vehicles,
