@@ -76,6 +76,16 @@ WATCHDOG_ERROR = 0x800
 """Bit of ArduPilot's internal errors that means a watchdog reset."""
 
 
+class FallAtStart(NamedTuple):
+    """A fall at the beginning of a boot (a run of the autopilot): how far, and when it hit the ground."""
+
+    descent: float
+    """Height from the highest to the lowest point thereafter, m."""
+
+    impact: float | None
+    """When the vehicle hit the ground, s; None if it did not within ``FALL_SECONDS``, or did not rest then."""
+
+
 def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields an event if the autopilot restarted before one boot of a log.
 
@@ -88,46 +98,63 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
         in flight also has ``watchdog``, whether the watchdog caused it; ``descent``, how far the vehicle fell then, m;
         and ``impact``, when it hit the ground, s since boot. The last two are None without a fall, or if not known.
     """
-    telemetry = signals.telemetry
     is_watchdog = _reports_watchdog(signals, recorded_span)
-    was_flying = recorded_span.boot > 0 and _ends_in_air(signals, recorded_span.boot - 1)
     fall = _fall_at_start(signals, recorded_span)
+    attitude_name = signals.telemetry.name_in_source("ATTITUDE")
+    if _is_restart_in_flight(signals, recorded_span, fall, is_watchdog=is_watchdog):
+        basis: Names = (attitude_name,)
+        if is_watchdog:
+            basis = (signals.telemetry.name_in_source("STATUSTEXT"), attitude_name)
+        # A smaller loss of height may be an error of the estimator, which has just started.
+        has_fallen = fall is not None and fall.descent >= MIN_FALL_HEIGHT
+        yield Fact(
+            ReportedEvent.RESTARTED_IN_FLIGHT,
+            time=recorded_span.start,
+            boot=recorded_span.boot,
+            basis=basis,
+            watchdog=is_watchdog,
+            descent=fall.descent if fall is not None and has_fallen else None,
+            impact=fall.impact if fall is not None and has_fallen else None,
+        )
+    elif recorded_span.boot > 0:
+        # The first boot of a log (number 0) is no restart unless it begins in flight.
+        yield Fact(
+            ReportedEvent.RESTARTED,
+            time=recorded_span.start,
+            boot=recorded_span.boot,
+            basis=(attitude_name,),
+        )
+
+
+def _is_restart_in_flight(
+    signals: Signals, recorded_span: Segment, fall: FallAtStart | None, *, is_watchdog: bool
+) -> bool:
+    """Returns whether the vehicle was in the air when the autopilot started at the beginning of a boot.
+
+    The more shows that it flew before, the less is required of its motion afterwards:
+
+    - The boot before ended in the air, and the autopilot started too soon for a landing in between: nothing more.
+    - The boot before ended in the air, or the watchdog caused the restart: a fall, or another sign of flight.
+    - Neither: a deep fall while the vehicle tumbles, soon after the autopilot started.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        recorded_span: recorded time of the boot, s since boot.
+        fall: the fall of the vehicle at the beginning of the boot; None if its height shows none.
+        is_watchdog: whether the autopilot reports that its watchdog caused the restart.
+    """
+    was_in_air_before = recorded_span.boot > 0 and _ends_in_air(signals, recorded_span.boot - 1)
+    # Seconds from the last message of the boot before to the start of this one, infinite if not known.
+    restart_delay = signals.telemetry.restart_delays.get(recorded_span.boot, np.inf)
+    if was_in_air_before and abs(restart_delay) <= MAX_DELAY_IN_FLIGHT:
+        return True
     descent = 0.0 if fall is None else fall.descent
-    has_fallen = descent >= MIN_FALL_HEIGHT
-    restart_delay = telemetry.restart_delays.get(recorded_span.boot, np.inf)
-    if was_flying and abs(restart_delay) <= MAX_DELAY_IN_FLIGHT:
-        is_in_flight = True
-    elif is_watchdog or was_flying:
-        is_in_flight = has_fallen or _begins_in_flight(signals, recorded_span)
-    else:
-        # Nothing before the restart shows a flight: only a fall from a greater height with a tumble, soon after the
-        # boot, shows that the vehicle was in the air.
-        has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
-        is_early = recorded_span.start <= MAX_BOOT_CLOCK
-        is_in_flight = is_early and has_fallen_far and _tilts_far_at_start(signals, recorded_span)
-    attitude_name = telemetry.name_in_source("ATTITUDE")
-    if not is_in_flight:
-        # The first boot of a log is no restart.
-        if recorded_span.boot > 0:
-            yield Fact(
-                ReportedEvent.RESTARTED,
-                time=recorded_span.start,
-                boot=recorded_span.boot,
-                basis=(attitude_name,),
-            )
-        return
-    basis: Names = (attitude_name,)
-    if is_watchdog:
-        basis = (telemetry.name_in_source("STATUSTEXT"), attitude_name)
-    yield Fact(
-        ReportedEvent.RESTARTED_IN_FLIGHT,
-        time=recorded_span.start,
-        boot=recorded_span.boot,
-        basis=basis,
-        watchdog=is_watchdog,
-        descent=descent if has_fallen else None,
-        impact=fall.impact if has_fallen and fall is not None else None,
-    )
+    if was_in_air_before or is_watchdog:
+        return descent >= MIN_FALL_HEIGHT or _begins_in_flight(signals, recorded_span)
+    # A log that begins long after the autopilot has started does not show its restart.
+    begins_with_start = recorded_span.start <= MAX_BOOT_CLOCK
+    has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
+    return begins_with_start and has_fallen_far and _tilts_far_at_start(signals, recorded_span)
 
 
 def _reports_watchdog(signals: Signals, recorded_span: Segment) -> bool:
@@ -202,16 +229,6 @@ def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
         return False
     latest_time = recorded_span.start + MAX_LATE_TAKE_OFF
     return first_arming <= latest_time and first_take_off <= latest_time
-
-
-class FallAtStart(NamedTuple):
-    """A fall at the beginning of a boot (a run of the autopilot): how far, and when it hit the ground."""
-
-    descent: float
-    """Height from the highest to the lowest point thereafter, m."""
-
-    impact: float | None
-    """When the vehicle hit the ground, s; None if it did not within ``FALL_SECONDS``, or did not rest then."""
 
 
 def _fall_at_start(signals: Signals, recorded_span: Segment) -> FallAtStart | None:

@@ -36,75 +36,113 @@ def judgement_with_tuning_step(
     is_written: bool,
     must_be_repaired: bool,
 ) -> Judgement:
-    """Returns a judgement whose next step allows for the advice on the gains, such as to load new ones.
+    """Returns the judgement of a vehicle with the next step that follows from the advice on its gains.
 
-    What must be repaired comes first, and then gains that must be lowered: no one flies a resonance for longer to learn
-    more of it. There are eight cases:
+    The first of these that applies decides:
 
-    - There are new gains, but of axes with enough margin, while others lack it: the next step is to tune those first.
-    - There are new gains, no other fault comes before them, and the flight is a basis for those of an axis
-      (``Advice.is_sound``): the next step is to load the gains, with any that are to be lowered on another axis.
-    - There are such gains, but of no axis is the flight a basis for them: gains are lowered first or, if none must be,
-      the vehicle flies once more.
-    - There are none, and no repair comes before: gains are lowered on axes that lack margin by a measurement.
-    - There are none, and the loops probably have their margins: the next step is to keep the gains, or to make sure.
-    - There are none, although the next step was to tune the vehicle, or to fly doublets: it becomes to tune other axes
-      or, if their gains need no change, the flight for gains, or else what the advice on the loops says.
-    - No gains can be advised at all, and nothing is to be repaired: the next step is what leads to advice.
-    - Otherwise the next step stays, for example to replace a propeller.
+    1. New gains may be loaded, or another flight or other axes come before them (:func:`_step_with_new_gains`).
+    2. Something must be repaired: the next step stays, for example to replace a propeller.
+    3. Gains are lowered, kept or confirmed, or a flight is needed (:func:`_step_without_loading_gains`).
+    4. Otherwise the next step stays.
 
     Args:
         judgement: judgement of the vehicle before tuning.
         advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
         flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
-        has_new_gains: whether the advice changes any gain.
+        has_new_gains: whether the advice changes any gain, or sets a notch filter.
         is_written: whether the gains will be written to a file.
         must_be_repaired: whether something about the vehicle must be mended before it is tuned.
 
     Returns:
         The judgement, with its headline and lights unchanged.
     """
-    other_axes_to_tune = _other_axes_to_tune(judgement, advice_by_axis)
+    next_step = None
+    if has_new_gains:
+        next_step = _step_with_new_gains(
+            judgement, advice_by_axis, arguments, flight_for_gains, is_written=is_written
+        )
+    if next_step is None and not must_be_repaired and not _asks_for_repair(judgement):
+        next_step = _step_without_loading_gains(
+            judgement, advice_by_axis, arguments, flight_for_gains, has_new_gains=has_new_gains
+        )
+    return judgement if next_step is None else replace(judgement, next_step=next_step)
+
+
+def _step_with_new_gains(
+    judgement: Judgement,
+    advice_by_axis: AdviceByAxis,
+    arguments: Sequence[str],
+    flight_for_gains: Fact | None,
+    *,
+    is_written: bool,
+) -> Fact | None:
+    """Returns the next step of a vehicle for which there are new gains; None if a worse fault comes before them.
+
+    Args:
+        judgement: judgement of the vehicle before tuning.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
+        is_written: whether the gains will be written to a file.
+    """
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
-    is_refused = not any(advice.gains for advice in advice_on_loops)
-    step_to_lower_gains = _step_to_lower_gains(judgement, advice_by_axis)
-    changed_loops = _advice_on_changed_loops(advice_on_loops)
-    allows_new_gains = has_new_gains and (
-        _allows_new_gains(judgement.headline)
-        or _has_gains_for_uncertain_margin(judgement.headline, advice_by_axis)
-    )
-    if has_new_gains and _must_tune_other_axes_first(
-        judgement, advice_on_loops, other_axes_to_tune
+    other_axes = _other_axes_to_tune(judgement, advice_by_axis)
+    if _must_tune_other_axes_first(judgement, advice_on_loops, other_axes):
+        return _step_to_tune_other_axes_first(judgement, advice_by_axis, other_axes, arguments)
+    headline = judgement.headline
+    if not _allows_new_gains(headline) and not _has_gains_for_uncertain_margin(
+        headline, advice_by_axis
     ):
-        next_step = _step_to_tune_other_axes_first(
-            judgement, advice_by_axis, other_axes_to_tune, arguments
+        return None
+    changed_loops = _advice_on_changed_loops(advice_on_loops)
+    if any(advice.is_sound for advice in changed_loops):
+        # This step also names gains that must be lowered on an axis for which the flight is no basis.
+        return _step_to_load_gains(
+            judgement, changed_loops, other_axes, arguments, is_written=is_written
         )
-    elif allows_new_gains and any(advice.is_sound for advice in changed_loops):
-        next_step = _step_to_load_gains(
-            judgement, changed_loops, other_axes_to_tune, arguments, is_written=is_written
-        )
-    elif allows_new_gains:
-        next_step = step_to_lower_gains or _step_to_fly_before_gains(
-            judgement, changed_loops, flight_for_gains
-        )
-    elif must_be_repaired or _asks_for_repair(judgement):
-        return judgement
-    elif step_to_lower_gains is not None:
-        next_step = step_to_lower_gains
-    elif not has_new_gains and _is_uncertain_margin(judgement.headline):
-        next_step = _step_to_keep_or_confirm_gains(judgement, advice_on_loops, arguments)
-    elif not has_new_gains and advises_to_tune(judgement.next_step):
-        next_step = _next_step_without_new_gains(
-            advice_by_axis, other_axes_to_tune, arguments, flight_for_gains
-        )
-    elif flight_for_gains is not None and _is_flight_with_doublets(judgement.next_step):
-        next_step = flight_for_gains
-    elif is_refused and _leads_to_tuning(judgement.headline):
-        next_step = flight_for_gains or _next_step_towards_gains(judgement, advice_by_axis)
-    else:
-        return judgement
-    return replace(judgement, next_step=next_step)
+    # The flight is no basis for the new gains of any axis, so another flight must confirm them. Gains that are too
+    # high are lowered before it: nobody flies a resonance for longer to learn more of it.
+    return _step_to_lower_gains(judgement, advice_by_axis) or _step_to_fly_before_gains(
+        judgement, changed_loops, flight_for_gains
+    )
+
+
+def _step_without_loading_gains(
+    judgement: Judgement,
+    advice_by_axis: AdviceByAxis,
+    arguments: Sequence[str],
+    flight_for_gains: Fact | None,
+    *,
+    has_new_gains: bool,
+) -> Fact | None:
+    """Returns the next step of a vehicle that needs no repair, but loads no new gains; None if its step stays.
+
+    Args:
+        judgement: judgement of the vehicle before tuning.
+        advice_by_axis: the advice on each requested axis, or the fact (coded finding) that its loop is not known.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        flight_for_gains: the flight from which gains of more axes could be computed; None if none is needed.
+        has_new_gains: whether there are new gains, which the headline of the flight does not allow to load.
+    """
+    # Axes that lack stability margin by a measurement are made safe first.
+    step_to_lower_gains = _step_to_lower_gains(judgement, advice_by_axis)
+    if step_to_lower_gains is not None:
+        return step_to_lower_gains
+    advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
+    if not has_new_gains and _is_uncertain_margin(judgement.headline):
+        return _step_to_keep_or_confirm_gains(judgement, advice_on_loops, arguments)
+    if not has_new_gains and advises_to_tune(judgement.next_step):
+        # This run has computed the gains, so that the advice to tune would lead back to it.
+        other_axes = _other_axes_to_tune(judgement, advice_by_axis)
+        return _next_step_without_new_gains(advice_by_axis, other_axes, arguments, flight_for_gains)
+    if flight_for_gains is not None and _is_flight_with_doublets(judgement.next_step):
+        # It is the same flight, but names all axes whose gains it makes known.
+        return flight_for_gains
+    has_known_gains = any(advice.gains for advice in advice_on_loops)
+    if not has_known_gains and _leads_to_tuning(judgement.headline):
+        return flight_for_gains or _next_step_towards_gains(judgement, advice_by_axis)
+    return None
 
 
 def _other_axes_to_tune(judgement: Judgement, requested_axes: Container[str]) -> list[str]:
