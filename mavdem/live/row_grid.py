@@ -113,12 +113,11 @@ class RowGrid:
         self._rate_change_time = -inf
 
     def begin(self, streams: Sequence[SampleStream]) -> bool:
-        """Begins a segment if the streams are long and fast enough.
+        """Begins a segment if all streams have samples of enough seconds in common; called with each new sample.
 
-        It is called with each sample while no segment runs. The streams must overlap for ``DECISION_SECONDS``, in which
-        the time step and the sampling of each stream are decided, or for ``RESUME_SECONDS`` where the step is known
-        from before a gap. The grid is laid over all these seconds, as for a log, but rows begin only with the last
-        ``RESUME_SECONDS`` of them.
+        The first ``DECISION_SECONDS`` decide the time step and how each stream is sampled. After a gap the step is
+        known already, so ``RESUME_SECONDS`` are enough. The grid is laid over all these seconds, as for a log, but only
+        the last ``RESUME_SECONDS`` become rows: a learner must not begin with seconds of rows to catch up on.
 
         Args:
             streams: those that rows are made of: attitude first, then that with most motors, then others.
@@ -137,14 +136,7 @@ class RowGrid:
         needed_seconds = DECISION_SECONDS if self.dt is None else RESUME_SECONDS
         if end_time < self._next_attempt_time or end_time - start_time < needed_seconds:
             return False
-        # Stamps of each stream in these seconds, s; those at either end may be rounded.
-        first_stamp = start_time - resampling.STAMP_RESOLUTION
-        last_stamp = end_time + resampling.STAMP_RESOLUTION
-        times = []
-        for stream in streams:
-            time = np.array(stream.time)
-            is_within = (time >= first_stamp) & (time <= last_stamp)
-            times.append(time[is_within])
+        times = [_times_between(stream, start_time, end_time) for stream in streams]
         if min(len(time) for time in times) < MIN_SAMPLES:
             return False
         if self.dt is None:
@@ -156,8 +148,6 @@ class RowGrid:
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
         self.start_time = float(grid[0])
-        # The points before the last ``RESUME_SECONDS`` are skipped: they only served to decide, and a learner must not
-        # begin with seconds of rows to catch up on.
         first_row_time = end_time - RESUME_SECONDS - STAMP_ROUNDING
         self._next_index = int(np.searchsorted(grid, first_row_time))
         self.segment += 1
@@ -263,6 +253,22 @@ class RowGrid:
             return None
         is_nearly_the_same = 1 / MAX_STEP_RATIO < present_rate / decided_rate < MAX_STEP_RATIO
         return None if is_nearly_the_same else decided_rate
+
+
+def _times_between(stream: SampleStream, start_time: float, end_time: float) -> Array:
+    """Returns the times of a stream's samples between two limits, s of the boot clock.
+
+    Both limits are widened by the resolution of stamps, since the samples that define them may be rounded.
+
+    Args:
+        stream: samples of one message, such as the attitude.
+        start_time: lower limit, s of the boot clock.
+        end_time: upper limit, s.
+    """
+    time = np.array(stream.time)
+    is_after_start = time >= start_time - resampling.STAMP_RESOLUTION
+    is_before_end = time <= end_time + resampling.STAMP_RESOLUTION
+    return time[is_after_start & is_before_end]
 
 
 def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:

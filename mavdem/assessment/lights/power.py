@@ -503,15 +503,15 @@ def _charge_facts(evidence: Evidence, batteries: Sequence[Battery]) -> list[Fact
 
 
 def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
-    """Returns the fact that the charge of a battery fell to the autopilot's limits in flight; None if it did not.
+    """Returns the fact that a battery's charge fell to a limit of the autopilot or to 0 in flight; None if it did not.
 
-    The autopilot estimates the remaining charge. Its average over 2 s is compared with two parameters of the autopilot:
-    at the limit of a low battery (PX4: BAT_LOW_THR) or less the level is "watch", at the limit of a critical one
-    (BAT_CRIT_THR) it is "bad". Where these parameters are not set, PX4 has defaults, and ArduPilot has no limits.
+    The charge is the autopilot's estimate, averaged over 2 s. It is judged in two ways:
 
-    ArduPilot counts the charge down from the capacity that is set, so that at 0 % all of it was used, even without
-    limits. Then the level is "bad", or "watch" if the voltage of the cells shows that the battery holds more than is
-    set.
+    - At the autopilot's limit of a low battery (PX4: BAT_LOW_THR) or below, the level is "watch"; at that of a critical
+      one (BAT_CRIT_THR), it is "bad".
+    - ArduPilot has no limits unless they are set, but counts the charge down from the set capacity. At 0 % the battery
+      is empty, so the level is "bad". If its cells still have the voltage of a charged battery, the capacity is set too
+      small instead, and the level is "watch".
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -527,33 +527,36 @@ def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
     """
     lowest_fraction = _lowest_charge(evidence, battery)
     limits = _charge_limits(evidence, battery)
-    is_ardupilot = evidence.signals.telemetry.autopilot == "ARDUPILOTMEGA"
-    # A limit of 0 is no limit. PX4 rounds the percentage up, so that it has warned already where its limit is reported.
-    highest_limit = max(limits.watch, limits.bad)
-    is_low = highest_limit > 0 and lowest_fraction <= highest_limit
+    # A limit of 0 means that the autopilot does not act. PX4 rounds the percentage up, so that it has warned already
+    # where the reported charge equals its limit.
     is_critical = limits.bad > 0 and lowest_fraction <= limits.bad
-    is_empty = is_ardupilot and lowest_fraction <= 0
-    if not is_low and not is_empty:
+    is_below_low_limit = limits.watch > 0 and lowest_fraction <= limits.watch
+    is_low = is_below_low_limit or is_critical
+    is_ardupilot = evidence.signals.telemetry.autopilot == "ARDUPILOTMEGA"
+    is_counted_empty = is_ardupilot and lowest_fraction <= 0
+    if not is_low and not is_counted_empty:
         return None
     optional_figures = {}
-    charged_cell_voltage = None
-    if is_empty and not is_critical:
-        charged_cell_voltage = _charged_cell_voltage(evidence, battery)
-    if charged_cell_voltage is not None:
-        optional_figures["cell_voltage"] = charged_cell_voltage
-    fraction_before_fall = _fraction_before_sudden_fall(evidence, battery) if is_empty else None
-    if fraction_before_fall is not None:
-        optional_figures["share_before"] = fraction_before_fall
-    is_bad = is_critical or (is_empty and charged_cell_voltage is None)
-    reached_limit = limits.bad if is_critical else limits.watch
+    if is_counted_empty:
+        # Below the critical limit the level is "bad" whatever the voltage is.
+        charged_cell_voltage = None if is_critical else _charged_cell_voltage(evidence, battery)
+        if charged_cell_voltage is not None:
+            optional_figures["cell_voltage"] = charged_cell_voltage
+        fraction_before_fall = _fraction_before_sudden_fall(evidence, battery)
+        if fraction_before_fall is not None:
+            optional_figures["share_before"] = fraction_before_fall
+    is_empty = is_counted_empty and "cell_voltage" not in optional_figures
+    share_limit = None
+    if is_low:
+        share_limit = limits.bad if is_critical else limits.watch
     has_several_batteries = len(evidence.signals.batteries) > 1
     return Fact(
         PowerLight.CHARGE_LOW,
-        # None is the usual level of the code, "watch".
-        Level.BAD if is_bad else None,
+        # Without a level here, the fact has that of its code, "watch".
+        Level.BAD if is_critical or is_empty else None,
         subject=battery_name(battery.number) if has_several_batteries else "",
         share=lowest_fraction,
-        share_limit=reached_limit if is_low else None,
+        share_limit=share_limit,
         **optional_figures,
     )
 
