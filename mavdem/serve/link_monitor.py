@@ -630,37 +630,45 @@ class LinkMonitor:
             Refusal: the library has no room.
         """
         entry = self._add_to_library(incoming.path, incoming.recording)
-        if self._stored_part is not None and self._stored_part.entry_id != entry.id:
-            # The flight went on after a part of it was stored. Somebody may have deleted that part meanwhile.
-            with suppress(Refusal):
-                self._library.replace_part(self._stored_part.entry_id, entry)
+        self._replace_stored_part(entry)
         self._latest_flight = _link_to_previous_flight(entry)
         self._log_added()
         self._report_saved_flight(_page_address(entry))
         vehicle = session.stream.followed_vehicle
         if vehicle is not None and not self._is_stopping.is_set():
             flight = _StoredFlight.of_entry(entry, _LinkedVehicle.of_component(vehicle), session)
-            self._show_stored_flight(
-                flight._replace(
-                    is_end_unknown=_is_end_unknown(session.status),
-                    name_in_logs=_name_in_logs(session),
-                )
+            flight = flight._replace(
+                is_end_unknown=_is_end_unknown(session.status),
+                name_in_logs=_name_in_logs(session),
             )
+            self._show_stored_flight(flight)
+
+    def _replace_stored_part(self, entry: LibraryEntry) -> None:
+        """Replaces the part of a flight that was stored while its vehicle was lost, if any, by the whole recording.
+
+        Args:
+            entry: the whole recording in the library. If nothing came after the part, it is the same entry.
+        """
+        if self._stored_part is None or self._stored_part.entry_id == entry.id:
+            return
+        # Somebody may have deleted the part meanwhile, or the disk is full. Then the library stays as it is.
+        with suppress(Refusal):
+            self._library.replace_part(self._stored_part.entry_id, entry)
 
     def _show_stored_flight(self, flight: _StoredFlight) -> None:
-        """Shows a stored flight on the page of its finished session until another vehicle comes.
+        """Makes the page of the flight that was just stored, which is shown until another vehicle comes.
 
-        The flight that was shown before is kept with the earlier ones: its verdict may forbid the vehicle to fly.
+        The flight that was stored before it becomes one of the earlier flights, whose faults the page states, too.
 
         Args:
             flight: the flight, with its session.
         """
         if self._stored_flight is not None:
             self._earlier_stored_flights.append(self._stored_flight._replace(session=None))
-            # From here on it is an earlier flight, also for the page of the flight that is stored now.
+            # Otherwise the page would count it twice: as the latest stored flight, and as an earlier one.
             self._stored_flight = None
-        # This also renders the page of the finished session.
-        self._stored_flight = self._with_verdict(flight)
+        # The flight has no verdict yet, so that looking it up also makes the page.
+        self._stored_flight = self._update_verdict(flight)
 
     def _store_part(self, session: LiveSession) -> None:
         """Adds what was recorded of a vehicle that is lost in the air to the library; the session goes on.
@@ -707,11 +715,10 @@ class LinkMonitor:
         self._recorded_ids.add(entry.id)
         return entry
 
-    def _with_verdict(self, flight: _StoredFlight) -> _StoredFlight:
-        """Looks up how the library judges a stored flight now (its verdict), and shows the verdict if it has changed.
+    def _update_verdict(self, flight: _StoredFlight) -> _StoredFlight:
+        """Looks up how the library judges a stored flight now (its verdict); if that is new, reports and shows it.
 
-        The library judges a recording some time after it was stored. Then the verdict is reported, and the page of the
-        finished session, if that still shows the flight, is made anew.
+        The library judges a recording some time after it was stored.
 
         Args:
             flight: the flight, with the verdict that was looked up last.
@@ -727,10 +734,12 @@ class LinkMonitor:
         (verdict,) = self._verdicts_on_recordings([entry])
         if verdict == flight.verdict:
             return flight
+        # That a recording is not judged yet is shown on the page, but is no event.
         if verdict.code is SessionFact.RECORDING_JUDGED:
             reported_verdict = _verdict_after_session(verdict, flight.session)
             self._report_event(Event(nan, reported_verdict, reception=clock.unix_time()))
         judged_flight = flight._replace(verdict=verdict)
+        # A flight keeps its session as long as the page of that session is shown.
         if flight.session is not None:
             self._finished_page = _finished_page(
                 flight.session,
@@ -948,8 +957,8 @@ class LinkMonitor:
         shown_flight = None
         verdict = READ_AT_NEXT_START
         flight = self._stored_flight
+        # The stored flight keeps its session until another vehicle comes, whose session is shown instead.
         if flight is not None and flight.session is not None and flight.verdict is not None:
-            # The page shows the previous session as long as its stored flight keeps that session.
             shown_session = flight.session
             shown_flight = flight
             if not flight.is_unjudged:
@@ -976,12 +985,12 @@ class LinkMonitor:
         They are those on the latest flight, on earlier flights, and on the stored part of a flight whose link was lost.
         """
         self._earlier_stored_flights = _flights_to_keep(
-            [self._with_verdict(flight) for flight in self._earlier_stored_flights]
+            [self._update_verdict(flight) for flight in self._earlier_stored_flights]
         )
         if self._stored_flight is not None:
-            self._stored_flight = self._with_verdict(self._stored_flight)
+            self._stored_flight = self._update_verdict(self._stored_flight)
         if self._stored_part is not None:
-            self._stored_part = self._with_verdict(self._stored_part)
+            self._stored_part = self._update_verdict(self._stored_part)
 
     def _page_of_running_session(self, session: LiveSession, status: SessionStatus) -> str:
         """Renders the HTML page of the running session, with links to the latest recording and to the library.
@@ -1112,12 +1121,14 @@ class LinkMonitor:
     def _fault_of_earlier_flight(
         self, session: LiveSession, shown_flight: _StoredFlight | None = None
     ) -> Fact | None:
-        """Returns the latest fault that the library found in earlier flights of a vehicle, and that still counts.
+        """Returns the fault that the library found in an earlier flight of a vehicle, if the pilot must still know it.
 
-        A take-off repairs nothing: a fault that forbids to fly counts until a later flight was judged good as a whole
-        (:func:`_faulty_flight`), or a user states that it was repaired. Anything else counts in the next flight only
-        (:func:`_fault_of_flight_before`). Of the flights before the start of the server, only the latest are
-        considered.
+        The first of these that exists is returned:
+
+        1. A fault that forbids to fly. It counts until a later flight was judged good as a whole
+           (:func:`_faulty_flight`) or a user states that it was repaired: a take-off alone repairs nothing.
+        2. Any other bad fault of the flight just before this one, or that its end was not received
+           (:func:`_fault_of_flight_before`).
 
         Args:
             session: the session that is shown, running or over; its vehicle is meant.
@@ -1125,7 +1136,7 @@ class LinkMonitor:
                 the faults before it.
 
         Returns:
-            The fault, with the address of the flight's page, and whether another vehicle may have flown that flight
+            The fact with the address of the flight's page, and whether another vehicle may have flown that flight
             (:func:`_fault_for_session`); None without a fault, and before a vehicle is followed.
         """
         vehicle = session.stream.followed_vehicle
@@ -1142,10 +1153,10 @@ class LinkMonitor:
         if sound_flights or not earlier_flights:
             return None
         flight_before = earlier_flights[-1]
-        # It is not the flight before this one if another vehicle has flown on the link meanwhile. As long as nothing
-        # was stored since the start of the server, it is the latest one in the library.
-        is_latest_flight = self._stored_flight is None or flight_before == self._stored_flight
-        return _fault_of_flight_before(flight_before, session) if is_latest_flight else None
+        if self._stored_flight is not None and flight_before != self._stored_flight:
+            # It is not the flight just before: another one was stored since, of another vehicle or of this session.
+            return None
+        return _fault_of_flight_before(flight_before, session)
 
     def _earlier_flights(
         self, vehicle: _LinkedVehicle, session: LiveSession, shown_flight: _StoredFlight | None
@@ -1213,12 +1224,14 @@ def _faulty_flight(flights: Sequence[_StoredFlight], name_in_logs: str) -> _Stor
         The flight, whose verdict states the fault; None without one.
     """
     names_of_sound_vehicles = set()
+    # From the latest flight back: a flight clears only those before it.
     for flight in reversed(flights):
-        if flight.is_judged_good and flight.name_in_logs:
-            if flight.name_in_logs == name_in_logs:
-                return None
+        clears_faults = flight.is_judged_good and flight.name_in_logs != ""
+        if clears_faults and flight.name_in_logs == name_in_logs:
+            return None
+        if clears_faults:
             names_of_sound_vehicles.add(flight.name_in_logs)
-        elif flight.forbids_flight and flight.name_in_logs not in names_of_sound_vehicles:
+        if flight.forbids_flight and flight.name_in_logs not in names_of_sound_vehicles:
             return flight
     return None
 

@@ -374,16 +374,16 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     entry = library.add(incoming_path, "a.tlog")
     link = PageLink("a.tlog", "/f/abc")
     flight = link_monitor._StoredFlight(Mock(), entry.id, link, session=session)
-    flight = live._with_verdict(flight)
+    flight = live._update_verdict(flight)
     assert live._finished_page == "Not judged yet: the log is being read."
     library.change(entry.id, headline="Too little margin.", level="watch")
-    live._with_verdict(flight)
+    live._update_verdict(flight)
     assert live._finished_page == "Too little margin."
     assert [str(event.fact) for event in told] == ["Too little margin."]
     # The recording does not show that the link was lost for a while.
     session.status = replace(flown, link_outage=15.0)
     library.change(entry.id, headline="Nothing wrong found.", level="good")
-    live._with_verdict(flight)
+    live._update_verdict(flight)
     assert live._finished_page == "The link was lost for 15 s in flight. Nothing wrong found."
     assert str(told[-1].fact) == live._finished_page and "antennas" in told[-1].fact.remedy
 
@@ -411,10 +411,10 @@ def test_the_verdict_on_a_recording_waits_for_its_comparison_with_other_flights_
             [digest, "quad", row.file, '{"balance": [0, 0, 0]}', brief_json(row)],
         )
     flight = link_monitor._StoredFlight(Mock(), entry.id, PageLink("a.tlog", "/f/abc"))
-    flight = live._with_verdict(flight)
+    flight = live._update_verdict(flight)
     assert flight.is_unjudged and told == []
     library.db.execute("update flights set judged = ''")
-    verdict = live._with_verdict(flight).verdict
+    verdict = live._update_verdict(flight).verdict
     assert (verdict.is_bad, str(verdict)) == (True, "Motor 1 lost thrust.")
     assert verdict.figures["levels"]["motors"] == "bad"
     assert [str(event.fact) for event in told] == ["Motor 1 lost thrust."]
