@@ -13,54 +13,67 @@ from mavdem.report.tuning.slower import facts_on_slower_attitude, facts_on_slowe
 
 
 def facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns facts (coded findings) on the gains of an axis. The first says whether to set or keep them.
-
-    The others say why the gains are no higher or lower, that their basis is weak, or that they make a loop slower. Only
-    the first is returned if a measured response contradicts the loop from which the gains were computed.
+    """Returns what a report states about the gains of an axis, as facts (coded findings, each with a sentence).
 
     Args:
-        tuning: advice on the gains of each axis; its loop is identified.
-        axis: "roll", "pitch" or "yaw".
+        tuning: advice on the gains of each axis, and the decision on its loops.
+        axis: "roll", "pitch" or "yaw"; its rate loop is identified.
+
+    Returns:
+        First the conclusion: to set or keep the gains, or why none could be computed. Then why they are no higher or
+        lower, that the measured response barely confirms the loop, and which loop they make slower. The conclusion alone if a
+        measured response contradicts the identified loop.
     """
     advice = tuning.axes[axis]
     # An axis has a fact instead of advice only if its loop is not identified.
     assert isinstance(advice, Advice)
-    decision = tuning.judgement.loop_decisions.get(axis)
-    # States that gains are to be set or kept, or why no gains could be computed.
-    advice_on_gains = conclusion_for_report(tuning, advice)
-    action = None if decision is None else decision.action
-    if action is not None and action.code is LoopAction.LOWER_BY_A_THIRD:
-        # The gains of an oscillating axis are to be lowered by a third, even if no gains could be computed for it.
-        advice_on_gains = advice_on_gains.replace(action=action)
+    conclusion = _conclusion_with_lower_gains(tuning, axis, conclusion_for_report(tuning, advice))
     if axis in tuning.doubtful_axes:
-        return [advice_on_gains]
+        # The reasons are computed from the loop that the measured response contradicts.
+        return [conclusion]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
-    weak_confirmation = advice.weak_confirmation
-    if weak_confirmation is not None and advice.parameters and advice.is_sound:
-        reasons.append(weak_confirmation)
-    slower_loops = [*facts_on_slower_rate(advice), *facts_on_slower_attitude(advice)]
-    return [advice_on_gains, *reasons, *slower_loops]
+    has_gains_to_load = advice.parameters and advice.is_sound
+    if has_gains_to_load and advice.weak_confirmation is not None:
+        reasons.append(advice.weak_confirmation)
+    return [conclusion, *reasons, *facts_on_slower_rate(advice), *facts_on_slower_attitude(advice)]
+
+
+def _conclusion_with_lower_gains(tuning: Tuning, axis: str, conclusion: Fact) -> Fact:
+    """Returns the conclusion on an axis, with the remedy to lower its gains by a third if its loop oscillates.
+
+    This remedy needs no identified loop, so that it holds even if no gains could be computed.
+
+    Args:
+        tuning: the decision on the loops of each axis; an axis may have none.
+        axis: "roll", "pitch" or "yaw".
+        conclusion: what the advice says about the gains of the axis.
+    """
+    decision = tuning.judgement.loop_decisions.get(axis)
+    if decision is None or decision.action is None:
+        return conclusion
+    if decision.action.code is not LoopAction.LOWER_BY_A_THIRD:
+        return conclusion
+    return conclusion.replace(action=decision.action)
 
 
 def conclusion_for_report(tuning: Tuning, advice: Advice) -> Fact:
-    """Returns what to do with the gains of an axis, for example to load new ones, as a fact with a sentence.
-
-    Four figures of the fact (a coded finding) fit its sentence to this report:
-
-    - ``waits``: whether these gains are not to be loaded yet. Gains are loaded in stages, with a flight after each, and
-      those of stage 2 wait while another axis has gains of stage 1.
-    - ``is_goal_stated``: that the sentence need not state the goal of the margins, as :func:`goal_sentences` does so.
-    - ``is_biased``: whether the margins are not sure, and wind biases the estimated control effectiveness.
-    - ``is_log_slow``: whether they are not sure since the log hardly shows the frequencies that they are of.
+    """Returns what to do with the gains of an axis, such as to load new ones, with the figures of a report's sentence.
 
     Args:
-        tuning: advice for all axes, which shows whether one of them has gains of an earlier stage.
+        tuning: advice for all axes, which shows whether one of them has gains to load before.
         advice: advice on the axis.
+
+    Returns:
+        The fact (coded finding) that concludes the advice, with figures that select the words of its sentence.
     """
     return advice.conclusion.replace(
+        # Gains are loaded in stages, with a flight after each: those of stage 2 wait for stage 1 of another axis.
         waits=tuning.waits(advice),
+        # The report states the goal of the margins once for all axes (goal_sentences).
         is_goal_stated=True,
+        # Wind biases the estimated control effectiveness, which matters only if the margins are not surely good.
         is_biased=not advice.rating.is_good and advice.before.has_biased_effectiveness,
+        # The log's sample rate is too low to show the frequencies at which the margins are read.
         is_log_slow=advice.rating.figures["is_log_slow"],
     )
 
@@ -95,37 +108,45 @@ def axes_with_same_conclusion(tuning: Tuning) -> list[list[str]]:
 
 
 def reasons_not_stated(conclusion: Fact, stated_facts: Collection[Fact]) -> Facts:
-    """Returns why an axis gets no gains, without the reasons that the reader has already found above.
+    """Returns the reasons why an axis gets no gains that the report has not stated above.
 
-    For example, a log that is too slow remains, and the weak motor of the headline does not.
+    For example, where the headline is a weak motor and the log is also too slow, the slow log is returned.
 
     Args:
-        conclusion: the fact that there are no gains, whose figure ``reasons`` has the reasons; without that figure it
-            is the only reason itself.
-        stated_facts: the headline, and the faults of the flight below it, as facts (coded findings).
+        conclusion: the fact (coded finding) that the axis gets no gains. Its figure ``reasons`` has the reasons;
+            without that figure, the fact is the only reason itself.
+        stated_facts: facts that the report states above, such as its headline and the faults of the flight.
     """
-    oscillation_is_stated = any(fact.code is MarginsLight.OSCILLATES for fact in stated_facts)
-    reasons = []
-    for reason in conclusion.figures.get("reasons", (conclusion,)):
-        # One headline names all axes that oscillate, and so is not equal to the fact on a single axis.
-        is_oscillation = reason.code is MarginsLight.OSCILLATES
-        is_oscillation_above = is_oscillation and oscillation_is_stated
-        if not is_oscillation_above and not is_stated(reason, stated_facts):
-            reasons.append(reason)
-    return tuple(reasons)
+    all_reasons = conclusion.figures.get("reasons", (conclusion,))
+    return tuple(reason for reason in all_reasons if not _is_reason_stated(reason, stated_facts))
+
+
+def _is_reason_stated(reason: Fact, stated_facts: Collection[Fact]) -> bool:
+    """Returns whether a report has already stated a reason for no gains.
+
+    Args:
+        reason: the reason, a fact (coded finding) such as that the axis oscillates.
+        stated_facts: facts that the report states above.
+    """
+    if reason.code is MarginsLight.OSCILLATES:
+        # A headline names all axes that oscillate at once, so that it differs from the fact on a single axis.
+        return any(fact.code is MarginsLight.OSCILLATES for fact in stated_facts)
+    return is_stated(reason, stated_facts)
 
 
 def is_stated(fact: Fact, stated_facts: Iterable[Fact]) -> bool:
-    """Returns whether a fact is among those that a report has stated; as a headline it may have further figures.
+    """Returns whether one of the stated facts has the code, subject, time and all figures of a fact.
+
+    It may have more figures: a headline, for example, has the remedy as its figure ``action``.
 
     Args:
-        fact: the fact (a coded finding), such as that the roll rate has a peak.
-        stated_facts: the stated facts, such as that one with what to do about it as ``action``.
+        fact: a coded finding, such as that the roll rate has a peak.
+        stated_facts: the facts that a report has stated.
     """
-    return any(stated.replace(**fact.figures) == stated for stated in _alike(fact, stated_facts))
-
-
-def _alike(fact: Fact, others: Iterable[Fact]) -> list[Fact]:
-    """Returns those facts that have code, subject and time of another one, whatever their figures are."""
-    key = (fact.code, fact.subject, fact.time)
-    return [other for other in others if (other.code, other.subject, other.time) == key]
+    for stated in stated_facts:
+        has_same_code = stated.code == fact.code
+        is_same_event = stated.subject == fact.subject and stated.time == fact.time
+        # To replace figures by equal ones changes nothing, so that further figures of the stated fact do not matter.
+        if has_same_code and is_same_event and stated.replace(**fact.figures) == stated:
+            return True
+    return False
