@@ -21,8 +21,8 @@ def facts_on_new_gains(tuning: Tuning, axis: str) -> list[Fact]:
 
     Returns:
         First the conclusion: to set or keep the gains, or why none could be computed. Then why they are no higher or
-        lower, that the measured response barely confirms the loop, and which loop they make slower. The conclusion alone if a
-        measured response contradicts the identified loop.
+        lower, that the measured response barely confirms the loop, and which loop they make slower. The conclusion
+        alone if a measured response contradicts the identified loop.
     """
     advice = tuning.axes[axis]
     # An axis has a fact instead of advice only if its loop is not identified.
