@@ -187,19 +187,18 @@ class _AttitudeLoss(NamedTuple):
         # The motion at the onset shows the cause better than the motion in the loss itself.
         onset = self._onset_time()
         height = self.sensors.height_at(onset)
-        # The error begins to grow up to ``MAX_SETPOINT_DELAY`` after its cause, so a knock may be before the onset.
-        knock = self.sensors.knock_fact((onset - MAX_SETPOINT_DELAY, self.start))
-        knock_time = None
-        if knock is not None and knock.figures["side"] == Side.FOR:
-            knock_time = knock.time
-        code = self._code_without_recovery(onset, height, knock_time)
+        knock = self._knock_at_onset(onset)
+        knock_time = None if knock is None else knock.time
+        is_caught = self._is_harmless(onset) or self._is_recovered()
         # None is the usual level of the code.
         level = None
-        is_caught = self._is_harmless(onset) or self._is_recovered()
         if is_caught:
-            # Without a setpoint, the pilot may have intended this lean. Then it is not known how bad it is.
             code = MotionEvent.ATTITUDE_CAUGHT
-            level = None if self._has_setpoint else Level.UNKNOWN
+            if not self._has_setpoint:
+                # The pilot may have intended this lean, so it is not known how bad it is.
+                level = Level.UNKNOWN
+        else:
+            code = self._code_without_recovery(onset, height, knock_time)
         peak_error = self._largest_error()
         event = Fact(
             code,
@@ -215,15 +214,30 @@ class _AttitudeLoss(NamedTuple):
         if not peak_error.has_setpoint:
             event = event.replace(is_lean=True)
         sensor_facts = self._sensor_facts(onset)
+        if not is_caught:
+            if knock is not None:
+                sensor_facts = (*sensor_facts, knock)
+            # The level of a lost flight depends on how many sensors confirm it.
+            return checked_event(event, sensor_facts)
         _, flight_end = self.flight_interval
-        if is_caught and self.end > flight_end:
+        if self.end > flight_end:
             # The vehicle lay on the ground, not level, until somebody lifted it, so it did not recover in flight.
             event = event.replace(is_at_landing=True)
-        if is_caught:
-            return event.replace(witnesses=sensor_facts)
-        if knock_time is not None and knock is not None:
-            sensor_facts = (*sensor_facts, knock)
-        return checked_event(event, sensor_facts)
+        return event.replace(witnesses=sensor_facts)
+
+    def _knock_at_onset(self, onset: float) -> Fact | None:
+        """Returns the knock that the accelerometer measured when the attitude was lost; None if it measured none.
+
+        The error begins to grow up to ``MAX_SETPOINT_DELAY`` after its cause, so a knock may be before the onset.
+
+        Args:
+            onset: time at which the attitude began to leave its setpoint, s since boot.
+        """
+        knock = self.sensors.knock_fact((onset - MAX_SETPOINT_DELAY, self.start))
+        # An accelerometer may also show that there was no knock, which is a fact against a contact.
+        if knock is None or knock.figures["side"] != Side.FOR:
+            return None
+        return knock
 
     @property
     def _has_setpoint(self) -> bool:

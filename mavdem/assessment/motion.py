@@ -362,23 +362,21 @@ def _falls_of_flight(
         The fall, at most one.
     """
     flight_start, landing_time = flight_interval
-    has_ordinary_landing = loss is None and contact is None and np.isfinite(landing_time)
-    if has_ordinary_landing:
-        # After a landing the estimate of the climb may diverge.
-        return
     flight_end = min(landing_time, sensors.record_end)
+    # The times of a loss and of a contact may be unknown: then the limits around the end of the flight stay.
     search_start = flight_end - RECOVERY_SECONDS
     search_end = flight_end + RECOVERY_SECONDS
-    # The time of an event may be unknown: then these limits stay.
-    loss_time = None if loss is None else loss.time
     contact_time = None if contact is None else contact.time
     if loss is not None:
-        search_start = loss_time or search_start
+        search_start = loss.time or search_start
         search_end = contact_time or search_end
     elif contact is not None:
         search_start = (contact_time or search_start) - RECOVERY_SECONDS
+        # Without a height the contact counts as one near the ground.
         contact_height = contact.figures["height"] or 0.0
-        is_contact_near_ground = contact_height < MAX_GROUND_HEIGHT
-        if is_contact_near_ground:
+        if contact_height < MAX_GROUND_HEIGHT:
             search_end = contact_time or search_end
+    elif np.isfinite(landing_time):
+        # An ordinary landing. After it the estimate of the climb may diverge, which looks like a fall.
+        return
     yield from fall_events(sensors, (max(flight_start, search_start), search_end))

@@ -1,5 +1,7 @@
 """Status light of the log, judged by facts (coded findings): rates and gaps of its streams, signs of a simulation."""
 
+from typing import Any
+
 import numpy as np
 
 from mavdem.arrays import Array
@@ -86,18 +88,29 @@ def log_light(evidence: Evidence, margins: Fact | None = None) -> Fact:
     damage = _damage_fact(evidence.log, telemetry)
     flight_seconds = _seconds_in_flight(evidence, attitude)
     command_seconds = _seconds_in_flight(evidence, model_inputs)
-    # The code is the first flaw that applies, in the order of the docstring.
-    code = LogLight.RECORDED_FAST
+    # The level is that of the code (None), unless nothing is lost by a slow log.
+    level = None
+    optional_figures: dict[str, Any] = {}
+    # The first flaw that applies is the light, in the order of the docstring.
     if command_seconds < MIN_COMMANDED_FRACTION * flight_seconds:
         code = LogLight.COMMANDS_INCOMPLETE
+        optional_figures = {"duration": command_seconds, "airborne": flight_seconds}
     elif min(rate, motor_rate) < MIN_STREAM_RATE:
         code = LogLight.RECORDED_SLOWLY
+        if not _are_margins_lost_by_rates(margins):
+            level = Level.GOOD
     elif longest_gap > MAX_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
+        if not telemetry.dropouts:
+            # Where the logger counts its dropouts, those are stated instead.
+            optional_figures = {"gaps": np.count_nonzero(attitude_steps > MAX_GAP)}
     elif damage is not None and _is_damage_large(damage):
         code = LogLight.RECORDED_WITH_DAMAGE
+    else:
+        code = LogLight.RECORDED_FAST
     recording = Fact(
         code,
+        level,
         attitude_rate=_logged_attitude_rate(evidence, attitude),
         rate=rate,
         motor_rate=motor_rate,
@@ -109,13 +122,8 @@ def log_light(evidence: Evidence, margins: Fact | None = None) -> Fact:
         # Gaps are due to the link in a stream, and to the memory card in a log.
         is_received=not telemetry.translated_from,
         remedy=rate_advice(telemetry, components=evidence.log.components),
+        **optional_figures,
     )
-    if code is LogLight.RECORDED_SLOWLY and not _are_margins_lost_by_rates(margins):
-        recording = recording.replace(Level.GOOD)
-    elif code is LogLight.COMMANDS_INCOMPLETE:
-        recording = recording.replace(duration=command_seconds, airborne=flight_seconds)
-    elif code is LogLight.RECORDED_WITH_GAPS and not telemetry.dropouts:
-        recording = recording.replace(gaps=np.count_nonzero(attitude_steps > MAX_GAP))
     return worst_fact([recording, *_missing_ends_of_flights(evidence)])
 
 
