@@ -1,5 +1,7 @@
 """Charts of a trial of advised gains, over those of the present gains: step responses, tracking, and lean in wind."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mavdem.arrays import Flags
@@ -52,11 +54,13 @@ def gain_trial_groups(
     If it cannot fly, there are step responses alone.
 
     Args:
-        evidence: signals, events and measurements of the vehicle.
-        advice_by_axis: advice on each axis, or why there is none.
-        responses: measured responses. The page shows their steps with the advised gains already.
+        evidence: signals, events and measurements of the vehicle, on which the twin flies if ``trial`` is None.
+        advice_by_axis: advice on the gains of each axis, or the fact (coded finding) that says why there is none.
+        responses: responses of each axis's loops, measured in the flight. For a loop with a measured step, another
+            chart of the page has the steps, with the advised gains too; it gets no second one here.
         in_wind: whether the twin hovers in wind too, which takes as long as the flight on the recorded setpoints.
-        trial: the twin's flights, or why it cannot fly, if they were made before.
+        trial: flights of the twin that were computed before, or the fact that says why it cannot fly; None to compute
+            them here.
 
     Returns:
         A group of charts for each axis whose gains change; none if there is nothing to draw.
@@ -71,24 +75,40 @@ def gain_trial_groups(
         trial = try_gains(evidence, advised_parameters(advice_by_axis), in_wind=in_wind)
     groups = {}
     for axis, advice in advice_on_changes.items():
-        loops = {"now": advice.before, "new": advice.after}
-        charts = []
-        for loop_name in LOOP_NAMES:
-            response = responses.get(axis, {}).get(loop_name)
-            if response is None or not isinstance(response.measured, StepResponse):
-                charts.append(predicted_step_chart(loops, loop_name))
         caption = CAPTION.format(hovers=", and hovers, both" if in_wind else "")
+        charts = _charts_of_predicted_steps(axis, advice, responses)
         if charts:
             caption = STEP_CAPTION + caption
         # Instead of flights there may be a fact, which states why the twin cannot fly.
         if isinstance(trial, GainTrial):
             charts += twin_charts(axis, trial)
         if charts:
-            # Four charts stand in two rows, so that they leave no gap; fewer stand side by side.
-            column_count = 2 if len(charts) == 4 else len(charts)
-            columns = [tuple(charts[number::column_count]) for number in range(column_count)]
-            groups[axis] = Group(tuple(columns), caption)
+            groups[axis] = Group(_columns_without_gap(charts), caption)
     return groups
+
+
+def _charts_of_predicted_steps(axis: str, advice: Advice, responses: Responses) -> list[Chart]:
+    """Returns the step responses of an axis's loops with the present and the new gains, computed from its plant.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        advice: the axis's identified loops, with the gains that flew and with the new ones.
+        responses: measured responses by axis and loop. A loop with a measured step has a chart elsewhere on the page.
+    """
+    loops = {"now": advice.before, "new": advice.after}
+    charts = []
+    for loop_name in LOOP_NAMES:
+        response = responses.get(axis, {}).get(loop_name)
+        has_measured_step = response is not None and isinstance(response.measured, StepResponse)
+        if not has_measured_step:
+            charts.append(predicted_step_chart(loops, loop_name))
+    return charts
+
+
+def _columns_without_gap(charts: Sequence[Chart]) -> tuple[tuple[Chart, ...], ...]:
+    """Distributes charts to columns, row by row: four to two rows of two, which leave no gap, fewer to a single row."""
+    column_count = 2 if len(charts) == 4 else len(charts)
+    return tuple(tuple(charts[column::column_count]) for column in range(column_count))
 
 
 def twin_charts(axis: str, trial: GainTrial) -> list[Chart]:

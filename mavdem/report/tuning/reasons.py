@@ -68,31 +68,31 @@ def tune_blocks(
         axes_without_gains = [axis for axis in tuning.axes if not tuning.lowers_gains_of(axis)]
         return [*sentences_without_gains(tuning, axes_without_gains)]
     stated_facts = faults_of_flight(tuning)
+    is_reason_in_headline = False
     if headline_above is not None:
         stated_facts.append(headline_above)
-    is_reason_in_headline = headline_above is not None and bool(
-        reason_in_headline(tuning, headline_above)
-    )
+        is_reason_in_headline = bool(reason_in_headline(tuning, headline_above))
     blocks = Blocks()
     shared_conclusions = axes_with_same_conclusion(tuning)
     for axes in shared_conclusions:
         blocks += _sentences_on_gains(tuning, axes, stated_facts)
+    axes_with_stated_conclusion = [*chain.from_iterable(shared_conclusions)]
     for axes in _axes_reported_together(tuning):
         if isinstance(tuning.axes[axes[0]], Fact):
             sentences = _sentences_without_loop(tuning, axes, stated_facts)
-            # The first sentence is the reason; faults of these axes follow.
+            # The headline repeats the first sentence, which is the reason; faults of these axes follow it.
             blocks += sentences[1:] if is_reason_in_headline else sentences
-            continue
-        # An axis with an identified loop is reported by itself.
-        [axis] = axes
-        is_conclusion_stated = axis in chain.from_iterable(shared_conclusions)
-        facts = _rating_to_state(tuning, axis, is_page=is_page)
-        if not is_conclusion_stated:
-            facts += facts_on_new_gains(tuning, axis)
-        report = _text_of_facts(tuning, axis, facts, stated_facts)
-        remedies = _remedies_of_axis(tuning, axis, is_conclusion_stated=is_conclusion_stated)
-        blocks += _sentences_on_axes(axes, report, remedies)
-        blocks += _blocks_on_loop(tuning, axis, is_full=is_full, is_page=is_page)
+        else:
+            # An axis with an identified loop is a group by itself.
+            [axis] = axes
+            blocks += _sentences_on_axis_with_loop(
+                tuning,
+                axis,
+                stated_facts,
+                is_conclusion_stated=axis in axes_with_stated_conclusion,
+                is_page=is_page,
+            )
+            blocks += _blocks_on_loop(tuning, axis, is_full=is_full, is_page=is_page)
     blocks += _sentences_on_feedforward(tuning.feedforward)
     blocks += _sentences_on_other_axes(tuning.judgement.next_step)
     if any(gain_outcome(tuning, axis) is GainOutcome.REPAIR_FIRST for axis in tuning.axes):
@@ -100,6 +100,31 @@ def tune_blocks(
     if is_full:
         blocks += warning_of_unchecked_effects(tuning)
     return blocks
+
+
+def _sentences_on_axis_with_loop(
+    tuning: Tuning,
+    axis: str,
+    stated_facts: Collection[Fact],
+    *,
+    is_conclusion_stated: bool,
+    is_page: bool,
+) -> list[Sentence]:
+    """Returns the rating of an axis's margins, what to do with its gains and why, and what else to do about its loops.
+
+    Args:
+        tuning: advice on the gains of each axis; the loop of this one is identified.
+        axis: "roll", "pitch" or "yaw".
+        stated_facts: facts (coded findings) above the report, which are not repeated as the reason for no gains.
+        is_conclusion_stated: whether a sentence on several axes has what to do with the gains, such as to load them.
+        is_page: whether the report is part of a page, where each axis has its rating already.
+    """
+    facts = _rating_to_state(tuning, axis, is_page=is_page)
+    if not is_conclusion_stated:
+        facts += facts_on_new_gains(tuning, axis)
+    report = _text_of_facts(tuning, axis, facts, stated_facts)
+    remedies = _remedies_of_axis(tuning, axis, is_conclusion_stated=is_conclusion_stated)
+    return _sentences_on_axes([axis], report, remedies)
 
 
 def _remedies_of_axis(tuning: Tuning, axis: str, *, is_conclusion_stated: bool) -> list[str]:

@@ -140,7 +140,8 @@ def remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
     """Returns what to do about the control loops of an axis besides changing gains, such as to set a parameter.
 
     Args:
-        tuning: the advice on each axis, or the fact that its loop is not known; and the decision on its loops.
+        tuning: for each axis the advice on its gains, or the fact that its loop is not known; and the decision on its
+            loops, whose action is the remedy.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
@@ -149,17 +150,23 @@ def remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
     decision = tuning.judgement.loop_decisions.get(axis)
     if decision is None or decision.action is None:
         return []
-    is_about_gains = decision.action.code in (*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS)
-    # The gains to lower stand in the table of gains to load.
-    is_lowered = tuning.lowers_gains_of(axis) or tuning.lowers_gains_on_trial(axis)
-    # The sentence on an axis whose loop is not known has its faults with their remedies.
-    is_with_fault = isinstance(tuning.axes[axis], Fact) and decision.reason.is_watch_or_bad
-    if is_about_gains or is_lowered or is_with_fault:
+    action = decision.action
+    if action.code in (*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS):
+        # The remedy is about the gains, which the report's conclusion on the axis states.
         return []
-    is_served_by_flight = is_removed_by_flight(decision.action) and _is_flight_advised(tuning, axis)
-    if is_served_by_flight or next_step_has_priority(tuning, decision.action):
+    if tuning.lowers_gains_of(axis) or tuning.lowers_gains_on_trial(axis):
+        # The table of gains to load has the lower ones.
         return []
-    return [decision.action.sentence_and_remedy]
+    if isinstance(tuning.axes[axis], Fact) and decision.reason.is_watch_or_bad:
+        # The sentence on an axis whose loop is not known states the fault of the loop with its remedy.
+        return []
+    if is_removed_by_flight(action) and _is_flight_advised(tuning, axis):
+        # The report advises the flight already that would make the remedy needless.
+        return []
+    if next_step_has_priority(tuning, action):
+        # Both are repairs before any flight, of which the report states the more urgent one alone.
+        return []
+    return [action.sentence_and_remedy]
 
 
 def _is_flight_advised(tuning: Tuning, axis: str) -> bool:
