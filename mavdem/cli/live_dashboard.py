@@ -112,23 +112,28 @@ class Dashboard:
         self._axis = axis
         self._reported_problems: set[str] = set()
         self._server: LiveServer | None = None
+        # What must be installed for Rerun, and for the session's own page; None if it is installed.
         missing_view = missing_extra_fact("view", "The dashboard")
         missing_server = missing_extra_fact("serve", "The page of a live session")
-        needs_view = rrd is not None or connect is not None
-        # Rerun's own page serves browsers of this machine only.
+        # Rerun's server has the data of the dashboard for the session's page or, if that is not installed, for a page
+        # of its own. It serves browsers of this machine only.
         can_serve_rerun = (
             address is not None and missing_view is None and address.is_on_this_machine
         )
         if address is not None and missing_server is not None and not can_serve_rerun:
             require_extra("serve", "The page of a live session")
-        if needs_view:
+        if rrd is not None or connect is not None:
             require_extra("view", "The dashboard")
-        shows_nothing = missing_view is None and not (rrd or address or connect or has_screen())
-        if shows_nothing and not is_plain:
+        # Rerun is shown where it was requested, and otherwise opens its viewer on the screen.
+        has_place_for_rerun = bool(rrd or address or connect) or has_screen()
+        shows_rerun = missing_view is None and has_place_for_rerun
+        if missing_view is None and not has_place_for_rerun and not is_plain:
             self.advice = NO_SCREEN_ADVICE
+        # A token that is missing or too short is refused before anything is started.
         rights = None
         if address is not None and missing_server is None:
             rights = _rights_of_browsers(address)
+        # If something cannot be started, what was started before is closed.
         with ExitStack() as resources:
             web_server = None
             try:
@@ -140,7 +145,7 @@ class Dashboard:
                 if address is not None and rights is not None:
                     self._server = _start_live_server(link, address, rights, web_server)
                     resources.callback(self._server.close)
-                if missing_view is None and not shows_nothing:
+                if shows_rerun:
                     self._start_rerun_view(rrd, connect, web_server)
             except OSError as error:
                 raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, reason=error) from None

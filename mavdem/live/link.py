@@ -236,35 +236,43 @@ class Link:
                 is_readable = bool(select.select([source], [], [], timeout)[0])
             else:
                 is_readable = source.wait(timeout)
-            if not is_readable:
-                return received
-            read_time = time.time()
-            if self._server is not None and self._socket is None:
-                # What became readable is the listening socket: its client connects.
-                self._socket = _accepted_client(self._server)
-            while len(received) < MAX_PIECES:
-                piece = self._read_piece(read_time)
-                if piece is None:
-                    break
-                is_end_of_stream = not piece.data and not self.has_datagrams
-                if is_end_of_stream and not received:
-                    self._raise_lost(LinkError.CLOSED)
-                if is_end_of_stream:
-                    # What came before is returned first, and the next call raises.
-                    break
-                is_empty_datagram = not piece.data
-                if is_empty_datagram:
-                    continue
-                if self._is_admitted(piece):
-                    received.append(ReceivedPiece(piece.arrival_time, piece.data))
-                else:
-                    # Nothing is sent to a vehicle that only shares the ids.
-                    self._peers.pop(piece.address, None)
+            if is_readable:
+                read_time = time.time()
+                if self._server is not None and self._socket is None:
+                    # What became readable is the listening socket: its client connects.
+                    self._socket = _accepted_client(self._server)
+                self._read_waiting_pieces(received, read_time)
         except OSError as error:
             # What came before the error is returned first; a lasting error comes again in the next call.
             if not received:
                 self._raise_lost(LinkError.FAILED, error)
         return received
+
+    def _read_waiting_pieces(self, received: list[ReceivedPiece], read_time: float) -> None:
+        """Reads the pieces that wait, until none is left or the list has ``MAX_PIECES``.
+
+        Args:
+            received: the list to which they are appended, so that an error does not lose those before it.
+            read_time: present time, UNIX s.
+
+        Raises:
+            LinkLost: the other side has closed the stream, and nothing came before.
+            OSError: the socket or port fails.
+        """
+        while len(received) < MAX_PIECES:
+            piece = self._read_piece(read_time)
+            if piece is None:
+                return
+            if piece.data and self._is_admitted(piece):
+                received.append(ReceivedPiece(piece.arrival_time, piece.data))
+            elif piece.data:
+                # Nothing is sent to a vehicle that only shares the ids of another.
+                self._peers.pop(piece.address, None)
+            elif not self.has_datagrams:
+                # A stream without bytes is closed. What came before is returned first, and the next call raises.
+                if not received:
+                    self._raise_lost(LinkError.CLOSED)
+                return
 
     def receive_rest(self) -> list[ReceivedPiece]:
         """Receives everything that waits at the end of a session, and counts the datagrams that were dropped before.
