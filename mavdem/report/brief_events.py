@@ -220,25 +220,34 @@ def _bounds_between(
 def _mode_changes(
     events: Sequence[Fact], take_off: int | None, touchdown: int | None, headline_index: int | None
 ) -> list[int]:
-    """Returns the indices of the changes of the flight mode that a short list of events has.
+    """Selects the changes of the flight mode for a short list of events: those nearest to the event of the headline.
+
+    They tell in which mode it happened, and to which mode pilot or autopilot then changed.
 
     Args:
         events: events of the log, in the order of time.
         take_off: index of the take-off; None without one.
         touchdown: index of the end of the flight, after which no mode matters any more; None without one.
-        headline_index: index of the headline's event, which the changes must be near; None if it states none. Then
-            those before the end of the flight are selected.
+        headline_index: index of the event that the headline of the log states; None if it states no event. Then the
+            last changes of the flight are selected.
+
+    Returns:
+        Indices of at most ``MAX_MODE_CHANGES`` changes before the headline's event and as many after it, ascending.
     """
     changes = _indices_of(events, (ReportedEvent.MODE_CHANGED,))
     if touchdown is not None:
         changes = [index for index in changes if index < touchdown]
+    # Without an event of the headline, all changes count as before it.
     centre = len(events) if headline_index is None else headline_index
     changes_before = [index for index in changes if index < centre]
     changes_after = [index for index in changes if index > centre]
-    changes_in_flight = [index for index in changes_before if take_off is None or index > take_off]
-    # The mode of the take-off was often set long before it.
-    nearest_before = changes_in_flight[-MAX_MODE_CHANGES:] or changes_before[-1:]
-    return nearest_before + changes_after[:MAX_MODE_CHANGES]
+    first_index_in_flight = 0 if take_off is None else take_off + 1
+    changes_in_flight = [index for index in changes_before if index >= first_index_in_flight]
+    selected_before = changes_in_flight[-MAX_MODE_CHANGES:]
+    if not selected_before:
+        # The mode did not change since the take-off: the last change before it, often long before, set the mode.
+        selected_before = changes_before[-1:]
+    return selected_before + changes_after[:MAX_MODE_CHANGES]
 
 
 def _indices_of(events: Sequence[Fact], codes: Collection[Code]) -> list[int]:

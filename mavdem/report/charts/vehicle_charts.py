@@ -410,9 +410,9 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
 def _vibrations(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
     """Yields the vibration that is drawn over the flights of a vehicle: the title of each chart, and its lines.
 
-    A vehicle with several IMUs has a line for each, so that one of them that shakes loose is seen, by whose level the
-    light of the vibration is judged. With one IMU, or by rows of an earlier version, which stored the first alone, the
-    lines are its axes. PX4 measures one level of all axes of an IMU, which is not comparable with that of ArduPilot.
+    If a log has several IMUs, the lines are the IMUs, so that one that shakes loose is seen. Otherwise they are what
+    the first IMU measured: three axes in logs of ArduPilot, one level of all axes in those of PX4. Both are not
+    comparable, and so have a chart each.
 
     Args:
         flights: rows of the vehicle's flights, one for each axis, in the order of date.
@@ -420,19 +420,34 @@ def _vibrations(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
     Yields:
         Title with the unit, and the estimates of each line by its name.
     """
-    axes = _estimates_of_column(flights, "vibration", 3)
-    (level,) = _estimates_of_column(flights, "vibration", 1)
-    if not any(len(log_row(flight).vibration_imus or ()) > 1 for flight in flights):
-        yield VIBRATION_TITLE, dict(zip("xyz", axes, strict=True))
-        yield VIBRATION_LEVEL_TITLE, {"level": level}
+    has_several_imus = any(len(log_row(flight).vibration_imus or ()) > 1 for flight in flights)
+    if has_several_imus:
+        yield _vibration_of_imus(flights)
         return
-    has_level = any(len(log_row(flight).vibration or ()) == 1 for flight in flights)
-    title = IMU_VIBRATION_LEVEL_TITLE if has_level else IMU_VIBRATION_TITLE
+    axes = _estimates_of_column(flights, "vibration", 3)
+    yield VIBRATION_TITLE, dict(zip("xyz", axes, strict=True))
+    (level,) = _estimates_of_column(flights, "vibration", 1)
+    yield VIBRATION_LEVEL_TITLE, {"level": level}
+
+
+def _vibration_of_imus(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
+    """Returns the title of the chart of the vibration of several IMUs, m/s², and its line for each IMU over F flights.
+
+    Args:
+        flights: rows of the vehicle's flights, one for each axis, in the order of date.
+
+    Returns:
+        Title with the unit; and by the name of each IMU (F, 2) its vibration in each flight, with NaN as the half
+        width of its interval, which is not known. NaN where a flight's log lacks the IMU.
+    """
+    # Logs of PX4 have one level of all axes of an IMU, those of ArduPilot the axis that vibrates most.
+    is_of_px4 = any(len(log_row(flight).vibration or ()) == 1 for flight in flights)
+    title = IMU_VIBRATION_LEVEL_TITLE if is_of_px4 else IMU_VIBRATION_TITLE
     estimates = np.full((MAX_IMUS, len(flights), 2), np.nan)
     for flight_index, flight in enumerate(flights):
         imu_levels = (log_row(flight).vibration_imus or ())[:MAX_IMUS]
         estimates[: len(imu_levels), flight_index, 0] = imu_levels
-    yield title, {f"IMU {number}": line for number, line in enumerate(estimates, start=1)}
+    return title, {f"IMU {number}": line for number, line in enumerate(estimates, start=1)}
 
 
 def _motor_output(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:

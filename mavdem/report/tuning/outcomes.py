@@ -153,13 +153,14 @@ def has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
     advice = tuning.axes[axis]
     # An axis has a fact (a reason why there is no advice) instead of advice only if its loop is not identified.
     assert isinstance(advice, Advice)
-    is_contradicted = axis in tuning.doubtful_axes
+    if axis in tuning.doubtful_axes:
+        return True
     if advice.refuses_only_higher_gains:
-        return is_contradicted
+        # The margins hold for the present gains: only higher ones are refused, as the log does not resolve the lag.
+        return False
     decision = tuning.judgement.loop_decisions.get(axis)
     repairs = () if decision is None else decision.repairs
-    reasons_on_loop = [reason for reason in advice.refusals if reason not in repairs]
-    return is_contradicted or bool(reasons_on_loop)
+    return any(reason not in repairs for reason in advice.refusals)
 
 
 def field_sentences(tuning: Tuning) -> list[Sentence]:

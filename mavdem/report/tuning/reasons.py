@@ -221,35 +221,44 @@ def _sentences_on_gains(
 def _sentences_without_loop(
     tuning: Tuning, axes: list[str], stated_facts: Collection[Fact]
 ) -> list[Sentence]:
-    """Returns the sentence that says why some axes get no gains: their loops are not known.
+    """Returns why some axes get no gains, as their control loops could not be identified, and what went wrong in them.
 
-    What to do to get gains stands in the summary (:func:`tune_summary`).
+    What to do to get gains is in another part of the report (:func:`tune_summary`).
 
     Args:
-        tuning: for these axes the fact (coded finding) that says why their loops are not known.
-        axes: axes whose loops are not known for the same reason.
-        stated_facts: what stands above the report, and is not repeated as the reason.
+        tuning: has for each of these axes, in the place of advice, the fact (coded finding) that says why its loop is
+            not known.
+        axes: axes with the same reason, at least one.
+        stated_facts: facts that the report states above, which are not repeated as the reason.
+
+    Returns:
+        First the sentence with the reason, if the report has not stated it; then the faults of these axes in flight,
+        such as an overshoot. If all reasons are stated above, the sentence refers to them and no faults follow.
     """
-    conclusion = tuning.axes[axes[0]]
-    # The axes were grouped by this fact.
-    assert isinstance(conclusion, Fact)
-    reasons = reasons_not_stated(conclusion, stated_facts)
-    if mixer_fault(tuning) in reasons:
-        # The sentence on all axes above has it (:func:`outcome_sentences`), and no gains follow without the mixer.
-        return _faults_in_flight(tuning, axes, [*stated_facts, *reasons])
-    if not reasons:
-        # Axes whose gains are lowered have these above.
+    reason_of_axes = tuning.axes[axes[0]]
+    # Only axes without an identified loop, which have a fact instead of advice, are passed.
+    assert isinstance(reason_of_axes, Fact)
+    unstated_reasons = reasons_not_stated(reason_of_axes, stated_facts)
+    if not unstated_reasons:
+        # Axes whose gains are lowered have these in the table above, and so are not called axes without gains.
         axes_without_gains = [axis for axis in axes if not tuning.lowers_gains_of(axis)]
         return sentences_without_gains(tuning, axes_without_gains)
-    if "reasons" in conclusion.figures:
-        conclusion = conclusion.replace(reasons=reasons)
+    faults = _faults_in_flight(tuning, axes, [*stated_facts, *unstated_reasons])
+    if mixer_fault(tuning) in unstated_reasons:
+        # An unknown mixer concerns all axes, so that one sentence for all of them has it (:func:`outcome_sentences`).
+        return faults
+    if "reasons" in reason_of_axes.figures:
+        # The fact sums up several reasons, of which those that the report has stated are left out.
+        reason_of_axes = reason_of_axes.replace(reasons=unstated_reasons)
     if len(axes) > 1:
-        conclusion = _fact_on_axes(conclusion, listed(axes))
-    lowers_gains = any(tuning.lowers_gains_of(axis) for axis in axes)
-    sentences = render_section(
-        "tune_no_gains", axes=axes, reason=conclusion.sentence, lowers_gains=lowers_gains
+        reason_of_axes = _fact_on_axes(reason_of_axes, listed(axes))
+    sentence_with_reason = render_section(
+        "tune_no_gains",
+        axes=axes,
+        reason=reason_of_axes.sentence,
+        lowers_gains=any(tuning.lowers_gains_of(axis) for axis in axes),
     )
-    return [*sentences, *_faults_in_flight(tuning, axes, [*stated_facts, *reasons])]
+    return [*sentence_with_reason, *faults]
 
 
 def reason_in_headline(tuning: Tuning, result: Fact) -> list[Sentence]:
