@@ -115,19 +115,26 @@ def tried_filters(
                     )
                 )
         return tuple(filters)
-    # Older versions of PX4 have a single notch, whose parameters have other names.
-    notches: Sequence[_NotchParameters] = PX4_NOTCHES
-    has_newer_notch = PX4_NOTCHES[0].center in logged_parameters
-    has_older_notch = OLDER_PX4_NOTCH.center in logged_parameters
-    if has_older_notch and not has_newer_notch:
-        notches = (OLDER_PX4_NOTCH,)
-    for index, notch in enumerate(notches):
+    for index, notch in enumerate(_px4_notches(logged_parameters)):
         is_first = index == 0
         if is_first or notch.center in logged_parameters:
-            filters.append(
-                _px4_filter(logged_parameters, notch, advised_parameters, _peak_for(index, peaks))
-            )
+            peak = _peak_for(index, peaks)
+            filters.append(_px4_filter(logged_parameters, notch, advised_parameters, peak))
     return tuple(filters)
+
+
+def _px4_notches(logged_parameters: Parameters) -> Sequence[_NotchParameters]:
+    """Returns the names of the parameters of each notch filter that the log's version of PX4 has.
+
+    Older versions have a single notch, whose parameters have other names. A log that has neither is taken for a newer
+    version.
+
+    Args:
+        logged_parameters: parameters of the log by PX4's names.
+    """
+    has_newer_notch = PX4_NOTCHES[0].center in logged_parameters
+    has_older_notch = OLDER_PX4_NOTCH.center in logged_parameters
+    return (OLDER_PX4_NOTCH,) if has_older_notch and not has_newer_notch else PX4_NOTCHES
 
 
 def _peak_for(index: int, peaks: Numbers) -> float:

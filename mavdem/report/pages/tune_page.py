@@ -340,24 +340,15 @@ def _step_panels(
         assessment: assessment of the log, with the measured responses, and the messages that they were measured from.
         advised: the step responses that are predicted with the advised gains.
     """
+    # Step responses are measured from the evidence, so that a log with a tuning has it.
     assert assessment.evidence is not None
     advice = tuning.axes[axis]
     responses = assessment.responses.get(axis, {})
-    rate_and_setpoint = assessment.evidence.signals.for_axis(axis).rate_and_setpoint
     panels: dict[str, Sequence[Panel]] = {}
     for loop_name in LOOP_NAMES:
-        response = responses.get(loop_name)
-        messages = rate_and_setpoint if loop_name == "rate" else None
-        if response is not None and isinstance(response.measured, StepResponse):
-            # The chart has the measured response, the predicted one, and that with the advised gains.
-            response_of_loop = {axis: {loop_name: response}}
-            chart, *_ = step_charts(response_of_loop, advised, has_gain=False)[axis]
-            caption = step_caption(response, chart.lines[0].x[-1], messages)
-            panels[loop_name] = [chart._replace(caption=caption)]
-        elif isinstance(advice, Advice):
-            # Without a measured response, the chart has what the identified loop predicts.
-            predicted_chart = predicted_step_chart(compared_loops(advice), loop_name)
-            panels[loop_name] = [predicted_chart._replace(caption=step_caption(response))]
+        chart = _step_chart_of_loop(axis, loop_name, advice, assessment, advised)
+        if chart is not None:
+            panels[loop_name] = [chart]
     rate_response = responses.get("rate")
     if rate_response is not None and isinstance(rate_response.measured, StepResponse):
         _, gain_chart = step_charts({axis: {"rate": rate_response}})[axis]
@@ -370,6 +361,39 @@ def _step_panels(
     if isinstance(advice, Advice) and not advice.is_sound:
         return {name: _with_tried_gains(charts) for name, charts in panels.items()}
     return panels
+
+
+def _step_chart_of_loop(
+    axis: str,
+    loop_name: str,
+    advice: Advice | Fact,
+    assessment: Assessment,
+    advised: StepsByLoop,
+) -> Panel | None:
+    """Returns the chart of one loop's step response, with a caption; None if it was neither measured nor identified.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        loop_name: "rate" or "attitude".
+        advice: advice on the gains of the axis, or the fact (coded finding) that says why its loop is not known.
+        assessment: assessment of the log, with the measured responses, and the messages that they were measured from.
+        advised: the step responses that are predicted with the advised gains.
+    """
+    response = assessment.responses.get(axis, {}).get(loop_name)
+    if response is not None and isinstance(response.measured, StepResponse):
+        # The chart has the measured response, the predicted one, and that with the advised gains.
+        response_of_loop = {axis: {loop_name: response}}
+        chart, *_ = step_charts(response_of_loop, advised, has_gain=False)[axis]
+        messages = None
+        if loop_name == "rate" and assessment.evidence is not None:
+            messages = assessment.evidence.signals.for_axis(axis).rate_and_setpoint
+        last_time = chart.lines[0].x[-1]
+        return chart._replace(caption=step_caption(response, last_time, messages))
+    if isinstance(advice, Advice):
+        # Without a measured response, the chart has what the identified loop predicts.
+        predicted_chart = predicted_step_chart(compared_loops(advice), loop_name)
+        return predicted_chart._replace(caption=step_caption(response))
+    return None
 
 
 def _with_tried_gains(panels: Sequence[Panel]) -> list[Panel]:
