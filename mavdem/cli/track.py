@@ -151,24 +151,14 @@ def track_command(
     Exit codes: 0 done, whatever single logs held; 1 there is no flight in any of them; 2 a name that names no log, a
     known log that cannot be read now, or a folder that cannot be written to.
     """
+    # Reading may take hours, so that the arguments are checked before.
     for name in logs:
         refuse_link(name)
     for given_name in given_names:
-        # Reading may take hours, so that this is checked before.
         if "=" not in given_name:
             raise click.BadParameter(f"'{given_name}' has no = before a name.", param_hint="--name")
-    if scheduler is not None and jobs:
-        raise click.BadParameter(
-            "it is of this machine; with --scheduler the cluster has its own.",
-            param_hint="--jobs",
-        )
     _refuse_names_of_other_logs(out, logs, given_names)
-    limits = JobLimits(time_limit, memory_limit)
-    reader: Cluster | WorkerPool
-    if scheduler is not None:
-        reader = Cluster(scheduler, limits, ROWS_OF_LOG)
-    else:
-        reader = WorkerPool(jobs or available_workers(), limits, ROWS_OF_LOG)
+    reader = _log_reader(jobs, scheduler, JobLimits(time_limit, memory_limit))
     try:
         tracked = _track_with_progress(out, logs, reader, baseline)
     except (KeyboardInterrupt, SystemExit):
@@ -186,12 +176,7 @@ def track_command(
         differences: BaselineDifferences = {}
         if tracked.healthy:
             differences = _differences_from_baseline(out, tracked.healthy)
-            # Only some runs need this module, so that it is imported where it is used.
-            from mavdem.report.difference.baseline import baseline_blocks
-
-            for vehicle, (latest_row, difference) in differences.items():
-                if difference is not None:
-                    blocks_by_vehicle[vehicle] = baseline_blocks(latest_row, difference)
+            blocks_by_vehicle = _blocks_of_differences(differences)
         unknown_name = _store_names(store, given_names)
         pages = write_fleet_pages(store, blocks_by_vehicle)
         copies = store.copies()
@@ -223,6 +208,44 @@ def track_command(
         context.exit(EXIT_ERROR)
     if not any(summary.flown.logs for summary in pages.summaries):
         context.exit(EXIT_UNSUPPORTED)
+
+
+def _log_reader(jobs: int | None, scheduler: str | None, limits: JobLimits) -> Cluster | WorkerPool:
+    """Returns what reads the logs: processes of this machine or, if it is named, a cluster of many machines.
+
+    Args:
+        jobs: Number of processes of this machine; None for one for each core.
+        scheduler: Address of the cluster's Dask scheduler; None to read on this machine.
+        limits: Time, s, and memory, MiB, that one log may take.
+
+    Raises:
+        click.BadParameter: Both a cluster and a number of processes are chosen.
+    """
+    if scheduler is None:
+        return WorkerPool(jobs or available_workers(), limits, ROWS_OF_LOG)
+    if jobs:
+        raise click.BadParameter(
+            "it is of this machine; with --scheduler the cluster has its own.",
+            param_hint="--jobs",
+        )
+    return Cluster(scheduler, limits, ROWS_OF_LOG)
+
+
+def _blocks_of_differences(differences: "BaselineDifferences") -> BlocksByVehicle:
+    """Returns the text on how the latest flight of each vehicle differs from its healthy flights, by vehicle.
+
+    Args:
+        differences: Latest flight and difference of each vehicle. Vehicles without a difference, which cannot be
+            compared, are left out.
+    """
+    # Only runs with a baseline need this module, so that it is imported here.
+    from mavdem.report.difference.baseline import baseline_blocks
+
+    blocks_by_vehicle = {}
+    for vehicle, (latest_row, difference) in differences.items():
+        if difference is not None:
+            blocks_by_vehicle[vehicle] = baseline_blocks(latest_row, difference)
+    return blocks_by_vehicle
 
 
 def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDifferences":
