@@ -1,5 +1,7 @@
 """The satellite receiver over a flight: satellites, dilution, accuracy, noise and jamming."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mavdem.arrays import Array
@@ -14,6 +16,7 @@ from mavdem.dataset.hardware_quantities import (
     HORIZONTAL_ACCURACY,
     JAMMING,
     NOISE,
+    HardwareQuantity,
     recorded_quantity,
 )
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, UNKNOWN_SATELLITES
@@ -59,24 +62,18 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     satellites = _satellites_in_flight(evidence)
     if satellites is None:
         return None
+    dilution = _values_in_flight(evidence, DILUTION)
+    accuracy = _values_in_flight(evidence, HORIZONTAL_ACCURACY)
+    noise = _values_in_flight(evidence, NOISE)
+    jamming = _values_in_flight(evidence, JAMMING)
     failed_checks = []
     if np.median(satellites) < MIN_SATELLITES:
         failed_checks.append(ReceiverDoubt.SATELLITES)
-    limits_of_medians = {"dilution": MAX_DILUTION, "accuracy": _accuracy_limit(signals.telemetry)}
-    figures: dict[str, float | None] = dict.fromkeys(QUANTITIES)
-    dilution_usual = None
-    for name, quantity in QUANTITIES.items():
-        values = evidence.values_in_flight(recorded_quantity(signals, quantity))
-        if not len(values):
-            continue
-        median = float(np.median(values))
-        figures[name] = float(np.quantile(values, TYPICAL_FRACTION))
-        if name == "dilution":
-            dilution_usual = median
-        if name in limits_of_medians and median > limits_of_medians[name]:
-            failed_checks.append(ReceiverDoubt(name))
-    jamming = figures["jamming"]
-    if jamming is not None and jamming >= MAX_JAMMING:
+    if dilution.median is not None and dilution.median > MAX_DILUTION:
+        failed_checks.append(ReceiverDoubt.DILUTION)
+    if accuracy.median is not None and accuracy.median > _accuracy_limit(signals.telemetry):
+        failed_checks.append(ReceiverDoubt.ACCURACY)
+    if jamming.high is not None and jamming.high >= MAX_JAMMING:
         failed_checks.append(ReceiverDoubt.JAMMING)
     level = Level.WATCH if failed_checks else Level.GOOD
     if flew_without_fix(evidence):
@@ -88,13 +85,35 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         # Few satellites are bad, while large values of the other quantities are. So this is the low quantile.
         satellites=np.quantile(satellites, 1 - TYPICAL_FRACTION),
         satellites_usual=np.median(satellites),
-        dilution=figures["dilution"],
-        dilution_usual=dilution_usual,
-        accuracy=figures["accuracy"],
-        noise=figures["noise"],
-        jamming=jamming,
+        dilution=dilution.high,
+        dilution_usual=dilution.median,
+        accuracy=accuracy.high,
+        noise=noise.high,
+        jamming=jamming.high,
         doubts=failed_checks,
     )
+
+
+class _ValuesInFlight(NamedTuple):
+    """A reported quantity of a receiver over all flights of a log, which is worse the larger it is."""
+
+    median: float | None
+    """Median, in the unit of the quantity; None if it was not recorded."""
+    high: float | None
+    """Value that is not exceeded for ``TYPICAL_FRACTION`` of the flight; None if it was not recorded."""
+
+
+def _values_in_flight(evidence: Evidence, quantity: HardwareQuantity) -> _ValuesInFlight:
+    """Returns the median and the high value of a reported quantity in flight.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        quantity: the quantity, such as the dilution of precision.
+    """
+    values = evidence.values_in_flight(recorded_quantity(evidence.signals, quantity))
+    if not len(values):
+        return _ValuesInFlight(None, None)
+    return _ValuesInFlight(float(np.median(values)), float(np.quantile(values, TYPICAL_FRACTION)))
 
 
 def _satellites_in_flight(evidence: Evidence) -> Array | None:
@@ -118,15 +137,6 @@ def _satellites_in_flight(evidence: Evidence) -> Array | None:
     # Autopilots without a receiver report zero satellites and no fix.
     is_connected = fix_types.any() or satellites.any() or has_noise
     return satellites if len(satellites) and is_connected else None
-
-
-QUANTITIES = {
-    "dilution": DILUTION,
-    "accuracy": HORIZONTAL_ACCURACY,
-    "noise": NOISE,
-    "jamming": JAMMING,
-}
-"""Quantities of a receiver that are worse the larger they are, by the name of the fact's figure."""
 
 
 def _accuracy_limit(telemetry: Telemetry) -> float:

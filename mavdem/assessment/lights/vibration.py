@@ -1,5 +1,7 @@
 """Status light of vibration: acceleration and clipping of each IMU against the limits of its autopilot."""
 
+from typing import Any
+
 import numpy as np
 
 from mavdem.assessment.evidence import Evidence
@@ -44,10 +46,9 @@ def vibration_light(evidence: Evidence) -> Fact:
     number of clips of an IMU, which are samples outside its range. Both are of settled flight or, if there is none, of
     all free flight. A flight ends when the vehicle was lost, since an impact clips every accelerometer.
 
-    Landings and fast manoeuvres cause a few clips outside settled flight. If there are more than the limit, for example
-    by a loose propeller, the clips of all free flight are used instead, and the fact has the figure
-    ``has_clipped_unsettled``. The vibration level is still measured in settled flight. If a figure is not of settled
-    flight alone, the fact ends with the loss of the vehicle.
+    If more clips than the limit are outside settled flight, for example by a loose propeller, the clips of all free
+    flight are used instead, and the fact has the figure ``has_clipped_unsettled``. The vibration level is still
+    measured in settled flight. If a figure is not of settled flight alone, the fact ends with the loss of the vehicle.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -67,40 +68,41 @@ def vibration_light(evidence: Evidence) -> Fact:
     is_in_segment = in_segments(levels, *(settled_segments or free_flight))
     if not is_in_segment.any():
         return _unknown_vibration(telemetry)
-    limits = vibration_limits(telemetry)
-    # The columns are the axes of the first IMU, then the axes of the second.
     mean_levels = levels.values[is_in_segment].mean(axis=0)
     largest_level = mean_levels.max()
-    # With three axes, column 4 is axis 1 of IMU 1, counted from 0.
-    imu, axis = divmod(mean_levels.argmax(), len(vibration.axes))
+    # The columns are the axes of IMU 1, then those of IMU 2: of three axes, column 4 from 0 is the second of IMU 2.
+    imu_index, axis_index = divmod(mean_levels.argmax(), len(vibration.axes))
     clips = vibration.most_clips(is_in_segment)
     clips_in_free_flight = vibration.most_clips(in_segments(levels, *free_flight))
+    # Landings and fast manoeuvres cause a few clips outside settled flight; so many show a fault.
     has_clipped_unsettled = clips_in_free_flight - clips > CLIP_LIMITS.bad
     if has_clipped_unsettled:
         clips = clips_in_free_flight
+    limits = vibration_limits(telemetry)
+    level_by_vibration = limits.level(largest_level)
+    level_by_clips = CLIP_LIMITS.level(clips)
+    optional_figures: dict[str, Any] = {}
+    # One level per IMU: along the axis that vibrates most.
+    levels_of_imus = vibration.largest_of_axes(mean_levels).tolist()
+    if len(levels_of_imus) > 1:
+        optional_figures["imu_levels"] = levels_of_imus
+    if has_clipped_unsettled:
+        optional_figures["has_clipped_unsettled"] = True
+    # Settled flight is over before a loss, so only other figures end with it.
     is_of_settled_flight = settled_segments and not has_clipped_unsettled
     ending = None if is_of_settled_flight else evidence.ending
-    worse_level = max(
-        limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index
-    )
-    fact = Fact(
+    return Fact(
         VibrationLight.VIBRATION_MEASURED,
-        worse_level,
+        max(level_by_vibration, level_by_clips, key=LEVELS_BY_SEVERITY.index),
         end_time=None if ending is None else loss_onset(ending),
-        subject=f"IMU {imu + 1}",
-        axis=vibration.axes[axis],
+        subject=f"IMU {imu_index + 1}",
+        axis=vibration.axes[axis_index],
         vibration=largest_level,
         acceptable_vibration=limits.bad if largest_level > limits.bad else limits.watch,
         clips=clips,
         is_settled=bool(settled_segments),
+        **optional_figures,
     )
-    # One level per IMU: along the axis that vibrates most.
-    levels_of_imus = vibration.largest_of_axes(mean_levels).tolist()
-    if len(levels_of_imus) > 1:
-        fact = fact.replace(imu_levels=levels_of_imus)
-    if has_clipped_unsettled:
-        fact = fact.replace(has_clipped_unsettled=True)
-    return fact
 
 
 def _unknown_vibration(telemetry: Telemetry) -> Fact:
