@@ -78,18 +78,14 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if bad_events:
         return with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
     # If the log ends in the air, it is not known whether the vehicle was lost, so facts that are certain come first.
-    open_ends: list[Fact] = []
-    certain_warnings: list[Fact] = []
-    for warning in _urgent_warnings(evidence):
-        if warning.code is MotionEvent.LOG_ENDED_IN_AIR:
-            open_ends.append(warning)
-        else:
-            certain_warnings.append(warning)
+    warnings = _urgent_warnings(evidence)
+    open_ends = [fact for fact in warnings if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
+    certain_warnings = [fact for fact in warnings if fact.code is not MotionEvent.LOG_ENDED_IN_AIR]
     if certain_warnings:
-        for name in (Light.POWER, Light.ESTIMATOR):
-            if lights[name].is_bad:
-                # A battery or an estimator that is bad is the reason for a failsafe.
-                return lights[name]
+        # A battery or an estimator that is bad is the reason for a failsafe.
+        for light in (lights[Light.POWER], lights[Light.ESTIMATOR]):
+            if light.is_bad:
+                return light
         return certain_warnings[0]
     vehicle_lights = _vehicle_lights_by_urgency(lights)
     if evidence.condition.oscillation is not None:
