@@ -133,19 +133,13 @@ def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEven
     Returns:
         The selected events in the order of time, each with the number of events of its kind.
     """
-    take_off, touchdown = _flight_bounds(events, stated.headline_index)
-    headline_indices = [] if stated.headline_index is None else [stated.headline_index]
-    indices_of_course = {
-        *(index for index in (take_off, touchdown) if index is not None),
-        *_bounds_between(events, take_off, touchdown),
-        *_mode_changes(events, take_off, touchdown, stated.headline_index),
-        *headline_indices,
-        *stated.cause_indices,
-    }
+    indices_of_course = _indices_of_course(events, stated)
+    # The number of events of its kind, by the index of each selected event.
     counts = dict.fromkeys(indices_of_course, 1)
     worst_count = 0
     for index, count in worst_events(events):
         if index in indices_of_course:
+            # It is selected already, and needs no place among the worst.
             counts[index] = count
         elif worst_count < MAX_WORST_EVENTS and not _is_stated(events, index, stated):
             counts[index] = count
@@ -153,6 +147,26 @@ def short_list(events: Sequence[Fact], stated: StatedEvents) -> list[CountedEven
     for index in _ends_of_losses(events, counts):
         counts.setdefault(index, 1)
     return [CountedEvent(index, counts[index]) for index in sorted(counts)]
+
+
+def _indices_of_course(events: Sequence[Fact], stated: StatedEvents) -> set[int]:
+    """Returns the indices of the events that are always listed: bounds and modes of the flight, headline and causes.
+
+    Args:
+        events: events of the log, in the order of time, each a coded finding.
+        stated: which of them the headline states, and which it names as causes.
+    """
+    take_off, touchdown = _flight_bounds(events, stated.headline_index)
+    indices = {
+        *_bounds_between(events, take_off, touchdown),
+        *_mode_changes(events, take_off, touchdown, stated.headline_index),
+        *stated.cause_indices,
+    }
+    for index in (take_off, touchdown, stated.headline_index):
+        # Each is None if the log has no such event.
+        if index is not None:
+            indices.add(index)
+    return indices
 
 
 def _ends_of_losses(events: Sequence[Fact], listed_indices: Collection[int]) -> list[int]:

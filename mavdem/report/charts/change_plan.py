@@ -299,30 +299,34 @@ def is_uncertain_sign_of_weak_motor(
 
 
 def _colour(change: QuantityChange, shape: Shape, *, are_judged: bool) -> str:
-    """Returns the colour of a drawn change: "bad" for the worse, "good" for the better, "link" without a judgement.
-
-    A change that is uncertain by itself, but agrees with a weak motor, is "watch", other uncertain ones are "unknown".
-    A change that the lean of the vehicle explains is not judged.
+    """Returns the colour in which the change of a quantity between two states of a vehicle is drawn.
 
     Args:
-        change: change of one quantity between two states.
-        shape: shape by which it is drawn.
-        are_judged: whether a change is for the better or worse, as of one vehicle.
+        change: the change.
+        shape: shape by which it is drawn, which says how certain it is.
+        are_judged: whether both states are of one vehicle, whose changes are for the better or the worse. Between two
+            vehicles, a difference is neither.
 
     Returns:
-        Name of a colour in the style sheet of pages.
+        Name of a colour in the style sheet of pages: "bad" for the worse, "good" for the better, "link" (neutral) for
+        neither; for what is not surely a change, "watch" if it agrees with a weak motor, or else "unknown".
     """
     if shape is Shape.DIAMOND:
+        # Uncertain by itself, but it agrees with the weak motor that was found.
         return "watch"
     if shape is not Shape.SQUARE:
+        # Only squares are certain changes.
         return "unknown"
     if not are_judged or change.is_explained_by_lean:
         return "link"
     kind = change.quantity.kind
-    is_larger = change.difference > 0
-    if kind not in (*KINDS_WORSE_IF_LARGER, *KINDS_WORSE_IF_SMALLER):
+    if kind in KINDS_WORSE_IF_LARGER:
+        is_worse = change.difference > 0
+    elif kind in KINDS_WORSE_IF_SMALLER:
+        is_worse = change.difference <= 0
+    else:
         return "link"
-    is_worse = is_larger == (kind in KINDS_WORSE_IF_LARGER)
     if is_worse:
         return "bad"
+    # A motor is compared with the median motor, and may seem better because others became weak.
     return "link" if kind in KINDS_OF_ONE_MOTOR else "good"

@@ -57,10 +57,16 @@ def tune_summary(tuning: Tuning, result: Fact) -> list[Sentence]:
 
 
 def _text_of_next_step(tuning: Tuning) -> str:
-    """Returns the next step in words, with what its flight must log so that axes without margins get them.
+    """Returns the next step in words; if it is a flight with doublets, also what to set for it and how fast to log.
+
+    From a flight that is logged so, axes without margins get them too.
 
     Args:
-        tuning: the judgement with the next step, and the flight for such axes (``Tuning.flight_for_gains``).
+        tuning: the judgement with the next step; and the advice on a flight for axes without margins, a coded finding
+            (``Tuning.flight_for_gains``), which is None if all have them.
+
+    Returns:
+        What to set before the flight, the next step, and the log rates of the flight, as in "Fly it with rates …".
     """
     next_step = tuning.judgement.next_step
     flight = tuning.flight_for_gains
@@ -69,11 +75,13 @@ def _text_of_next_step(tuning: Tuning) -> str:
     )
     if flight is None or not is_flight_added:
         return str(next_step)
-    # The next step names the doublets already: what to set comes before it, and how fast to log after it.
+    # The next step names the doublets already, so that only the settings and the log rates of the flight are added.
     flight = flight.replace(is_flight_stated=True)
+    settings_and_log_rates = flight.sentence
+    # Without rates as its figures, the fact has the sentences on the settings alone, which come first.
     settings = flight.replace(rates=(), least_rate=None).sentence
-    logging = flight.sentence.removeprefix(settings).strip()
-    return " ".join(text for text in (settings, str(next_step), logging) if text)
+    log_rates = settings_and_log_rates.removeprefix(settings).strip()
+    return " ".join(text for text in (settings, str(next_step), log_rates) if text)
 
 
 def _are_of_one_event(first: Fact, second: Fact) -> bool:
