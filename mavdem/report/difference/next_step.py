@@ -36,7 +36,7 @@ def next_step_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
 
     1. A and B are the same flight: no step.
     2. A light is bad: the next step of that log's own review; for the earlier log, only if the later one does not show
-       that its fault was mended.
+       that its fault was mended, or if it is B, whose date may then be wrong.
     3. The states are of two vehicles: no step, since their differences are no faults.
     4. The later flight differs by its motors from other flights of the vehicle: the step of its own page.
     5. A light warns of a motor that the later log does not show to be mended: to inspect it.
@@ -134,7 +134,8 @@ def _sides_with_needed_step(reviewed: ReviewedDifference) -> list[str]:
     - That of the later log counts if it has a bad light. It also counts if the later log still warns of a loop that was
       bad in the earlier one, and whose gains were changed since.
     - That of the earlier log counts if it has a bad light and the later log does not make its step superfluous
-      (:func:`_is_superseded`). Of two vehicles, one does not show whether the other was mended.
+      (:func:`_is_superseded`). Of two vehicles, one does not show whether the other was mended. The bad light of a B
+      that is dated before A counts too, since the order in which the user names them contradicts the dates.
 
     Args:
         reviewed: comparison of two states, with the reviews of both logs.
@@ -151,7 +152,9 @@ def _sides_with_needed_step(reviewed: ReviewedDifference) -> list[str]:
         later_level = reviews[later]["lights"][light.name]["level"]
         if later_level == Level.WATCH and _has_other_gains(light, reviewed.difference):
             needed_sides.add(later)
-        if reviewed.are_two_vehicles or not _is_superseded(light, reviewed):
+        # Where B is dated before A, the user's order contradicts the dates: a wrong clock must not hide a bad B.
+        is_order_doubtful = earlier == "B" and later not in light.bad_sides
+        if reviewed.are_two_vehicles or is_order_doubtful or not _is_superseded(light, reviewed):
             needed_sides.add(earlier)
     return [side for side in (later, earlier) if side in needed_sides]
 
