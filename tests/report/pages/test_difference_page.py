@@ -621,6 +621,11 @@ def test_the_next_step_of_an_earlier_bad_light_stays_until_it_is_good(difference
     assert first.text.startswith(f"bad in A, {level} in B. Motor 3 is weak.")
     steps = next_step_sentences(reviewed_difference(difference, reviews))
     assert [step.lead for step in steps if step.lead != "Next:"] == leads
+    # A bad B has its step also where its date, perhaps of a wrong clock, lies before that of A.
+    dated = {"A": reviews["B"] | {"identity": {"date": "2026-02-08"}}}
+    dated["B"] = reviews["A"] | {"identity": {"date": "2026-01-08"}}
+    steps = next_step_sentences(reviewed_difference(difference, dated))
+    assert "Next, by B:" in [step.lead for step in steps]
 
 
 def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
